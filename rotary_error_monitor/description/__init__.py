@@ -1,0 +1,1 @@
+"""What people write down about a stage, a machine and the wire, read into frozen dataclasses."""

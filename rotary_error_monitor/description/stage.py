@@ -1,0 +1,178 @@
+"""The rotary stage as it is described: ring and read heads, mirror and autocollimator, spindle, LVDT."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rotary_error_monitor.description import schema
+from rotary_error_monitor.resources import config
+
+
+@dataclass(frozen=True)
+class AngularHarmonic:
+    """One order of a graduation error: `cos * cos(order * psi) + sin * sin(order * psi)` in rad."""
+
+    order: int
+    cos: float
+    sin: float
+
+
+@dataclass(frozen=True)
+class PlanarHarmonic:
+    """One order of a plane vector over the rotation, x and y each `[cos, sin]` coefficients in m or rad."""
+
+    order: int
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """Graduated ring and its read heads.
+
+    Attributes:
+        disc_radius: radius of the graduation, m.
+        noise: standard deviation of a reading before rounding, rad.
+        azimuths: azimuth of each head by its letter, rad about +z.
+        eccentricity: ring centre in the rotor's frame (x, y), m.
+        graduation: orders of the graduation error.
+    """
+
+    disc_radius: float
+    lines_per_revolution: int
+    counts_per_line: int
+    noise: float
+    azimuths: Mapping[str, float]
+    eccentricity: tuple[float, float] = (0.0, 0.0)
+    graduation: tuple[AngularHarmonic, ...] = ()
+
+    @property
+    def resolution(self) -> float:
+        """Size of one count, rad."""
+        return 2 * math.pi / (self.lines_per_revolution * self.counts_per_line)
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """Mirror on the rotor: tilt (x, y) that turns with it, and the flatness seen over a turn, rad."""
+
+    tilt: tuple[float, float] = (0.0, 0.0)
+    flatness: tuple[PlanarHarmonic, ...] = ()
+
+
+@dataclass(frozen=True)
+class Turbulence:
+    """Slow part of the autocollimator's noise: standard deviation in rad, correlation time in s."""
+
+    std: float
+    correlation_time: float
+
+
+@dataclass(frozen=True)
+class Autocollimator:
+    """Autocollimator: measuring range ±`range`, `resolution` and `noise` (standard deviation), rad."""
+
+    range: float
+    resolution: float
+    noise: float
+    turbulence: Turbulence | None = None
+
+
+@dataclass(frozen=True)
+class Spindle:
+    """Error motion that is known of the axis: radial at the ring (m) and tilt (rad), compliance (m/N, rad/N), drift (m/K)."""
+
+    radial: tuple[PlanarHarmonic, ...] = ()
+    tilt: tuple[PlanarHarmonic, ...] = ()
+    radial_compliance: float = 0.0
+    tilt_compliance: float = 0.0
+    radial_thermal: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Lvdt:
+    """Two-axis LVDT on an artefact: height above the ring, noise, eccentricity of the artefact on the rotor, m."""
+
+    height: float
+    noise: float
+    artefact_eccentricity: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class StageDescription:
+    """All that is known of a stage: the section `stage` of `config/stage.yaml` or of a digital twin.
+
+    Attributes:
+        uncertainty: standard uncertainty of parameters by dotted name, as in the file; empty for an exact description.
+    """
+
+    encoder: Encoder
+    autocollimator: Autocollimator
+    mirror: Mirror = field(default_factory=Mirror)
+    spindle: Spindle = field(default_factory=Spindle)
+    lvdt: Lvdt | None = None
+    reference_temperature: float = 20.0
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+
+
+def load_stage(path: Path | str | None = None) -> StageDescription:
+    """Stage described in a YAML file, by default the embedded `config/stage.yaml`.
+
+    Raises:
+        InputError: the file is missing or breaks the schema; the message names file, line, value and what is expected.
+    """
+    path = config("stage.yaml") if path is None else Path(path)
+    return stage_from_mapping(schema.load(path, "stage")["stage"])
+
+
+def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
+    """Stage from the content of a `stage` section that is valid by the schema."""
+    encoder, mirror, spindle = stage["encoder"], stage.get("mirror", {}), stage.get("spindle", {})
+    collimator, lvdt = dict(stage["autocollimator"]), stage.get("lvdt")
+    turbulence = collimator.pop("turbulence", None)
+    return StageDescription(
+        encoder=Encoder(
+            disc_radius=float(encoder["disc_radius"]),
+            lines_per_revolution=encoder["lines_per_revolution"],
+            counts_per_line=encoder["counts_per_line"],
+            noise=float(encoder["noise"]),
+            azimuths={name: float(head["azimuth"]) for name, head in encoder["heads"].items()},
+            eccentricity=_pair(encoder.get("eccentricity", (0.0, 0.0))),
+            graduation=tuple(
+                AngularHarmonic(row["order"], float(row["cos"]), float(row["sin"]))
+                for row in encoder.get("graduation", ())
+            ),
+        ),
+        autocollimator=Autocollimator(
+            **{key: float(value) for key, value in collimator.items()},
+            turbulence=None
+            if turbulence is None
+            else Turbulence(**{key: float(value) for key, value in turbulence.items()}),
+        ),
+        mirror=Mirror(_pair(mirror.get("tilt", (0.0, 0.0))), _planar(mirror.get("flatness", ()))),
+        spindle=Spindle(
+            radial=_planar(spindle.get("radial", ())),
+            tilt=_planar(spindle.get("tilt", ())),
+            radial_compliance=float(spindle.get("radial_compliance", 0.0)),
+            tilt_compliance=float(spindle.get("tilt_compliance", 0.0)),
+            radial_thermal=_pair(spindle.get("radial_thermal", (0.0, 0.0))),
+        ),
+        lvdt=None
+        if lvdt is None
+        else Lvdt(float(lvdt["height"]), float(lvdt["noise"]), _pair(lvdt.get("artefact_eccentricity", (0.0, 0.0)))),
+        reference_temperature=float(stage.get("environment", {}).get("reference_temperature", 20.0)),
+        uncertainty={name: float(value) for name, value in stage.get("uncertainty", {}).items()},
+    )
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    x, y = values
+    return float(x), float(y)
+
+
+def _planar(rows: Any) -> tuple[PlanarHarmonic, ...]:
+    return tuple(PlanarHarmonic(row["order"], _pair(row["x"]), _pair(row["y"])) for row in rows)

@@ -1,0 +1,1 @@
+"""Pure formulas: from readings to error motions and figures."""

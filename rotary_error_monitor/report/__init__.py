@@ -1,0 +1,1 @@
+"""Figures, tables and pages. The only room that imports plotting."""

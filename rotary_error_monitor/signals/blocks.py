@@ -1,0 +1,94 @@
+"""Sample blocks: many samples of one signal in one message, times measured from the block's stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.errors import InputError
+
+NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class SampleBlock:
+    """Samples of one signal.
+
+    Attributes:
+        stamp_ns: stamp of the block, timestamp (ns) since the epoch.
+        names: name of each column; the first is `t`.
+        rows: (n, k) samples, little-endian float64; column `t` holds seconds after the stamp.
+    """
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    rows: NDArray[np.float64]
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """(n,) timestamp (ns) of each sample."""
+        return self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64)
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """(n,) samples of one field.
+
+        Raises:
+            InputError: the block has no such field.
+        """
+        try:
+            return self.rows[:, self.names.index(name)]
+        except ValueError:
+            raise InputError(f"a sample block holds {', '.join(self.names)}, but no field '{name}'") from None
+
+    def columns(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """(n, len(names)) samples of several fields.
+
+        Raises:
+            InputError: the block lacks one of them.
+        """
+        return np.stack([self.column(name) for name in names], axis=1)
+
+
+def block_from_samples(
+    times_ns: NDArray[np.int64], names: Sequence[str], values: NDArray[np.float64], stamp_ns: int | None = None
+) -> SampleBlock:
+    """Block of samples at `times_ns` (n,) with `values` (n, k) named `names`; stamped with its first sample unless told.
+
+    Raises:
+        InputError: there is no sample, or the shapes do not fit.
+    """
+    if len(times_ns) == 0 or values.shape != (len(times_ns), len(names)):
+        raise InputError(f"{len(times_ns)} times and {len(names)} names do not fit values of shape {values.shape}")
+    stamp = int(times_ns[0]) if stamp_ns is None else stamp_ns
+    seconds = (times_ns - stamp) * 1e-9
+    return SampleBlock(stamp, ("t", *names), np.column_stack([seconds, values]).astype("<f8"))
+
+
+def block_from_bytes(
+    stamp_ns: int, fields: Sequence[tuple[str, int, int, int]], data: bytes | memoryview, width: int, point_step: int
+) -> SampleBlock:
+    """Block from the content of a `sensor_msgs/msg/PointCloud2`; `fields` are (name, offset, datatype, count).
+
+    Raises:
+        InputError: the layout is not that of a sample block, or the data are shorter than the layout says.
+    """
+    names = tuple(field[0] for field in fields)
+    step = 8 * len(names)
+    float64 = 8  # sensor_msgs/msg/PointField.FLOAT64
+    if (
+        not names
+        or names[0] != "t"
+        or any(f[1:] != (8 * i, float64, 1) for i, f in enumerate(fields))
+        or point_step != step
+    ):
+        raise InputError(
+            f"no sample block: fields {list(fields)}, point_step {point_step}; expected FLOAT64 fields one after another, 't' first"
+        )
+    if width * step != len(data):
+        raise InputError(
+            f"no sample block: {width} samples of {step} bytes need {width * step} bytes, but {len(data)} came"
+        )
+    return SampleBlock(stamp_ns, names, np.frombuffer(data, "<f8").reshape(width, len(names)))

@@ -1,0 +1,1 @@
+"""Harness that runs nodes without launch files, with mock publishers and conditions instead of sleeps."""

@@ -1,0 +1,1 @@
+"""Digital twins: nominal model, effects and inputs to predicted signals."""

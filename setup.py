@@ -1,0 +1,92 @@
+"""Builds and installs the package: by colcon for `ros2 run`, by pip for a virtual environment."""
+
+import os
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "rotary_error_monitor"
+NODES = [
+    "encoder_head",
+    "autocollimator",
+    "lvdt",
+    "mock_controller",
+    "error_estimator",
+    "compensation",
+    "recorder",
+    "linuxcnc_bridge",
+]
+
+
+def data_files() -> list[tuple[str, list[str]]]:
+    """Index marker, package.xml, and the folders that the package reads below share/."""
+    share = f"share/{PACKAGE}"
+    files = [
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (share, ["package.xml"]),
+    ]
+    for top in ("config", "msg_defs"):
+        for folder, _, names in os.walk(top):
+            files.append((f"{share}/{folder}", [str(Path(folder) / name) for name in sorted(names)]))
+    return files
+
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=data_files(),
+    python_requires=">=3.11",
+    install_requires=[
+        "setuptools",
+        "numpy>=1.26,<3",
+        "scipy>=1.11,<2",
+        "PyYAML>=6,<7",
+        "jsonschema>=4.10,<5",
+        "matplotlib>=3.6,<4",
+        "tqdm>=4.60,<5",
+        "rosbags>=0.10,<0.12",
+        "mcap>=1.2,<2",
+    ],
+    extras_require={
+        # ROS 2 Jazzy from the package index, where it is not installed by apt.
+        "ros": [
+            "ros-jazzy-rclpy>=7.1.5,<7.2",
+            "ros-jazzy-common-interfaces>=5.3.5,<5.4",
+            "ros-jazzy-rmw-fastrtps-cpp>=8.4.2,<8.5",
+        ],
+        "test": [
+            "pytest>=8,<10",
+            "pytest-cov>=5,<8",
+            "hypothesis>=6.100,<7",
+            "pytransform3d>=3.5,<4",
+            "mypy>=1.11,<3",
+            "ruff>=0.6,<1",
+            "scipy-stubs>=1.14",
+            "types-PyYAML",
+            "types-jsonschema",
+            "types-tqdm",
+            "colcon-core",
+            "colcon-ros",
+            "colcon-python-setup-py",
+            "colcon-library-path",
+            "colcon-metadata",
+            "colcon-output",
+            "colcon-package-information",
+            "colcon-recursive-crawl",
+            "colcon-test-result",
+        ],
+    },
+    zip_safe=False,
+    maintainer="rotary_error_monitor maintainers",
+    maintainer_email="maintainers@example.org",
+    description="Monitors the error motion of a rotary stage and compensates the machine that carries it.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            f"{PACKAGE} = {PACKAGE}.cli:main",
+            *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
+        ],
+    },
+)
