@@ -4,4 +4,4 @@ from __future__ import annotations
 
 
 class InputError(ValueError):
-    """Something that was given to the package is wrong; the message names the value, its origin and what would be right."""
+    """Wrong input; the message names the value, where it came from and what would be right."""

@@ -18,7 +18,7 @@ def load(path: Path | str, schema: str) -> dict[str, Any]:
     """Content of the YAML file `path`, valid by `config/schema/<schema>.yaml`.
 
     Raises:
-        InputError: the file is not there, is no YAML, repeats a key, holds a number that is not finite, or breaks the schema.
+        InputError: the file is missing, is no YAML, repeats a key, holds a non-finite number, or breaks the schema.
     """
     path = Path(path)
     try:
@@ -103,7 +103,7 @@ def _line(node: yaml.Node | None, path: list[str | int]) -> int | None:
 
 
 def _check_keys_once(node: yaml.Node, path: Path) -> None:
-    """YAML readers keep the last of two equal keys in silence; here that is an error, and so is a number like `.nan`."""
+    """YAML readers keep the last of two equal keys in silence; here that is an error, and so is `.nan`."""
     if isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
         for key, value in node.value:
@@ -114,6 +114,5 @@ def _check_keys_once(node: yaml.Node, path: Path) -> None:
     elif isinstance(node, yaml.SequenceNode):
         for value in node.value:
             _check_keys_once(value, path)
-    elif isinstance(node, yaml.ScalarNode) and node.tag == "tag:yaml.org,2002:float":
-        if node.value.lower().lstrip("+-") in (".nan", ".inf"):
-            raise InputError(f"{path}:{node.start_mark.line + 1}: {node.value} is no finite number")
+    elif node.tag == "tag:yaml.org,2002:float" and node.value.lower().lstrip("+-") in (".nan", ".inf"):
+        raise InputError(f"{path}:{node.start_mark.line + 1}: {node.value} is no finite number")

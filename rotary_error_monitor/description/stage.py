@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -84,7 +84,7 @@ class Autocollimator:
 
 @dataclass(frozen=True)
 class Spindle:
-    """Error motion that is known of the axis: radial at the ring (m) and tilt (rad), compliance (m/N, rad/N), drift (m/K)."""
+    """Known error motion of the axis: radial at the ring (m), tilt (rad), compliances (m/N, rad/N), drift (m/K)."""
 
     radial: tuple[PlanarHarmonic, ...] = ()
     tilt: tuple[PlanarHarmonic, ...] = ()
@@ -169,10 +169,10 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
     )
 
 
-def _pair(values: Any) -> tuple[float, float]:
+def _pair(values: Iterable[float]) -> tuple[float, float]:
     x, y = values
     return float(x), float(y)
 
 
-def _planar(rows: Any) -> tuple[PlanarHarmonic, ...]:
+def _planar(rows: Iterable[Mapping[str, Any]]) -> tuple[PlanarHarmonic, ...]:
     return tuple(PlanarHarmonic(row["order"], _pair(row["x"]), _pair(row["y"])) for row in rows)

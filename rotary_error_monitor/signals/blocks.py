@@ -55,7 +55,7 @@ class SampleBlock:
 def block_from_samples(
     times_ns: NDArray[np.int64], names: Sequence[str], values: NDArray[np.float64], stamp_ns: int | None = None
 ) -> SampleBlock:
-    """Block of samples at `times_ns` (n,) with `values` (n, k) named `names`; stamped with its first sample unless told.
+    """Block of samples at `times_ns` (n,) with `values` (n, k) named `names`, by default stamped with its first.
 
     Raises:
         InputError: there is no sample, or the shapes do not fit.
@@ -85,7 +85,8 @@ def block_from_bytes(
         or point_step != step
     ):
         raise InputError(
-            f"no sample block: fields {list(fields)}, point_step {point_step}; expected FLOAT64 fields one after another, 't' first"
+            f"no sample block: fields {list(fields)}, point_step {point_step}; "
+            "expected FLOAT64 fields one after another, 't' first"
         )
     if width * step != len(data):
         raise InputError(
