@@ -1,0 +1,259 @@
+"""The wire contract, read from `msg_defs/`: every topic with its type, fields, units, frame, QoS and publishers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rotary_error_monitor.description import schema
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.resources import share
+
+HEAD = "{head}"
+SAMPLE_BLOCK = "sensor_msgs/msg/PointCloud2"
+TIME_COLUMN = "t"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One value in a message.
+
+    Attributes:
+        name: name of the field, dotted where it is nested, or of a column of a sample block.
+        unit: SI unit or °C; '1' for a plain number, '-' for text.
+        bits: names of the bits of a mask, the lowest first; empty for every other value.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    bits: tuple[str, ...] = ()
+
+    def mask(self, names: Iterable[str]) -> int:
+        """Bit mask with the bits of `names` set.
+
+        Raises:
+            InputError: the field has no bit of one of the names.
+        """
+        return sum(1 << self._bit(name) for name in set(names))
+
+    def names_in(self, mask: float) -> tuple[str, ...]:
+        """Names of the bits set in `mask`, which travels as float64.
+
+        Raises:
+            InputError: the mask is no whole number or has bits that the field does not name.
+        """
+        if mask != int(mask) or not 0 <= mask < 1 << len(self.bits):
+            raise InputError(f"mask {mask!r} of '{self.name}' is no whole number from 0 to {(1 << len(self.bits)) - 1}")
+        return tuple(name for bit, name in enumerate(self.bits) if int(mask) >> bit & 1)
+
+    def _bit(self, name: str) -> int:
+        if name not in self.bits:
+            raise InputError(f"'{self.name}' has the bits {', '.join(self.bits) or '(none)'}, but no '{name}'")
+        return self.bits.index(name)
+
+
+@dataclass(frozen=True)
+class Qos:
+    """Quality of service, words as in ROS 2; the history keeps the last `depth` messages."""
+
+    reliability: str
+    durability: str
+    depth: int
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of the contract.
+
+    Attributes:
+        key: what code calls it; topics of one kind for several heads share a key.
+        head: letter of the read head, None where the topic is not one of several.
+        type: message type such as `sensor_msgs/msg/JointState`.
+        frame: `header.frame_id`, empty where there is none.
+        publishers: nodes that publish it, or `external`.
+        rate: how often it comes, in words.
+        fields: values of a message, for a sample block its columns after `t`.
+    """
+
+    key: str
+    head: str | None
+    name: str
+    type: str
+    frame: str
+    publishers: tuple[str, ...]
+    rate: str
+    qos: Qos
+    meaning: str
+    fields: tuple[Field, ...]
+
+    @property
+    def is_sample_block(self) -> bool:
+        """Whether its messages are sample blocks."""
+        return self.type == SAMPLE_BLOCK
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of its sample blocks after `t`; none where its messages are no sample blocks."""
+        return tuple(field.name for field in self.fields) if self.is_sample_block else ()
+
+    def field(self, name: str) -> Field:
+        """The field or column of that name.
+
+        Raises:
+            InputError: there is none.
+        """
+        found = next((field for field in self.fields if field.name == name), None)
+        if found is None:
+            raise InputError(f"{self.name} holds {', '.join(f.name for f in self.fields)}, but no '{name}'")
+        return found
+
+
+@dataclass(frozen=True)
+class Wire:
+    """Every topic of the contract, for the read heads of one stage."""
+
+    topics: tuple[Topic, ...]
+
+    def __iter__(self) -> Iterator[Topic]:
+        return iter(self.topics)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of every topic."""
+        return tuple(topic.name for topic in self.topics)
+
+    def topic(self, key: str, head: str | None = None) -> Topic:
+        """Topic by its key, and by the head's letter where each head has one.
+
+        Raises:
+            InputError: the contract has no such topic.
+        """
+        found = next((topic for topic in self.topics if (topic.key, topic.head) == (key, head)), None)
+        if found is None:
+            heads = [topic.head for topic in self.topics if topic.key == key]
+            have = f"heads {heads}" if heads else f"keys {sorted({topic.key for topic in self.topics})}"
+            raise InputError(f"the wire contract has no topic '{key}' for head {head!r}; it has the {have}")
+        return found
+
+    def named(self, name: str) -> Topic:
+        """Topic by its name on the wire.
+
+        Raises:
+            InputError: the contract has no such topic.
+        """
+        found = next((topic for topic in self.topics if topic.name == name), None)
+        if found is None:
+            raise InputError(f"the wire contract has no topic '{name}'; it has {', '.join(self.names)}")
+        return found
+
+    def published_by(self, node: str) -> tuple[Topic, ...]:
+        """Topics that a node publishes, by the name of its executable."""
+        return tuple(topic for topic in self.topics if node in topic.publishers)
+
+
+def load_wire(heads: Sequence[str] | None = ("a", "b", "c", "d"), folder: Path | None = None) -> Wire:
+    """The contract for a stage with these read heads.
+
+    Args:
+        heads: letters of the read heads, as in the stage description; with None, `{head}` stays in the names, as in a
+            table for people.
+        folder: folder of the definitions, by default the package's `msg_defs/`.
+
+    Raises:
+        InputError: a file breaks the schema, two topics share a key or a name, or a head's letter makes no topic name.
+    """
+    for head in heads or ():
+        if not re.fullmatch(r"[a-z][a-z0-9]*", head):
+            raise InputError(f"head '{head}' makes no topic name; name heads by small letters and digits, such as 'a'")
+    if heads is not None and len(set(heads)) != len(heads):
+        raise InputError(f"heads {list(heads)}: one stands twice; name each head once")
+    folder = share() / "msg_defs" if folder is None else folder
+    templates: dict[str, tuple[Topic, Path]] = {}
+    for path in sorted(folder.glob("*.yaml")):
+        for key, content in schema.load(path, "wire")["topics"].items():
+            if key in templates:
+                raise InputError(f"{path}: topic '{key}' is already defined in {templates[key][1].name}; keep one")
+            templates[key] = _template(key, content), path
+    if not templates:
+        raise InputError(f"{folder}: no wire contract (*.yaml) in this folder")
+    topics = tuple(topic for template, _ in templates.values() for topic in _expand(template, heads))
+    names = [topic.name for topic in topics]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{folder}: several topics have the name {name}; give each its own")
+    return Wire(topics)
+
+
+def markdown_table(wire: Iterable[Topic]) -> str:
+    """The contract as a Markdown table, a row a topic."""
+    rows = [
+        "| topic | type | holds | published by | rate | QoS | frame |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for topic in wire:
+        values = ", ".join(f"`{field.name}`{_unit(field)}" for field in topic.fields)
+        values = f"`{TIME_COLUMN}` s, {values}" if topic.is_sample_block else values
+        cells = (
+            f"`{topic.name}`",
+            f"`{topic.type}`",
+            f"{topic.meaning} {values}",
+            ", ".join(topic.publishers),
+            topic.rate,
+            f"{topic.qos.reliability}, {topic.qos.durability}, last {topic.qos.depth}",
+            f"`{topic.frame}`" if topic.frame else "",
+        )
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(rows) + "\n"
+
+
+def _unit(field: Field) -> str:
+    if field.bits:
+        return " (bits " + ", ".join(field.bits) + ")"
+    return f" {field.unit}" if field.unit not in ("-", "1") else ""
+
+
+def _template(key: str, content: Mapping[str, Any]) -> Topic:
+    qos = content["qos"]
+    return Topic(
+        key=key,
+        head=None,
+        name=content["name"],
+        type=content["type"],
+        frame=content["frame"],
+        publishers=tuple(content["publishers"]),
+        rate=content["rate"],
+        qos=Qos(qos["reliability"], qos["durability"], qos["depth"]),
+        meaning=content["meaning"],
+        fields=tuple(
+            Field(row["name"], row["unit"], row["meaning"], tuple(row.get("bits", ())))
+            for row in content.get("columns", content.get("fields"))
+        ),
+    )
+
+
+def _expand(template: Topic, heads: Sequence[str] | None) -> Iterator[Topic]:
+    """The topic itself, or where its name holds `{head}` one for each head."""
+    if heads is None:
+        yield template
+        return
+    template = replace(template, fields=tuple(replace(f, bits=_expand_bits(f.bits, heads)) for f in template.fields))
+    if HEAD not in template.name:
+        yield template
+        return
+    for head in heads:
+        yield replace(
+            template,
+            head=head,
+            name=template.name.replace(HEAD, head),
+            frame=template.frame.replace(HEAD, head),
+            meaning=template.meaning.replace(HEAD, head),
+            fields=tuple(replace(field, meaning=field.meaning.replace(HEAD, head)) for field in template.fields),
+        )
+
+
+def _expand_bits(bits: tuple[str, ...], heads: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for bit in bits for name in ([bit.replace(HEAD, h) for h in heads] if HEAD in bit else [bit]))
