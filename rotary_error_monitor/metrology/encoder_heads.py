@@ -1,0 +1,165 @@
+"""Read heads on one graduated ring: rotation and radial error motion by least squares over whatever heads are alive.
+
+A head at azimuth phi reads `theta + (-c_x sin(phi) + c_y cos(phi)) / r` for a ring centre displaced by c (Lou et al.
+2019, Equations 1-2). For two opposed heads the least-squares solution is their Equation 3, `c_y = r tan((A - B) / 2)`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.errors import InputError
+
+COMPONENTS = ("theta", "x", "y")
+LEAK = 2e-3
+"""How much of another component may hide in an observable one: two heads count as opposed within 2 mrad."""
+
+
+@dataclass(frozen=True)
+class GraduationView:
+    """How one harmonic of the graduation appears to a layout of heads.
+
+    Attributes:
+        order: waves per revolution.
+        as_rotation: part of its amplitude that is taken for rotation.
+        as_radial: part of its amplitude, times the radius, that is taken for radial error motion.
+        seen: part of it, 0 to 1, that contradicts every rotation and radial motion and so shows as disagreement.
+    """
+
+    order: int
+    as_rotation: float
+    as_radial: float
+    seen: float
+
+
+@dataclass(frozen=True)
+class HeadLayout:
+    """Where the heads stand that are read together.
+
+    Attributes:
+        azimuths: azimuth of each head, rad.
+    """
+
+    azimuths: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.azimuths) < 2:
+            raise InputError(f"{len(self.azimuths)} read head; at least 2 tell rotation from radial motion")
+
+    @cached_property
+    def sensitivity(self) -> NDArray[np.float64]:
+        """(h, 3) reading of each head per rotation and per displacement x, y in units of the radius."""
+        phi = np.array(self.azimuths)
+        return np.column_stack([np.ones(len(phi)), -np.sin(phi), np.cos(phi)])
+
+    @cached_property
+    def weights(self) -> NDArray[np.float64]:
+        """(3, h) least-squares weights of the readings for rotation, x and y; rows of unobservable ones are zero."""
+        inverse = np.linalg.pinv(self.sensitivity, rcond=LEAK)
+        inverse[[name not in self.observable for name in COMPONENTS]] = 0.0
+        inverse[np.abs(inverse) < 1e-12] = 0.0  # what rounding leaves of an exact zero
+        return np.asarray(inverse)
+
+    @cached_property
+    def observable(self) -> tuple[str, ...]:
+        """Which of `theta`, `x`, `y` the layout determines, each free of the others."""
+        resolution = np.linalg.pinv(self.sensitivity, rcond=LEAK) @ self.sensitivity
+        leak = np.abs(resolution - np.eye(3)).max(axis=1)
+        return tuple(name for name, part in zip(COMPONENTS, leak, strict=True) if part < LEAK)
+
+    @cached_property
+    def redundancy(self) -> int:
+        """Number of independent contradictions among the heads that would show."""
+        return len(self.azimuths) - int(np.linalg.matrix_rank(self.sensitivity, tol=LEAK))
+
+    def graduation_view(self, orders: Sequence[int]) -> tuple[GraduationView, ...]:
+        """How harmonics of the graduation appear: four equal heads take orders 4k for rotation, odd ones for motion."""
+        inverse = np.linalg.pinv(self.sensitivity, rcond=LEAK)
+        views = []
+        for order in orders:
+            wave = np.exp(1j * order * np.array(self.azimuths))
+            part = inverse @ wave
+            seen = np.linalg.norm(wave - self.sensitivity @ part) / np.linalg.norm(wave)
+            views.append(
+                GraduationView(order, float(abs(part[0])), float(np.linalg.norm(part[1:])), float(np.round(seen, 12)))
+            )
+        return tuple(views)
+
+    def hidden_orders(self, highest: int) -> tuple[int, ...]:
+        """Orders of the graduation from 1 to `highest` that no disagreement of these heads can show."""
+        return tuple(view.order for view in self.graduation_view(range(1, highest + 1)) if view.seen < LEAK)
+
+
+@dataclass(frozen=True)
+class RingPose:
+    """Rotation and place of the ring at m times.
+
+    Attributes:
+        theta: (m,) rotation, rad.
+        centre: (m, 2) displacement of the ring's centre, m; zero where the layout cannot tell.
+        covariance: (m, 3, 3) of theta (rad), x and y (m).
+        disagreement: (m,) contradiction among the heads in standard deviations (root of chi-square per redundancy);
+            zero without redundancy.
+    """
+
+    theta: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    disagreement: NDArray[np.float64]
+
+
+def estimate_ring_pose(
+    layout: HeadLayout, radius: float, readings: NDArray[np.float64], variances: NDArray[np.float64]
+) -> RingPose:
+    """Rotation and displacement of the ring from simultaneous readings.
+
+    Whole turns between the heads are removed: only their differences within half a turn have a meaning.
+
+    Args:
+        layout: the heads that were read.
+        radius: radius of the graduation, m.
+        readings: (m, h) rad, free of graduation error.
+        variances: (m, h) variance of each reading, rad².
+    """
+    heads = range(readings.shape[1])
+    turn = 2 * np.pi
+    relative = [readings[:, i] - readings[:, 0] for i in heads]
+    relative = [difference - turn * np.rint(difference / turn) for difference in relative]
+    # sums over heads are written out: a matrix product may round differently in batches of different size
+    solution = [_weighted(layout.weights[row], relative) for row in range(3)]
+    theta, v_x, v_y = readings[:, 0] * layout.weights[0].sum() + solution[0], solution[1], solution[2]
+    centre = np.stack([radius * np.tan(v_x), radius * np.tan(v_y)], axis=1)
+    covariance = np.empty((len(theta), 3, 3))
+    scale = (1.0, radius, radius)
+    for row in range(3):
+        for column in range(3):
+            products = layout.weights[row] * layout.weights[column] * scale[row] * scale[column]
+            covariance[:, row, column] = _weighted(products, [variances[:, i] for i in heads])
+    return RingPose(theta, centre, covariance, _disagreement(layout, relative, variances))
+
+
+def _disagreement(
+    layout: HeadLayout, relative: list[NDArray[np.float64]], variances: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    total = np.zeros(len(variances))
+    if layout.redundancy == 0:
+        return total
+    projector = np.eye(len(relative)) - layout.sensitivity @ np.linalg.pinv(layout.sensitivity, rcond=LEAK)
+    projector[np.abs(projector) < 1e-12] = 0.0
+    for i in range(len(relative)):
+        residual = _weighted(projector[i], relative)
+        total = total + residual * residual / variances[:, i]
+    return np.asarray(np.sqrt(total / layout.redundancy))
+
+
+def _weighted(weights: NDArray[np.float64], columns: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    total = np.zeros(len(columns[0]))
+    for weight, column in zip(weights, columns, strict=True):
+        if weight != 0.0:
+            total = total + weight * column
+    return total

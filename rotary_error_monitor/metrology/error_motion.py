@@ -1,0 +1,109 @@
+"""Error motion of an axis of rotation from what its sensors say: assembly errors removed, any height, with covariance.
+
+Components in the order of ISO 230-1: `exc eyc ezc eac ebc ecc`: two radial, axial, two tilt, angular positioning.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import AngularHarmonic, Autocollimator, Encoder, Mirror
+from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
+
+COMPONENTS = ("exc", "eyc", "ezc", "eac", "ebc", "ecc")
+
+
+@dataclass(frozen=True)
+class ErrorMotion:
+    """Error motion at m times.
+
+    Attributes:
+        theta: (m,) rotation, rad.
+        components: (m, 6) exc eyc ezc (m) eac ebc ecc (rad); zero where not observable.
+        observable: (m, 6) which components were determined.
+        covariance: (m, 6, 6); zero rows and columns where not observable.
+    """
+
+    theta: NDArray[np.float64]
+    components: NDArray[np.float64]
+    observable: NDArray[np.bool_]
+    covariance: NDArray[np.float64]
+
+
+def rotate(vector: tuple[float, float], theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m, 2) a vector of the rotor's frame in the base's, at rotations `theta` (m,)."""
+    cos, sin = np.cos(theta), np.sin(theta)
+    return np.stack([vector[0] * cos - vector[1] * sin, vector[0] * sin + vector[1] * cos], axis=1)
+
+
+def remove_graduation(
+    reading: NDArray[np.float64], azimuth: float, graduation: tuple[AngularHarmonic, ...]
+) -> NDArray[np.float64]:
+    """(m,) reading of one head free of the graduation error G(azimuth - theta), the reading itself taken for theta.
+
+    A reading differs from theta by eccentricity over radius, a few 1e-4 rad, which moves G by less than 1e-9 rad.
+    """
+    return reading - angular_sum(graduation, azimuth - reading) if graduation else reading
+
+
+def remove_eccentricity(
+    centre: NDArray[np.float64], theta: NDArray[np.float64], encoder: Encoder
+) -> NDArray[np.float64]:
+    """(m, 2) radial error motion at the ring: its centre less the assembly eccentricity (Lou et al. 2019, Eq. 4-5)."""
+    return centre - rotate(encoder.eccentricity, theta)
+
+
+def remove_mirror(tilt: NDArray[np.float64], theta: NDArray[np.float64], mirror: Mirror) -> NDArray[np.float64]:
+    """(m, 2) tilt error motion: the mirror's tilt less its assembly tilt and flatness (Lou et al. 2019, Equation 6)."""
+    return tilt - rotate(mirror.tilt, theta) - planar_sum(mirror.flatness, theta)
+
+
+def radial_error_motion_at(components: NDArray[np.float64], height: float) -> NDArray[np.float64]:
+    """(m, 2) radial error motion at `height` above the ring, m (Abbe; Lou et al. 2019, Equation 7 in components)."""
+    exc, eyc, eac, ebc = (components[:, i] for i in (0, 1, 3, 4))
+    return np.stack([exc + height * np.tan(ebc), eyc - height * np.tan(eac)], axis=1)
+
+
+def radial_covariance_at(covariance: NDArray[np.float64], height: float) -> NDArray[np.float64]:
+    """(m, 2, 2) covariance of `radial_error_motion_at` by propagation of (m, 6, 6)."""
+    sensitivity = np.zeros((2, 6))
+    sensitivity[0, [0, 4]] = 1.0, height
+    sensitivity[1, [1, 3]] = 1.0, -height
+    return np.asarray(sensitivity @ covariance @ sensitivity.T)
+
+
+def reading_variance(
+    noise: float, resolution: float, gain: NDArray[np.float64], travel: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Variance of a resampled reading from the instrument's noise and resolution.
+
+    Rounding adds resolution²/12. Its error is independent from sample to sample, and so averaged like noise, only as
+    far as the signal moves or the noise carries it across steps; at rest all samples share it.
+
+    Args:
+        noise: standard deviation of a sample before rounding.
+        resolution: size of one step.
+        gain: (m,) sum of the squared weights of the samples.
+        travel: (m,) how far the signal moves over the samples.
+    """
+    if resolution == 0.0:
+        return gain * noise**2
+    spread = (travel + 4 * noise) / resolution
+    shared = 1.0 / (1.0 + spread * spread)
+    return gain * noise**2 + (gain + np.maximum(1.0 - gain, 0.0) * shared) * resolution**2 / 12
+
+
+def head_variance(encoder: Encoder, gain: NDArray[np.float64], travel: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m,) variance of a head's resampled reading, rad²."""
+    return reading_variance(encoder.noise, encoder.resolution, gain, travel)
+
+
+def tilt_variance(
+    instrument: Autocollimator, gain: NDArray[np.float64], travel: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(m,) variance of one component of the resampled tilt, rad²; turbulence is too slow to be averaged."""
+    slow = 0.0 if instrument.turbulence is None else instrument.turbulence.std**2
+    return reading_variance(instrument.noise, instrument.resolution, gain, travel) + slow

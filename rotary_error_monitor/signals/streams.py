@@ -1,0 +1,113 @@
+"""A stream of samples as it grows, block by block, and what is known of it by its stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.signals.blocks import SampleBlock
+
+
+class SampleStream:
+    """The latest samples of one signal, in the order of their stamps.
+
+    A stream that falls silent for `patience` is absent; when it comes back, it counts again `patience` after its first
+    new sample. Both are judged by stamps, so a recording and a live run come to the same verdict.
+
+    Attributes:
+        patience_ns: how long a silence makes the stream absent, ns.
+        late: samples refused because their stamp was not after the last one.
+        bad: samples refused because they were not finite.
+        block_duration_ns: time from first to last sample of the latest block.
+        lost: gaps, counted in blocks of the size that came before.
+    """
+
+    def __init__(self, names: Sequence[str], patience_ns: int) -> None:
+        self.names = tuple(names)
+        self.late = 0
+        self.bad = 0
+        self.lost = 0
+        self.usable_from_ns: int | None = None
+        self.block_duration_ns = 0
+        self.patience_ns = patience_ns
+        self._expected_ns: int | None = None
+        self._times = np.empty(0, np.int64)
+        self._values = np.empty((0, len(self.names)))
+        self._spacing_ns = 0.0
+        self._block_samples = 1
+
+    @property
+    def times_ns(self) -> NDArray[np.int64]:
+        """(n,) timestamps (ns) of the samples in memory, increasing."""
+        return self._times
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """(n, k) samples in memory, columns as in `names`."""
+        return self._values
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Timestamp (ns) of the latest sample; None before the first."""
+        return int(self._times[-1]) if len(self._times) else None
+
+    @property
+    def rate(self) -> float:
+        """Samples per second of the latest block; 0 before the second sample."""
+        return 1e9 / self._spacing_ns if self._spacing_ns > 0 else 0.0
+
+    def push(self, block: SampleBlock) -> int:
+        """Take in a block; give the number of samples that were taken.
+
+        Raises:
+            InputError: the block lacks one of the fields.
+        """
+        times, values = block.times_ns, block.columns(self.names)
+        keep: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
+        self.bad += int(len(keep) - keep.sum())
+        fresh = np.diff(np.maximum.accumulate(times), prepend=times[0] - 1) > 0 if len(times) else keep
+        newest = self.newest_ns
+        if newest is not None:
+            fresh &= times > newest
+        self.late += int((~fresh).sum())
+        keep &= fresh
+        if not keep.all():
+            times, values = times[keep], values[keep]
+        if len(times) == 0:
+            return 0
+        self._note_gap(newest, int(times[0]))
+        if len(times) > 1:
+            self._spacing_ns = (int(times[-1]) - int(times[0])) / (len(times) - 1)
+        self._block_samples = len(times)
+        self.block_duration_ns = int(times[-1]) - int(times[0])
+        self._times = np.concatenate([self._times, times])
+        self._values = np.concatenate([self._values, values])
+        return len(times)
+
+    def trim(self, before_ns: int, margin: int = 3) -> None:
+        """Forget samples stamped before `before_ns`, but the last `margin` of them."""
+        first = int(np.searchsorted(self._times, before_ns)) - margin
+        if first > 0:
+            self._times, self._values = self._times[first:].copy(), self._values[first:].copy()
+
+    def expect(self, from_ns: int) -> None:
+        """Say from when on samples are expected: the time at which the first stream of all began."""
+        self._expected_ns = from_ns
+
+    def is_absent(self, watermark_ns: int) -> bool:
+        """Whether nobody should wait for this stream when another has samples up to `watermark_ns`."""
+        last = self._expected_ns if self.newest_ns is None else self.newest_ns
+        return last is not None and watermark_ns - last > self.patience_ns
+
+    def _note_gap(self, newest: int | None, first: int) -> None:
+        if newest is None:
+            came_late = self._expected_ns is not None and first - self._expected_ns > self.patience_ns
+            self.usable_from_ns = first + self.patience_ns if came_late else first
+            return
+        gap = first - newest
+        if self._spacing_ns > 0 and gap > 2.5 * self._spacing_ns:
+            self.lost += max(1, round(gap / self._spacing_ns / self._block_samples))
+        if gap > self.patience_ns:
+            self.usable_from_ns = first + self.patience_ns
