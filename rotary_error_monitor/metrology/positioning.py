@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtrit
 
 from rotary_error_monitor.errors import InputError
 
@@ -15,6 +15,9 @@ COVERAGE = 2.0
 """Coverage factor of ISO 230-2: a unidirectional repeatability spans 2 s to either side of the mean."""
 
 MEDIAN_OF_ABSOLUTE_NORMAL = float(ndtri(0.75))
+
+SCALE_EFFICIENCY = 0.4
+"""Information in the median of absolute differences beside that in a standard deviation, for normal readings."""
 
 FORWARD, BACKWARD = +1, -1
 
@@ -205,7 +208,9 @@ def find_outliers(runs: PositioningRuns, *, false_alarm: float = 0.01) -> tuple[
     blocks = [(FORWARD, runs.forward)] + ([] if runs.backward is None else [(BACKWARD, runs.backward)])
     scale = _pooled_scale([values for _, values in blocks])
     readings = sum(int(np.isfinite(values).sum()) for _, values in blocks)
-    limit = float(-ndtri(false_alarm / (2 * readings)))
+    groups = sum(int((np.isfinite(values).sum(axis=1) > 0).sum()) for _, values in blocks)
+    freedom = max(1.0, SCALE_EFFICIENCY * (readings - groups))
+    limit = float(stdtrit(freedom, 1 - false_alarm / (2 * readings)))
     found = []
     for direction, values in blocks:
         excess = values - np.nanmedian(values, axis=1, keepdims=True)
