@@ -61,6 +61,12 @@ def section(content: dict[str, Any], name: str, origin: str) -> dict[str, Any]:
     return found
 
 
+def locate(path: Path | str, place: list[str | int]) -> str:
+    """`file:line: key.key` of a `place` in the YAML file `path`, to begin a message about its value with."""
+    node = yaml.compose(Path(path).read_text(encoding="utf-8"), yaml.SafeLoader)
+    return f"{path}:{_line(node, place)}: {'.'.join(map(str, place))}"
+
+
 @functools.cache
 def _validator(schema: str) -> Draft202012Validator:
     with config(f"schema/{schema}.yaml").open(encoding="utf-8") as file:
