@@ -1,0 +1,88 @@
+"""What acts on the stage from outside, as functions of time: forces that come and go, temperature that drifts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.noise import Noise
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force on the shaft that comes and goes.
+
+    Attributes:
+        start: when it begins to rise, s from the start of the cycle.
+        duration: from the begin of the rise to the end of the fall, s.
+        force: (x, y) in the base at full height, N.
+        rise: how long rise and fall each take, s.
+    """
+
+    start: float
+    duration: float
+    force: tuple[float, float]
+    rise: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not (self.start >= 0 and self.rise > 0 and self.duration >= 2 * self.rise):
+            raise InputError(f"{self}: start must not be negative, rise positive, duration at least twice the rise")
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Pushes one after another or at once, repeated every `cycle` seconds."""
+
+    pushes: tuple[Push, ...] = ()
+    cycle: float = 40.0
+
+    def __post_init__(self) -> None:
+        for push in self.pushes:
+            if push.start + push.duration > self.cycle:
+                raise InputError(f"{push} ends after the cycle of {self.cycle} s")
+
+    def at(self, time: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """(n,) force at `time` (n,) s as `x + 1j * y`, N in the base."""
+        force = np.zeros(len(time), dtype=np.complex128)
+        within = np.mod(time, self.cycle)
+        first, last = (within.min(), within.max()) if len(within) else (0.0, 0.0)
+        for push in self.pushes:
+            end = push.start + push.duration
+            if push.start < last and end > first:
+                u = np.clip(np.minimum(within - push.start, end - within) / push.rise, 0, 1)
+                force += u * u * (3 - 2 * u) * complex(*push.force)
+        return force
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """Temperature that settles: `start + rise * (1 - exp(-t / settling)) + swing * sin(2 pi t / period)`, °C and s."""
+
+    start: float = 20.0
+    rise: float = 2.5
+    settling: float = 12.0
+    swing: float = 0.0
+    period: float = 3600.0
+
+    def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) temperature at `time` (n,) s, °C; before time 0 it is that of time 0."""
+        passed = np.maximum(time, 0)
+        return np.asarray(
+            self.start
+            - self.rise * np.expm1(-passed / self.settling)
+            + self.swing * np.sin(2 * np.pi / self.period * passed),
+            dtype=np.float64,
+        )
+
+
+def intermittent_forces(seed: int, cycle: float = 40.0, count: int = 5, peak: float = 180.0) -> Forces:
+    """Seeded pushes as by hand on the turning shaft (Lou et al. 2019, Figure 15): from any side, up to `peak` N."""
+    draw = Noise(seed, "forces").generator()
+    starts = np.sort(draw.uniform(0.1, 0.85, count)) * cycle
+    durations = draw.uniform(0.03, 0.13, count) * cycle
+    angles, sizes = draw.uniform(0, 2 * np.pi, count), draw.uniform(0.1, 1.0, count) * peak
+    rows = zip(starts, durations, sizes * np.cos(angles), sizes * np.sin(angles), strict=True)
+    return Forces(tuple(Push(float(start), float(length), (float(x), float(y))) for start, length, x, y in rows), cycle)

@@ -1,0 +1,131 @@
+"""Exact geometry of the stage: where a sight line cuts a ring, where a mirror sends a ray, where a point stands.
+
+Nothing here is expanded to first order. The base has z along the nominal axis. A vector in the plane is the complex
+number `x + 1j * y`: turning it about z by an angle is multiplying it with `exp(1j * angle)`. A tilt is a rotation
+vector in the plane, rad.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Plane = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Integer powers of `exp(1j * angle)`, each by one multiplication of two that are already there.
+
+    Attributes:
+        once: (n,) `exp(1j * angle)`.
+    """
+
+    once: Plane
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_powers", {0: np.ones_like(self.once), 1: self.once})
+
+    def __call__(self, order: int) -> Plane:
+        """(n,) `exp(1j * order * angle)`, `order` not negative."""
+        powers: dict[int, Plane] = self._powers  # type: ignore[attr-defined]
+        if order not in powers:
+            powers[order] = self(order // 2) * self(order - order // 2)
+        return powers[order]
+
+
+def as_plane(vectors: NDArray[np.float64]) -> Plane:
+    """Complex numbers (n,) of vectors (n, 2)."""
+    return np.ascontiguousarray(vectors).view(np.complex128)[:, 0]
+
+
+def as_columns(plane: Plane) -> NDArray[np.float64]:
+    """Vectors (n, 2) of complex numbers (n,)."""
+    return np.ascontiguousarray(plane).view(np.float64).reshape(-1, 2)
+
+
+class Tilting:
+    """Rotation by the tilts (n,), by Rodrigues' formula for rotation vectors without z component."""
+
+    def __init__(self, tilt: Plane) -> None:
+        half = np.abs(tilt) / 2
+        sinc = np.divide(np.sin(half), half, out=np.ones_like(half), where=half > 0)
+        self._tilt = tilt
+        self._versine = 0.5 * sinc * sinc  # (1 - cos(angle)) / angle²
+        self._sine = sinc * np.cos(half)  # sin(angle) / angle
+        self._cosine = 1 - 4 * self._versine * half * half
+
+    def in_plane(self, plane: Plane) -> Plane:
+        """Plane components (n,) of points of the plane z = 0 after the rotation."""
+        return plane - 1j * (self._versine * (self._tilt.conj() * plane).imag) * self._tilt
+
+    def in_space(self, plane: Plane, z: NDArray[np.float64]) -> tuple[Plane, NDArray[np.float64]]:
+        """Plane components (n,) and z (n,) of points in space after the rotation."""
+        lift = (self._tilt.conj() * plane).imag
+        turned = plane - 1j * (self._sine * z + self._versine * lift) * self._tilt
+        return turned, self._cosine * z + self._sine * lift
+
+
+def cut_ring(
+    rotor: Plane, azimuth: float, radius: float, eccentricity: Plane | complex, radial: Plane, tilt: Plane
+) -> NDArray[np.float64]:
+    """Where the sight line of a read head cuts the graduated ring.
+
+    The sight line starts on the nominal axis, at the height of the ring, towards `azimuth`, fixed in the base. The ring
+    is a cylinder of `radius` about an axis parallel to the rotor's, off by `eccentricity`; the rotor is turned, tilted
+    by `tilt` and displaced by `radial`.
+
+    Args:
+        rotor: (n,) `exp(1j * theta)` of the rotation.
+        azimuth: of the head about +z, rad.
+        radius: of the ring, m.
+        eccentricity: ring centre in the rotor, m.
+        radial: (n,) displacement of the rotor in the base, m.
+        tilt: (n,) tilt of the rotor in the base, rad.
+
+    Returns:
+        (n,) angle on the ring from the graduation that a perfect stage would show, `azimuth - theta`, to the cut, rad.
+    """
+    untilt = Tilting(-tilt)
+    towards = complex(np.cos(azimuth), np.sin(azimuth))
+    start = untilt.in_plane(-radial) - eccentricity * rotor
+    sight = untilt.in_plane(np.full_like(rotor, towards))
+    # |start + distance * sight| = radius in the plane of the ring; the farther of two cuts is the head's
+    square = sight.real**2 + sight.imag**2
+    along = (sight.conj() * start).real
+    distance = (np.sqrt(along * along - square * (start.real**2 + start.imag**2 - radius**2)) - along) / square
+    cut = (start + distance * sight) * towards.conjugate()
+    return np.arctan2(cut.imag, cut.real)
+
+
+def reflect(rotor: Plane, mirror: Plane | complex, tilt: Plane, flatness: Plane) -> Plane:
+    """What an autocollimator above the rotor makes of the ray that its mirror sends back.
+
+    The ray comes down along -z and leaves by the law of reflection; the instrument halves the angles to its axis.
+
+    Args:
+        rotor: (n,) `exp(1j * theta)` of the rotation.
+        mirror: tilt of the mirror on the rotor, rad.
+        tilt: (n,) tilt of the rotor in the base, rad.
+        flatness: (n,) tilt of the spot of the mirror that is looked at, in the base, rad.
+
+    Returns:
+        (n,) tilt in the base, rad.
+    """
+    fixed = mirror * rotor  # Rz(theta) Rot(mirror) z = Rot(Rz(theta) mirror) z
+    plane, z = np.zeros_like(rotor), np.ones(len(rotor))
+    for rotation in (fixed, tilt, flatness):
+        plane, z = Tilting(rotation).in_space(plane, z)
+    upwards = 2 * z * z - 1
+    return 0.5 * (1j * np.arctan2(2 * z * plane.real, upwards) - np.arctan2(2 * z * plane.imag, upwards))
+
+
+def place_point(rotor: Plane, eccentricity: Plane | complex, height: float, radial: Plane, tilt: Plane) -> Plane:
+    """Position (n,) in the base, m, of a point of the rotor at `eccentricity` and `height` above the ring.
+
+    Arguments as for `cut_ring`.
+    """
+    plane, _ = Tilting(tilt).in_space(eccentricity * rotor, np.full(len(rotor), height))
+    return plane + radial

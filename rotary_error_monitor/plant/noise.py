@@ -1,0 +1,79 @@
+"""Random numbers that are a function of (seed, name, index), so that every process sees the same noise."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.special import ndtri
+
+_COUNTER = 4  # Philox gives four 64-bit words per count
+_MANTISSA = 2.0**-53
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Stream of random numbers with random access: number `i` is the same whenever, wherever and with whom it is drawn.
+
+    The numbers come from the counter-based generator Philox 4x64 (Salmon et al. 2011, "Parallel random numbers: as easy
+    as 1, 2, 3", doi:10.1145/2063384.2063405), keyed by a digest of seed and name.
+
+    Attributes:
+        seed: seed of the whole plant.
+        name: what the noise is for; other names give independent numbers.
+    """
+
+    seed: int
+    name: str
+
+    @cached_property
+    def _key(self) -> int:
+        return int.from_bytes(hashlib.blake2b(f"{self.seed}/{self.name}".encode(), digest_size=16).digest(), "little")
+
+    def uniform(self, first: int, count: int) -> NDArray[np.float64]:
+        """(count,) numbers with the indices from `first` (may be negative), uniform in the open interval (0, 1)."""
+        start, skip = divmod(first, _COUNTER)
+        generator = np.random.Philox(key=self._key, counter=start % 2**256)
+        words = generator.random_raw(skip + count)[skip:]
+        return np.asarray(((words >> np.uint64(11)) + 0.5) * _MANTISSA, dtype=np.float64)
+
+    def normal(self, first: int, count: int) -> NDArray[np.float64]:
+        """(count,) numbers with the indices from `first`, of standard normal distribution."""
+        return np.asarray(ndtri(self.uniform(first, count)), dtype=np.float64)
+
+    def generator(self) -> np.random.Generator:
+        """Generator for a draw that is made as a whole, such as the phases of a plant."""
+        return np.random.Generator(np.random.Philox(key=self._key))
+
+
+@dataclass(frozen=True)
+class Turbulence:
+    """Slow noise of standard deviation 1 with the autocorrelation `exp(-|lag| / correlation_time)`, a function of time.
+
+    A first-order autoregressive sequence stands on a grid of 1/32 of the correlation time, computed in whole aligned
+    runs so that no value depends on what else was asked for; between grid points it is interpolated linearly.
+    """
+
+    noise: Noise
+    correlation_time: float
+
+    _PER_CORRELATION = 32
+    _RUN = 64
+    _WARM_UP = 12 * _PER_CORRELATION  # what came earlier has faded to exp(-12)
+
+    def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) values at the ascending times (n,) in s."""
+        place = time * (self._PER_CORRELATION / self.correlation_time)
+        first = int(np.floor(place[0])) // self._RUN
+        last = (int(np.floor(place[-1])) + 1) // self._RUN
+        grid = np.concatenate([self._run(index) for index in range(first, last + 1)])
+        return np.asarray(np.interp(place - first * self._RUN, np.arange(len(grid)), grid), dtype=np.float64)
+
+    def _run(self, index: int) -> NDArray[np.float64]:
+        decay = np.exp(-1 / self._PER_CORRELATION)
+        drive = self.noise.normal(index * self._RUN - self._WARM_UP, self._WARM_UP + self._RUN)
+        return np.asarray(lfilter([np.sqrt(1 - decay**2)], [1, -decay], drive)[self._WARM_UP :], dtype=np.float64)
