@@ -83,9 +83,7 @@ class MirrorAssembly:
     noise_ratio: float
 
 
-def estimate_ring_assembly(
-    stage: StageDescription, recording: ShaftRecording, highest_order: int = 8
-) -> RingAssembly:
+def estimate_ring_assembly(stage: StageDescription, recording: ShaftRecording, highest_order: int = 8) -> RingAssembly:
     """Eccentricity and graduation orders 2 to `highest_order` from what the heads disagree in.
 
     The rotation at each time is unknown and drops out, and with it every order that all heads see alike.
@@ -102,7 +100,9 @@ def estimate_ring_assembly(
     _check_whole_turn(theta)
     visible = [k for k in range(1, highest_order + 1) if _is_seen(azimuths, k)]
     if 1 not in visible:
-        raise InputError(f"heads at azimuths {azimuths.tolist()} rad stand at one place; opposed heads see eccentricity")
+        raise InputError(
+            f"heads at azimuths {azimuths.tolist()} rad stand at one place; opposed heads see eccentricity"
+        )
     psi = azimuths - theta[:, None]
     offsets = np.broadcast_to(np.eye(len(azimuths))[:, 1:], (len(theta), len(azimuths), len(azimuths) - 1))
     waves = [wave(k * psi) for k in visible for wave in (np.cos, np.sin)]
@@ -116,7 +116,9 @@ def estimate_ring_assembly(
         eccentricity=(-radius * float(solution[1]), radius * float(solution[0])),
         eccentricity_std=(radius * float(std[1]), radius * float(std[0])),
         graduation=tuple(
-            AngularHarmonic(k, float(solution[2 * i]), float(solution[2 * i + 1])) for i, k in enumerate(visible) if k > 1
+            AngularHarmonic(k, float(solution[2 * i]), float(solution[2 * i + 1]))
+            for i, k in enumerate(visible)
+            if k > 1
         ),
         graduation_std=tuple((float(std[2 * i]), float(std[2 * i + 1])) for i, k in enumerate(visible) if k > 1),
         head_offsets=tuple((shifts - shifts.mean()).tolist()),
@@ -142,8 +144,8 @@ def estimate_mirror_assembly(
     _check_whole_turn(theta)
     if delay is None and np.ptp(recording.speed) < 0.1 * np.abs(recording.speed).max():
         raise InputError(
-            f"one speed and direction only ({recording.speed.mean():.3g} rad/s): the autocollimator's delay cannot be told "
-            "from the mirror's direction; record both directions, or give the delay"
+            f"one speed and direction only ({recording.speed.mean():.3g} rad/s): the autocollimator's delay cannot "
+            "be told from the mirror's direction; record both directions, or give the delay"
         )
     seen = theta if delay is None else theta - recording.speed * delay
     solution, std, ratio = _fit_mirror(recording, seen, orders, None)
@@ -230,7 +232,7 @@ def _check_whole_turn(theta: NDArray[np.float64]) -> None:
     covered = float(np.ptp(theta))
     if covered < SMALLEST_TURN:
         raise InputError(
-            f"the recording covers {np.degrees(covered):.1f}° of rotation; a whole turn (360°) is needed to tell the orders apart"
+            f"the recording covers {np.degrees(covered):.1f}° of rotation; a whole turn (360°) tells the orders apart"
         )
 
 

@@ -27,7 +27,7 @@ class GraduationView:
     Attributes:
         order: waves per revolution.
         as_rotation: part of its amplitude that is taken for rotation.
-        as_radial: part of its amplitude, times the radius, that is taken for radial error motion.
+        as_radial: part of its amplitude, times the radius, that is taken for radial error motion along x or y.
         seen: part of it, 0 to 1, that contradicts every rotation and radial motion and so shows as disagreement.
     """
 
@@ -86,7 +86,7 @@ class HeadLayout:
             part = inverse @ wave
             seen = np.linalg.norm(wave - self.sensitivity @ part) / np.linalg.norm(wave)
             views.append(
-                GraduationView(order, float(abs(part[0])), float(np.linalg.norm(part[1:])), float(np.round(seen, 12)))
+                GraduationView(order, float(abs(part[0])), float(np.abs(part[1:]).max()), float(np.round(seen, 12)))
             )
         return tuple(views)
 

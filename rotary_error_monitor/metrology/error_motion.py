@@ -80,8 +80,9 @@ def reading_variance(
 ) -> NDArray[np.float64]:
     """Variance of a resampled reading from the instrument's noise and resolution.
 
-    Rounding adds resolution²/12. Its error is independent from sample to sample, and so averaged like noise, only as
-    far as the signal moves or the noise carries it across steps; at rest all samples share it.
+    Rounding adds resolution²/12. The part that noise does not break up, exp(-(2 pi noise/resolution)²) of its first
+    harmonic, is shared by neighbouring samples and is averaged only as the signal moves across steps (sinc² of the
+    travel, its envelope); the rest is independent from sample to sample.
 
     Args:
         noise: standard deviation of a sample before rounding.
@@ -91,8 +92,8 @@ def reading_variance(
     """
     if resolution == 0.0:
         return gain * noise**2
-    spread = (travel + 4 * noise) / resolution
-    shared = 1.0 / (1.0 + spread * spread)
+    steps = np.pi * travel / resolution
+    shared = np.exp(-((2 * np.pi * noise / resolution) ** 2)) / (1.0 + 2.0 * steps * steps)
     return gain * noise**2 + (gain + np.maximum(1.0 - gain, 0.0) * shared) * resolution**2 / 12
 
 

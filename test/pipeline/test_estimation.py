@@ -1,0 +1,281 @@
+"""The estimator: right values, the same bits in any order of arrival, stated behaviour when streams fail."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rotary_error_monitor.description.stage import (
+    AngularHarmonic,
+    Autocollimator,
+    Encoder,
+    Mirror,
+    StageDescription,
+)
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings, error_motion_from_block
+from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
+
+AZIMUTHS = {"a": 0.0, "b": np.pi, "c": np.pi / 2, "d": 3 * np.pi / 2}
+STAGE = StageDescription(
+    Encoder(0.1, 31488, 100, 3e-7, AZIMUTHS, (2e-5, -1e-5), (AngularHarmonic(2, 1e-6, 3e-6),)),
+    Autocollimator(5e-4, 5e-7, 5e-7),
+    Mirror((5e-5, -3e-5)),
+)
+START = 1_763_700_000_000_000_000
+SPEED = 3.0
+NAMES = ("head_a", "head_b", "head_c", "head_d", "autocollimator", "command")
+
+
+def true_motion(t):
+    theta = SPEED * t + 1e-5 * np.sin(2.0 * t)
+    return theta, 3e-6 * np.cos(2 * theta), -2e-6 * np.sin(theta), 1e-5 * np.sin(theta), 2e-5 * np.cos(theta)
+
+
+def values(name, t):
+    """Readings by the contract's formulas, exact and without noise."""
+    theta, exc, eyc, eac, ebc = true_motion(t)
+    if name == "command":
+        return (SPEED * t)[:, None]
+    if name == "autocollimator":
+        x = 5e-5 * np.cos(theta) + 3e-5 * np.sin(theta) + eac
+        y = 5e-5 * np.sin(theta) - 3e-5 * np.cos(theta) + ebc
+        return np.stack([x, y], 1)
+    phi = AZIMUTHS[name[-1]]
+    x = exc + 2e-5 * np.cos(theta) + 1e-5 * np.sin(theta)
+    y = eyc + 2e-5 * np.sin(theta) - 1e-5 * np.cos(theta)
+    psi = phi - theta
+    error = 1e-6 * np.cos(2 * psi) + 3e-6 * np.sin(2 * psi)
+    return (theta + (-x * np.sin(phi) + y * np.cos(phi)) / 0.1 + error)[:, None]
+
+
+def blocks(name, duration=0.6, rate=10_000.0, block=0.005, drop=(), offset=0.0):
+    """Blocks of one stream, without those that cover a time in `drop` (pairs of seconds)."""
+    fields = ("tilt_x", "tilt_y") if name == "autocollimator" else ("angle",)
+    step = round(1e9 / rate)
+    made = []
+    for k in range(round(duration / block)):
+        times = np.arange(round(rate * block)) * step + round(k * block * 1e9) + round(offset * 1e9)
+        t = times * 1e-9
+        if any(begin <= t[0] < end for begin, end in drop):
+            continue
+        made.append(block_from_samples(START + times, fields, values(name, t)))
+    return made
+
+
+def streams(**changes):
+    return {
+        name: blocks(name, **({"offset": 7e-6 * i} | changes.get(name, {}) | changes.get("every", {})))
+        for i, name in enumerate(NAMES)
+        if changes.get(name, {}) is not None
+    }
+
+
+def in_order(all_streams):
+    pairs = [(name, block) for name, stream in all_streams.items() for block in stream]
+    return sorted(pairs, key=lambda pair: int(pair[1].times_ns[-1]))
+
+
+def run(pairs, stage=STAGE, finish=True, **options):
+    estimator = Estimator(stage, options.pop("settings", None), **options)
+    out = [block for name, block in pairs for block in estimator.push(name, block)]
+    if finish:
+        out += estimator.finish()
+    return estimator, joined(out)
+
+
+def joined(out):
+    times = np.concatenate([block.times_ns for block in out])
+    rows = np.concatenate([block.rows[:, 1:] for block in out])
+    return block_from_samples(times, out[0].names[1:], rows)
+
+
+@pytest.mark.parametrize(("rate", "block"), [(10_000.0, 0.005), (50_000.0, 0.005), (400.0, 0.1)])
+def test_error_motion_of_a_known_stage(rate, block):
+    _, result = run(in_order(streams(every={"rate": rate, "block": block})))
+    found = error_motion_from_block(result)
+    t = (result.times_ns - START) * 1e-9
+    theta, *components = true_motion(t)
+    inside = (t > 0.02) & (t < 0.57)
+    assert inside.sum() > 540
+    assert found.observable[inside][:, [0, 1, 3, 4, 5]].all()
+    assert not found.observable[:, 2].any()
+    np.testing.assert_allclose(found.theta[inside], theta[inside], atol=2e-10)
+    for index, truth in zip((0, 1, 3, 4), components, strict=True):
+        np.testing.assert_allclose(found.components[inside, index], truth[inside], atol=3e-10)
+    np.testing.assert_allclose(found.components[inside, 5], 1e-5 * np.sin(2 * t[inside]), atol=2e-10)
+
+
+def test_dense_samples_lower_the_covariance():
+    _, sparse = run(in_order(streams(every={"rate": 400.0, "block": 0.1})))
+    _, dense = run(in_order(streams(every={"rate": 50_000.0})))
+    middle = len(dense.rows) // 2
+    assert dense.column("var_exc")[middle] < 0.15 * sparse.column("var_exc").mean()
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.integers(0, 10_000), st.integers(0, 12))
+def test_bits_do_not_depend_on_when_blocks_arrive(seed, delay):
+    """Each stream keeps its own order; how they interleave, within the patience, is left to chance."""
+    generator = np.random.default_rng(seed)
+    everything = streams()
+    reference = run(in_order(everything))[1]
+    late = NAMES[generator.integers(len(NAMES))]
+    keyed = []
+    for name, stream in everything.items():
+        for block in stream:
+            jitter = generator.uniform(0, 0.004) + (delay * 0.005 if name == late else 0.0)
+            keyed.append((int(block.times_ns[-1]) * 1e-9 + jitter, name, block))
+    arrival: dict[str, float] = {}
+    for i, (when, name, block) in enumerate(keyed):
+        arrival[name] = max(when, arrival.get(name, 0.0) + 1e-6)
+        keyed[i] = (arrival[name], name, block)
+    keyed.sort(key=lambda item: item[0])
+    shuffled = run([(name, block) for _, name, block in keyed])[1]
+    np.testing.assert_array_equal(shuffled.times_ns, reference.times_ns)
+    np.testing.assert_array_equal(shuffled.rows[:, 1:], reference.rows[:, 1:])
+
+
+def test_blocks_of_another_size_give_the_same_bits():
+    small = run(in_order(streams(every={"block": 0.005})))[1]
+    large = run(in_order(streams(every={"block": 0.1})))[1]
+    np.testing.assert_array_equal(small.times_ns, large.times_ns)
+    np.testing.assert_array_equal(small.rows[:, 1:], large.rows[:, 1:])
+
+
+def test_a_dead_head_leaves_the_others_to_go_on():
+    dead = {"head_d": {"drop": ((0.3, 9.0),)}}
+    estimator, result = run(in_order(streams(**dead)), finish=False)
+    found = error_motion_from_block(result)
+    t = (result.times_ns - START) * 1e-9
+    assert estimator.status.absent == ("head_d",)
+    assert np.diff(result.times_ns).max() == 1_000_000  # no tick is lost
+    assert found.observable[t > 0.3][:, :2].all()
+    theta, exc, eyc, _, _ = true_motion(t)
+    np.testing.assert_allclose(found.components[5:-5, 0], exc[5:-5], atol=3e-10)
+    mask = result.column("streams").astype(int)
+    assert set(mask[(t > 0.31) & (t < 0.59)]) == {0b110111}
+    assert found.covariance[t > 0.35][0, 0, 0] > 1.2 * found.covariance[t < 0.25][0, 0, 0]
+
+
+def test_two_opposed_heads_left_give_one_component_and_no_contradiction():
+    dead = {"head_c": {"drop": ((0.3, 9.0),)}, "head_d": {"drop": ((0.3, 9.0),)}}
+    _, result = run(in_order(streams(**dead)), finish=False)
+    found = error_motion_from_block(result)
+    t = (result.times_ns - START) * 1e-9
+    late = t > 0.32
+    assert not found.observable[late][:, 0].any()
+    assert found.observable[late][:, 1].all()
+    assert (found.components[late][:, 0] == 0).all()
+    np.testing.assert_allclose(found.components[late, 1], true_motion(t[late])[2], atol=3e-10)
+
+
+def test_with_one_head_left_nothing_is_published():
+    dead = {name: {"drop": ((0.3, 9.0),)} for name in ("head_b", "head_c", "head_d")}
+    estimator, result = run(in_order(streams(**dead)), finish=False)
+    assert (result.times_ns[-1] - START) * 1e-9 < 0.301
+    assert estimator.status.unobservable > 100
+
+
+def test_a_head_that_comes_back_counts_again_after_the_patience():
+    gone = {"head_d": {"drop": ((0.15, 0.3),)}}
+    result = run(in_order(streams(**gone)))[1]
+    t = (result.times_ns - START) * 1e-9
+    used = result.column("streams").astype(int) & 0b1000 > 0
+    back = t[used & (t > 0.2)][0]
+    assert back == pytest.approx(0.3 + 0.1 + 0.005, abs=0.002)  # patience and one block
+    assert used[t < 0.149].all()
+
+
+def test_a_short_gap_costs_only_its_own_ticks():
+    gone = {"head_d": {"drop": ((0.30, 0.305),)}}
+    estimator, result = run(in_order(streams(**gone)))
+    t = (result.times_ns - START) * 1e-9
+    unused = t[result.column("streams").astype(int) & 0b1000 == 0]
+    assert 5 <= np.sum((unused > 0.29) & (unused < 0.31)) <= 7
+    assert estimator.status.streams["head_d"].lost == 1
+
+
+def test_a_missing_autocollimator_leaves_tilt_unobservable_and_zero():
+    result = run(in_order(streams(autocollimator=None)))[1]
+    found = error_motion_from_block(result)
+    assert not found.observable[:, 3:5].any()
+    assert (found.components[:, 3:5] == 0).all()
+    assert found.observable[:, :2].all()
+
+
+def test_without_command_there_is_no_angular_positioning_error_motion():
+    result = run(in_order(streams(command=None)))[1]
+    found = error_motion_from_block(result)
+    assert not found.observable[:, 5].any()
+    assert np.isfinite(result.rows).all()
+
+
+def test_a_saturated_autocollimator_is_not_believed():
+    everything = streams()
+    end = STAGE.autocollimator.range
+    clipped = []
+    for block in everything["autocollimator"]:
+        rows = block.rows.copy()
+        if 0.2 <= (block.stamp_ns - START) * 1e-9 < 0.25:
+            rows[:, 1] = end
+        clipped.append(SampleBlock(block.stamp_ns, block.names, rows))
+    everything["autocollimator"] = clipped
+    estimator, result = run(in_order(everything))
+    found = error_motion_from_block(result)
+    t = (result.times_ns - START) * 1e-9
+    assert estimator.status.saturated == 500
+    assert not found.observable[(t > 0.2) & (t < 0.249)][:, 3:5].any()
+    assert np.abs(found.components[:, 3]).max() < 2e-5
+
+
+def test_heads_that_contradict_one_another_publish_nothing():
+    everything = streams()
+    everything["head_b"] = [
+        SampleBlock(b.stamp_ns, b.names, b.rows + [0.0, 5e-5 * (b.stamp_ns > START + 300_000_000)])
+        for b in everything["head_b"]
+    ]
+    estimator, result = run(in_order(everything))
+    assert (result.times_ns[-1] - START) * 1e-9 < 0.301
+    assert estimator.status.withheld > 250
+    assert estimator.status.disagreement > 10
+
+
+def test_samples_that_are_not_finite_or_late_are_refused_and_counted():
+    everything = streams()
+    broken = everything["head_a"][20].rows.copy()
+    broken[3, 1] = np.nan
+    everything["head_a"][20] = SampleBlock(everything["head_a"][20].stamp_ns, ("t", "angle"), broken)
+    pairs = in_order(everything)
+    pairs.insert(len(pairs) // 2, pairs[3])
+    estimator, result = run(pairs)
+    assert np.isfinite(result.rows).all()
+    assert estimator.status.streams["head_a"].bad == 1
+    assert estimator.status.streams[pairs[3][0]].late == 50
+
+
+def test_a_replay_repeats_what_the_live_run_decided():
+    """A block that came too late live was not used; with the published masks a replay does not use it either."""
+    everything = streams()
+    pairs = in_order(everything)
+    held = [pair for pair in pairs if pair[0] == "head_c" and (pair[1].stamp_ns - START) * 1e-9 >= 0.3]
+    live = run([pair for pair in pairs if pair not in held], finish=False)[1]
+    masks = dict(zip(live.times_ns.tolist(), live.column("streams").astype(int).tolist(), strict=True))
+    again = run(pairs, decisions=masks)[1]
+    np.testing.assert_array_equal(again.times_ns, live.times_ns)
+    np.testing.assert_array_equal(again.rows[:, 1:], live.rows[:, 1:])
+
+
+def test_an_unknown_stream_is_refused():
+    with pytest.raises(InputError, match="no stream 'head_x' in this stage; it has head_a"):
+        Estimator(STAGE).push("head_x", blocks("head_a")[0])
+
+
+@pytest.mark.parametrize("name", ["period_ns", "patience_ns", "max_gap_ns", "disagreement_limit"])
+def test_settings_must_be_positive(name):
+    with pytest.raises(InputError, match=f"{name} is 0; it must be above 0"):
+        dataclasses.replace(EstimatorSettings(), **{name: 0})

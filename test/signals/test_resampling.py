@@ -1,0 +1,117 @@
+"""Values at ticks against closed forms: polynomials are exact, noise falls as the gain says, chunks do not matter."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rotary_error_monitor.signals.resampling import count_decided, resample, tick_times
+
+PERIOD = 1_000_000
+GAP = 20_000_000
+
+
+def sampled(rate: float, duration: float, offset_ns: int = 0) -> np.ndarray:
+    step = round(1e9 / rate)
+    return offset_ns + step * np.arange(round(duration * rate), dtype=np.int64)
+
+
+@pytest.mark.parametrize(("rate", "degree"), [(250.0, 3), (400.0, 3), (50_000.0, 2), (10_000.0, 2)])
+def test_polynomials_come_back_exactly(rate, degree):
+    times = sampled(rate, 0.4, offset_ns=37_000)
+    ticks = tick_times(30, 300, PERIOD)
+
+    def motion(t_ns):
+        t = t_ns * 1e-9
+        return 2.0 + 3.0 * t + 40.0 * t**2 + (500.0 * t**3 if degree == 3 else 0.0)
+
+    result = resample(times, motion(times)[:, None], ticks, PERIOD, GAP)
+    assert result.valid.all()
+    np.testing.assert_allclose(result.values[:, 0], motion(ticks), atol=1e-12)
+
+
+@pytest.mark.parametrize("rate", [250.0, 3_000.0, 10_000.0, 50_000.0])
+def test_gain_is_the_variance_that_noise_gets(rate):
+    generator = np.random.default_rng(4)
+    times = sampled(rate, 8.0)
+    noise = generator.normal(size=len(times))
+    ticks = tick_times(100, 7_800, PERIOD)
+    result = resample(times, noise[:, None], ticks, PERIOD, GAP)
+    assert result.valid.all()
+    ratio = np.mean(result.values[:, 0] ** 2 / result.gain)
+    assert ratio == pytest.approx(1.0, abs=0.12 if rate < 1000 else 0.06)
+
+
+def test_a_dense_stream_is_averaged():
+    times = sampled(50_000.0, 0.1)
+    result = resample(times, np.zeros((len(times), 1)), tick_times(10, 50, PERIOD), PERIOD, GAP)
+    np.testing.assert_allclose(result.gain, 9 / 4 / 45, rtol=0.15)  # a quadratic at the middle of 45 even samples
+
+
+def test_brisk_acceleration_is_held_where_a_straight_line_errs():
+    times = sampled(250.0, 1.0)
+    acceleration = 50.0
+
+    def motion(t_ns):
+        return 0.5 * acceleration * (t_ns * 1e-9) ** 2
+
+    ticks = tick_times(100, 800, PERIOD)
+    result = resample(times, motion(times)[:, None], ticks, PERIOD, GAP)
+    line = np.interp(ticks, times, motion(times))
+    assert np.abs(line - motion(ticks)).max() > 5e-5
+    assert np.abs(result.values[:, 0] - motion(ticks)).max() < 1e-12
+
+
+def test_a_missing_block_leaves_no_value_and_no_neighbour_is_made_up():
+    times = sampled(50_000.0, 0.1)
+    hole = (times >= 40_000_000) & (times < 45_000_000)
+    times = times[~hole]
+    ticks = tick_times(0, 100, PERIOD)
+    result = resample(times, times[:, None] * 1.0, ticks, PERIOD, GAP)
+    np.testing.assert_array_equal(np.flatnonzero(~result.valid), [40, 41, 42, 43, 44])
+    assert (result.values[~result.valid] == 0).all()
+
+
+def test_sparse_samples_across_a_gap_are_not_joined():
+    times = np.concatenate([sampled(250.0, 0.2), 600_000_000 + sampled(250.0, 0.2)])
+    ticks = tick_times(0, 800, PERIOD)
+    valid = resample(times, np.zeros((len(times), 1)), ticks, PERIOD, GAP).valid
+    inside = ticks[valid]
+    assert not ((inside > 196_000_000) & (inside < 600_000_000)).any()
+    assert ((inside < 196_000_000).sum(), (inside > 600_000_000).sum()) == (188, 188)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.sampled_from([250.0, 2_000.0, 9_000.0, 50_000.0]), st.lists(st.integers(1, 90), min_size=1, max_size=8))
+def test_bits_do_not_depend_on_the_chunks(rate, sizes):
+    generator = np.random.default_rng(7)
+    times = sampled(rate, 0.3, offset_ns=11_000)
+    values = np.column_stack([1e3 + np.cumsum(generator.normal(size=len(times))), generator.normal(size=len(times))])
+    ticks = tick_times(20, 250, PERIOD)
+    whole = resample(times, values, ticks, PERIOD, GAP)
+    start = 0
+    while start < len(ticks):
+        for size in sizes:
+            part = ticks[start : start + size]
+            if len(part):
+                chunk = resample(times, values, part, PERIOD, GAP)
+                for name in ("values", "gain", "travel", "valid"):
+                    expected = getattr(whole, name)[start : start + size]
+                    np.testing.assert_array_equal(getattr(chunk, name), expected)
+            start += size
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.sampled_from([250.0, 3_000.0, 20_000.0]), st.integers(5, 2_000))
+def test_a_decided_tick_never_changes_when_more_samples_come(rate, known):
+    times = sampled(rate, 0.5, offset_ns=3_000)
+    known = min(known, len(times))
+    values = np.sin(times * 1e-8)[:, None]
+    ticks = tick_times(1, 480, PERIOD)
+    decided = count_decided(times[:known], ticks, PERIOD)
+    early = resample(times[:known], values[:known], ticks[:decided], PERIOD, GAP)
+    late = resample(times, values, ticks[:decided], PERIOD, GAP)
+    np.testing.assert_array_equal(early.values, late.values)
+    np.testing.assert_array_equal(early.valid, late.valid)
