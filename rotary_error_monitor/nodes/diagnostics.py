@@ -1,0 +1,132 @@
+"""What a node says about its health on `/diagnostics` (REP 107), and the watch over a stream behind most of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from std_msgs.msg import Header
+
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+
+
+class Level(IntEnum):
+    """How bad it is, as REP 107 counts."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True)
+class Condition:
+    """State of one part of a node: `what` it is, how bad, one sentence, and figures by name."""
+
+    what: str
+    level: Level
+    message: str
+    figures: Mapping[str, object] = field(default_factory=dict)
+
+
+def diagnostic_array(stamp: Time, node: str, hardware: str, conditions: Iterable[Condition]) -> DiagnosticArray:
+    """Message of a node's conditions, each named `<node>: <what>`."""
+    return DiagnosticArray(
+        header=Header(stamp=stamp),
+        status=[
+            DiagnosticStatus(
+                level=bytes([condition.level]),
+                name=f"{node}: {condition.what}",
+                message=condition.message,
+                hardware_id=hardware,
+                values=[KeyValue(key=key, value=_text(value)) for key, value in condition.figures.items()],
+            )
+            for condition in conditions
+        ],
+    )
+
+
+def _text(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+class StreamWatch:
+    """Counts what arrives on one stream: rate, age, samples lost between blocks, blocks that came late.
+
+    A sample counts as lost where the step between two blocks is wider than the stream's own period, so it needs no
+    sequence number and works for any driver. Totals run since the start, the rate since the last report.
+    """
+
+    def __init__(self, what: str, late_after: float, stale_after: float, began_ns: int) -> None:
+        """Watch the stream called `what`; `late_after` and `stale_after` in s, `began_ns` the present time (ns)."""
+        self.what = what
+        self.lost = 0
+        self.late = 0
+        self.refused = 0
+        self.last_ns: int | None = None
+        self._late_after_ns = round(late_after * NANOSECONDS)
+        self._stale_after_ns = round(stale_after * NANOSECONDS)
+        self._period = 0.0
+        self._samples = 0
+        self._reported_ns = began_ns
+        self._began_ns = began_ns
+        self._seen = (0, 0, 0)
+        self._reason = ""
+
+    def observe(self, block: SampleBlock, now_ns: int) -> None:
+        """Take note of a block that is there at `now_ns`."""
+        first_ns = block.stamp_ns + round(float(block.rows[0, 0]) * NANOSECONDS)
+        last_ns = block.stamp_ns + round(float(block.rows[-1, 0]) * NANOSECONDS)
+        if len(block.rows) > 1:
+            self._period = (last_ns - first_ns) / (len(block.rows) - 1)
+        if self.last_ns is not None and self._period > 0:
+            self.lost += max(0, round((first_ns - self.last_ns) / self._period) - 1)
+        self._samples += len(block.rows)
+        self.observe_stamp(last_ns, now_ns)
+
+    def observe_stamp(self, stamp_ns: int, now_ns: int) -> None:
+        """Take note of a message that was measured at `stamp_ns`."""
+        self.late += now_ns - stamp_ns > self._late_after_ns
+        self.last_ns = stamp_ns if self.last_ns is None else max(stamp_ns, self.last_ns)
+
+    def refuse(self, reason: str) -> None:
+        """Take note of a message that could not be used."""
+        self.refused += 1
+        self._reason = reason
+
+    def is_stale(self, now_ns: int) -> bool:
+        """Whether the last sample is older than the stream may become."""
+        reference = self._began_ns if self.last_ns is None else self.last_ns
+        return now_ns - reference > self._stale_after_ns
+
+    def report(self, now_ns: int) -> Condition:
+        """Condition of the stream, and the start of a new period for the rate."""
+        elapsed = (now_ns - self._reported_ns) / NANOSECONDS
+        rate = self._samples / elapsed if elapsed > 0 else 0.0
+        age = None if self.last_ns is None else (now_ns - self.last_ns) / NANOSECONDS
+        totals = (self.lost, self.late, self.refused)
+        new = [now - before for now, before in zip(totals, self._seen, strict=True)]
+        self._seen = totals
+        self._samples, self._reported_ns = 0, now_ns
+        if age is None:
+            level, message = (Level.ERROR if self.is_stale(now_ns) else Level.WARN), "nothing has arrived yet"
+        elif self.is_stale(now_ns):
+            level, message = Level.ERROR, f"stale: the last sample is {age:.3g} s old"
+        elif any(new):
+            level = Level.WARN
+            message = f"{new[0]} samples lost, {new[1]} blocks late, {new[2]} messages refused since the last report"
+        else:
+            level, message = Level.OK, "alive"
+        if new[2]:
+            message += f"; refused: {self._reason}"
+        figures = {
+            "rate_hz": rate,
+            "age_ms": "none" if age is None else age * 1e3,
+            "lost_samples": self.lost,
+            "late_blocks": self.late,
+            "refused_messages": self.refused,
+        }
+        return Condition(self.what, level, message, figures)

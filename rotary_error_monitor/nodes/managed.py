@@ -1,0 +1,316 @@
+"""What all nodes of the cell share: life cycle, parameters, quality of service, diagnostics, orderly end.
+
+A node of the package is a `ManagedNode` with things of its own: its `settings`, `open()` which builds what it works
+with, `conditions()` which says how it fares, and `release()` where something must be put away. Its module ends in
+
+    def main(args: Sequence[str] | None = None) -> int:
+        return run(MyNode, args)
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, ClassVar
+
+import rclpy
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.timer import Timer
+from rclpy.utilities import ok, try_shutdown
+
+from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.wire import Topic, Wire, load_wire
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.nodes import messages, parameters
+from rotary_error_monitor.nodes.diagnostics import Condition, Level, diagnostic_array
+from rotary_error_monitor.nodes.parameters import Setting, cell_settings
+from rotary_error_monitor.nodes.timing import AlignedTimer
+
+BAD_INPUT = 2
+
+AUTOSTART = Setting("autostart", True, "configure and activate at start; false waits for a life cycle manager")
+_DIAGNOSTICS_PERIOD = 1.0
+_OVERRIDABLE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
+
+
+class ManagedNode(LifecycleNode):
+    """A life cycle node that starts by itself, talks by the wire contract only, and says at 1 Hz how it fares.
+
+    Attributes:
+        settings: parameters of the node beside `autostart` and `stage`; read when the node configures.
+        stage: description of the rotary stage, from `open()` on.
+        wire: the contract for the heads of that stage.
+        active: whether the life cycle state is active; messages are handled only then.
+    """
+
+    settings: ClassVar[tuple[Setting, ...]] = ()
+    hardware: str = ""
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        context: Context | None = None,
+        parameter_overrides: Sequence[Parameter] = (),
+        cli_args: Sequence[str] | None = None,
+    ) -> None:
+        """Declare the parameters; nothing else happens before the node configures.
+
+        Raises:
+            InputError: a parameter is unknown, has the wrong type, or is out of range.
+        """
+        super().__init__(
+            name,
+            context=context,
+            parameter_overrides=list(parameter_overrides),
+            cli_args=None if cli_args is None else list(cli_args),
+        )
+        self.active = False
+        self.stage: StageDescription
+        self.wire: Wire
+        self._settings = (AUTOSTART, *cell_settings("stage"), *self.settings)
+        self._failure: InputError | None = None
+        self._refusals: dict[str, int] = {}
+        self._entities: list[Callable[[], object]] = []
+        self._configured = False
+        self._diagnostics: Publisher | None = None
+        parameters.declare(self, self._settings)
+        self.add_on_set_parameters_callback(self._refuse_while_configured)
+
+    # What a node of the package fills in.
+
+    def open(self) -> None:
+        """Build what the node works with: core objects, publishers, listeners, timers. Called when it configures."""
+
+    def release(self) -> None:
+        """Put away what `open` built and the base does not know: files, devices. Called at cleanup and at the end."""
+
+    def conditions(self, now_ns: int) -> list[Condition]:
+        """How the node fares at `now_ns`, for `/diagnostics`."""
+        return []
+
+    # What a node of the package uses.
+
+    def setting(self, name: str) -> parameters.ParameterValue:
+        """Present value of one of the settings."""
+        return self.get_parameter(name).value
+
+    def now_ns(self) -> int:
+        """The node's clock, timestamp (ns); with `use_sim_time` that of `/clock`."""
+        return int(self.get_clock().now().nanoseconds)
+
+    def publish_on(self, topic: Topic) -> Publisher:
+        """Publisher of one of the contract's topics; silent unless the node is active."""
+        publisher = self.create_lifecycle_publisher(
+            messages.message_class(topic.type),
+            topic.name,
+            _profile(topic),
+            qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
+        )
+        self._entities.append(partial(self.destroy_lifecycle_publisher, publisher))
+        return publisher
+
+    def listen_to(self, topic: Topic, callback: Callable[[messages.Message], None], *, raw: bool = False) -> None:
+        """Call back with each message of a contract's topic while the node is active; `raw` gives serialised bytes."""
+        self.listen(topic.name, messages.message_class(topic.type), _profile(topic), callback, raw=raw)
+
+    def listen(
+        self,
+        name: str,
+        kind: type[Any],
+        qos: QoSProfile,
+        callback: Callable[[messages.Message], None],
+        *,
+        raw: bool = False,
+    ) -> None:
+        """The same for a topic outside the contract, such as that of a third-party driver."""
+
+        def guarded(message: messages.Message) -> None:
+            if not self.active:
+                return
+            try:
+                callback(message)
+            except InputError as error:
+                self.refuse(name, error)
+
+        subscription = self.create_subscription(
+            kind, name, guarded, qos, raw=raw, qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE)
+        )
+        self._entities.append(partial(self.destroy_subscription, subscription))
+
+    def serve(self, kind: type[Any], name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Answer a service; `name` is relative to the node, such as `~/reset`."""
+        service = self.create_service(kind, name, callback)
+        self._entities.append(partial(self.destroy_service, service))
+
+    def at_each(self, period_ns: int, callback: Callable[[int], None]) -> None:
+        """Call back, while active, at each multiple of `period_ns` of the node's clock, with that instant (ns)."""
+
+        def guarded(due_ns: int) -> None:
+            if self.active:
+                callback(due_ns)
+
+        self._entities.append(AlignedTimer(self, period_ns, guarded).destroy)
+
+    def refuse(self, source: str, error: InputError) -> None:
+        """Take note of input that cannot be used: counted, shown in the diagnostics, logged at most once a second."""
+        self._refusals[source] = self._refusals.get(source, 0) + 1
+        self._failure = error
+        self.get_logger().error(f"{source}: {error}", throttle_duration_sec=1.0)
+
+    # Life cycle.
+
+    def autostart(self) -> None:
+        """Configure and activate, unless the parameter `autostart` is false.
+
+        Raises:
+            InputError: the node cannot be configured; the message says what is wrong.
+        """
+        if not self.setting(AUTOSTART.name):
+            self.get_logger().info("waiting to be configured")
+            return
+        if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
+            raise self._failure or InputError(f"{self.get_fully_qualified_name()}: could not be configured")
+        self.trigger_activate()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read the stage and the contract and open the node; wrong input leaves it unconfigured and is logged."""
+        try:
+            self.stage = load_stage(self.setting("stage") or None)
+            self.wire = load_wire(tuple(self.stage.encoder.azimuths))
+            self._open_diagnostics()
+            self.open()
+            parameters.check_known(self, [*self._parameters])
+        except InputError as error:
+            self._failure = error
+            self.get_logger().fatal(str(error))
+            self._close()
+            return TransitionCallbackReturn.FAILURE
+        self._failure = None
+        self._configured = True
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to handle messages."""
+        self.active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Fall silent; diagnostics go on."""
+        self.active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Put everything away, ready to be configured anew."""
+        self._close()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Put everything away for good."""
+        self._close()
+        return super().on_shutdown(state)
+
+    def stop(self) -> None:
+        """Put everything away and destroy the node; fit for any state, also after the context has ended."""
+        self._close()
+        self.destroy_node()
+
+    def _close(self) -> None:
+        self.active = False
+        self._configured = False
+        self.release()
+        for destroy in reversed(self._entities):
+            destroy()
+        self._entities.clear()
+
+    def _refuse_while_configured(self, changed: list[Parameter]) -> SetParametersResult:
+        names = {setting.name for setting in self._settings}
+        late = [parameter.name for parameter in changed if parameter.name in names] if self._configured else []
+        if late:
+            return SetParametersResult(
+                successful=False, reason=f"{', '.join(late)}: read when the node configures; clean it up first"
+            )
+        return SetParametersResult(successful=True)
+
+    def _open_diagnostics(self) -> None:
+        """Diagnostics flow in every state once configured, by a clock of their own: a halted `/clock` must not hide."""
+        topic = self.wire.topic("diagnostics")
+        publisher = self.create_publisher(messages.message_class(topic.type), topic.name, _profile(topic))
+        timer: Timer = self.create_timer(
+            _DIAGNOSTICS_PERIOD,
+            lambda: publisher.publish(self.diagnose()),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
+        self._entities.append(partial(self.destroy_publisher, publisher))
+        self._entities.append(partial(self.destroy_timer, timer))
+
+    def diagnose(self) -> messages.Message:
+        """The message for `/diagnostics`: the life cycle, the node's conditions, and what had to be refused."""
+        now_ns = self.now_ns()
+        state = Condition("state", Level.OK, "active") if self.active else Condition("state", Level.WARN, "inactive")
+        conditions = [state, *self.conditions(now_ns)]
+        for source, count in self._refusals.items():
+            conditions.append(
+                Condition(f"refused {source}", Level.ERROR, str(self._failure), {"refused_messages": count})
+            )
+        self._refusals.clear()
+        return diagnostic_array(messages.stamp_from_ns(now_ns), self.get_name(), self.hardware, conditions)
+
+
+def _profile(topic: Topic) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=topic.qos.depth,
+        reliability=ReliabilityPolicy[topic.qos.reliability.upper()],
+        durability=DurabilityPolicy[topic.qos.durability.upper()],
+    )
+
+
+def driver_profile() -> QoSProfile:
+    """Quality of service that fits the publisher of any driver: best effort listens to reliable ones as well."""
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None = None) -> int:
+    """Run one node until SIGINT or SIGTERM.
+
+    Returns:
+        Exit code: 0 after a signal, 2 after wrong input, which is said on standard error.
+    """
+    node: ManagedNode | None = None
+    initialised = False
+    try:
+        rclpy.init(args=None if args is None else list(args))
+        initialised = True
+        node = node_class()
+        node.autostart()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except RuntimeError as error:
+        if initialised and not ok():
+            return 0  # a signal ended the context while a callback was about to publish
+        if node is not None:
+            raise
+        print(f"error: {error}", file=sys.stderr)  # rcl refuses command line or parameter file
+        return BAD_INPUT
+    finally:
+        if node is not None:
+            node.stop()
+        try_shutdown()
+    return 0

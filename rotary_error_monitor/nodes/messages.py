@@ -1,0 +1,251 @@
+"""All conversions between the core's dataclasses and ROS messages.
+
+Sample blocks travel as `sensor_msgs/PointCloud2` with packed little-endian FLOAT64 fields. The bytes pass through one
+`array.array`, which the message type takes as it is; a list or an ndarray would be copied element by element.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from array import array
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import (
+    PointStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Vector3Stamped,
+    WrenchStamped,
+)
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState, PointCloud2, PointField, Temperature, TimeReference
+from std_msgs.msg import Header
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
+
+Message: TypeAlias = Any
+"""Any ROS message; their classes carry no types."""
+
+_DOUBLE = 8
+UNOBSERVABLE_VARIANCE = -1.0
+_SMALL_ANGLE = 1e-6
+
+
+def message_class(name: str) -> type[Any]:
+    """Class of a message type such as `sensor_msgs/msg/JointState`.
+
+    Raises:
+        InputError: no such message type is installed.
+    """
+    package, _, kind = name.partition("/msg/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), kind)
+    except (ImportError, AttributeError, ValueError):
+        raise InputError(
+            f"message type '{name}' is not installed; a ROS package '{package}' should define it"
+        ) from None
+
+
+def stamp_from_ns(stamp_ns: int) -> Time:
+    """ROS time from a timestamp (ns)."""
+    seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS)
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def ns_from_stamp(stamp: Time) -> int:
+    """Timestamp (ns) from a ROS time."""
+    return int(stamp.sec * NANOSECONDS + stamp.nanosec)
+
+
+def header(stamp_ns: int, frame: str) -> Header:
+    """Header of a message that was measured at `stamp_ns` in `frame`."""
+    return Header(stamp=stamp_from_ns(stamp_ns), frame_id=frame)
+
+
+def block_to_message(block: SampleBlock, frame: str) -> PointCloud2:
+    """Sample block as a point cloud of height 1.
+
+    Raises:
+        InputError: a sample is not finite; nothing non-finite goes out.
+    """
+    _check_finite(block)
+    count, width = block.rows.shape
+    data = array("B")
+    data.frombytes(np.ascontiguousarray(block.rows, dtype="<f8").tobytes())
+    return PointCloud2(
+        header=header(block.stamp_ns, frame),
+        height=1,
+        width=count,
+        fields=[
+            PointField(name=name, offset=_DOUBLE * index, datatype=PointField.FLOAT64, count=1)
+            for index, name in enumerate(block.names)
+        ],
+        is_bigendian=False,
+        point_step=_DOUBLE * width,
+        row_step=_DOUBLE * width * count,
+        data=data,
+        is_dense=True,
+    )
+
+
+def block_from_message(message: PointCloud2) -> SampleBlock:
+    """Sample block from a point cloud; its rows share the message's memory.
+
+    Raises:
+        InputError: the layout is not that of a sample block.
+    """
+    if message.height != 1 or message.width < 1 or message.is_bigendian:
+        raise InputError(
+            f"no sample block: height {message.height}, width {message.width}, big-endian {message.is_bigendian}; "
+            "expected height 1, width at least 1, little-endian"
+        )
+    return block_from_bytes(
+        ns_from_stamp(message.header.stamp),
+        [(field.name, field.offset, field.datatype, field.count) for field in message.fields],
+        memoryview(message.data),
+        message.width,
+        message.point_step,
+    )
+
+
+def _check_finite(block: SampleBlock) -> None:
+    # One sum is cheaper than a mask, and any NaN or infinity survives it.
+    if math.isfinite(float(block.rows.sum())):
+        return
+    row, column = np.argwhere(~np.isfinite(block.rows))[0]
+    raise InputError(
+        f"sample {row} of '{block.names[column]}' is {block.rows[row, column]}; nothing non-finite is published"
+    )
+
+
+def joint_state_message(
+    stamp_ns: int,
+    frame: str,
+    names: Sequence[str],
+    positions: Sequence[float],
+    velocities: Sequence[float] | None = None,
+) -> JointState:
+    """Joint state in m and rad; velocity and effort are always filled, with zeros where unknown.
+
+    An empty sequence at the end of the message is serialised with stray bytes behind it, which other readers refuse.
+    """
+    return JointState(
+        header=header(stamp_ns, frame),
+        name=list(names),
+        position=array("d", positions),
+        velocity=array("d", np.zeros(len(names)) if velocities is None else velocities),
+        effort=array("d", bytes(_DOUBLE * len(names))),
+    )
+
+
+def joint_position(message: JointState, joint: str) -> float:
+    """Position of one joint, m or rad; with an empty name that of the only one.
+
+    Raises:
+        InputError: the message has no such joint, or several where no name is given, or no position for it.
+    """
+    if joint == "" and len(message.name) == 1:
+        joint = message.name[0]
+    if joint not in message.name or len(message.position) != len(message.name):
+        raise InputError(
+            f"a joint state holds the joints {list(message.name)} with {len(message.position)} positions; "
+            f"expected a position of joint {joint!r}"
+        )
+    return float(message.position[message.name.index(joint)])
+
+
+def measured_ns(stamped: Header) -> int:
+    """When a driver measured, timestamp (ns).
+
+    Raises:
+        InputError: the driver left the stamp empty; guessing it from the arrival would be wrong by the transport.
+    """
+    stamp_ns = ns_from_stamp(stamped.stamp)
+    if stamp_ns <= 0:
+        raise InputError("a message of the driver has no stamp; the driver must fill header.stamp")
+    return stamp_ns
+
+
+def vector_message(stamp_ns: int, frame: str, x: float, y: float, z: float = 0.0) -> Vector3Stamped:
+    """Vector with a stamp, in m or rad."""
+    message = Vector3Stamped(header=header(stamp_ns, frame))
+    message.vector.x, message.vector.y, message.vector.z = float(x), float(y), float(z)
+    return message
+
+
+def point_message(stamp_ns: int, frame: str, x: float, y: float, z: float) -> PointStamped:
+    """Point with a stamp, m."""
+    message = PointStamped(header=header(stamp_ns, frame))
+    message.point.x, message.point.y, message.point.z = float(x), float(y), float(z)
+    return message
+
+
+def wrench_message(stamp_ns: int, frame: str, force: Sequence[float]) -> WrenchStamped:
+    """Force (x, y) on the shaft, N."""
+    message = WrenchStamped(header=header(stamp_ns, frame))
+    message.wrench.force.x, message.wrench.force.y = float(force[0]), float(force[1])
+    return message
+
+
+def temperature_message(stamp_ns: int, frame: str, temperature: float) -> Temperature:
+    """Temperature, °C."""
+    return Temperature(header=header(stamp_ns, frame), temperature=float(temperature))
+
+
+def time_reference_message(stamp_ns: int, frame: str, source: str, reference_ns: int) -> TimeReference:
+    """The instant `reference_ns` of the clock or stream `source`, said at `stamp_ns`."""
+    return TimeReference(header=header(stamp_ns, frame), time_ref=stamp_from_ns(reference_ns), source=source)
+
+
+def pose_message(
+    stamp_ns: int,
+    frame: str,
+    offset: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    observable: NDArray[np.bool_] | None = None,
+) -> PoseWithCovarianceStamped:
+    """Six-component offset (x y z in m, rotation vector in rad) with its covariance (6, 6).
+
+    A component that is not observable is 0 with variance -1 on the diagonal and no covariance with others.
+    """
+    values, matrix = np.array(offset, dtype=float), np.array(covariance, dtype=float)
+    if observable is not None:
+        hidden = ~np.asarray(observable)
+        values[hidden] = 0.0
+        matrix[hidden, :] = 0.0
+        matrix[:, hidden] = 0.0
+        matrix[hidden, hidden] = UNOBSERVABLE_VARIANCE
+    if not (np.isfinite(values).all() and np.isfinite(matrix).all()):
+        raise InputError(
+            f"an offset of {values} with variances {np.diag(matrix)} cannot be published: it is not finite"
+        )
+    message = PoseWithCovarianceStamped(header=header(stamp_ns, frame))
+    position = message.pose.pose.position
+    position.x, position.y, position.z = (float(value) for value in values[:3])
+    message.pose.pose.orientation = quaternion(values[3:])
+    message.pose.covariance = matrix.ravel()
+    return message
+
+
+def quaternion(rotation: NDArray[np.float64]) -> Quaternion:
+    """Unit quaternion of a rotation vector (3,), rad."""
+    angle = math.sqrt(float(rotation @ rotation))
+    # sin(angle/2)/angle loses all digits at zero, where its series 1/2 - angle²/48 is exact to rounding.
+    scale = 0.5 - angle * angle / 48 if angle < _SMALL_ANGLE else math.sin(angle / 2) / angle
+    x, y, z = (float(scale * component) for component in rotation)
+    return Quaternion(x=x, y=y, z=z, w=math.cos(angle / 2))
+
+
+def rotation_vector(orientation: Quaternion) -> NDArray[np.float64]:
+    """Rotation vector (3,) in rad of a unit quaternion, at most half a turn long."""
+    sign = math.copysign(1.0, orientation.w)
+    vector = sign * np.array([orientation.x, orientation.y, orientation.z])
+    length = math.sqrt(float(vector @ vector))
+    angle = 2 * math.atan2(length, sign * orientation.w)
+    scale = 2.0 + length * length / 3 if length < _SMALL_ANGLE else angle / length
+    return vector * scale

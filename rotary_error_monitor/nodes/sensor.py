@@ -1,0 +1,138 @@
+"""What the nodes of all instruments share: a source, its blocks on time, beside them a message for people."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from rotary_error_monitor.description.wire import Topic
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.diagnostics import Condition, StreamWatch
+from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.parameters import Setting, cell_settings
+from rotary_error_monitor.plant.stage import StagePlant
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+from rotary_error_monitor.sources.mock import MockSettings, last_midnight, mock_stage
+from rotary_error_monitor.sources.source import Polled, Source
+
+MOCK = "mock"
+MOCK_SETTINGS = cell_settings("block_period", "mock.")
+RATE = Setting("rate", 0.0, "samples a second of the mock source; 0.0 for the instrument's usual rate", (0.0, 1e6))
+
+_LONGEST_CATCH_UP = NANOSECONDS
+_HUMAN_PERIOD = 20_000_000
+_LATE_PERIODS = 4.0
+_STALE_AFTER = 0.5
+
+
+class BlockSender:
+    """Publishes what a source gives in blocks that end at multiples of a period, and now and then the latest sample.
+
+    A late wake-up sends all blocks that are due, up to a second's worth: an instrument's buffer is not endless either,
+    and what is older shows as lost samples.
+    """
+
+    def __init__(
+        self,
+        node: ManagedNode,
+        topic: Topic,
+        source: Source,
+        period_ns: int,
+        human: tuple[Topic, Callable[[SampleBlock], messages.Message]],
+    ) -> None:
+        """Send blocks of `source` on `topic` each `period_ns`, and what `human` makes of a block on its topic."""
+        self._node = node
+        self._source = source
+        self._period_ns = period_ns
+        self._frame = topic.frame
+        self._blocks = node.publish_on(topic)
+        self._people = node.publish_on(human[0])
+        self._human_message = human[1]
+        self._sent_ns = 0
+        self._human_ns = 0
+        began_ns = node.now_ns()
+        period = period_ns / NANOSECONDS
+        self.watch = StreamWatch(topic.name, _LATE_PERIODS * period, _STALE_AFTER + 2 * period, began_ns)
+        node.at_each(period_ns, self._send)
+
+    def _send(self, due_ns: int) -> None:
+        if not 0 <= due_ns - self._sent_ns <= _LONGEST_CATCH_UP:
+            self._sent_ns = due_ns - (self._period_ns if self._sent_ns == 0 else _LONGEST_CATCH_UP)
+        while self._sent_ns < due_ns:
+            since_ns, self._sent_ns = self._sent_ns, self._sent_ns + self._period_ns
+            block = self._source.take(since_ns, self._sent_ns)
+            if block is not None:
+                self._publish(block)
+
+    def _publish(self, block: SampleBlock) -> None:
+        self._blocks.publish(messages.block_to_message(block, self._frame))
+        self.watch.observe(block, self._node.now_ns())
+        if block.stamp_ns - self._human_ns >= _HUMAN_PERIOD:
+            self._human_ns = block.stamp_ns
+            self._people.publish(self._human_message(block))
+
+
+class SensorNode(ManagedNode):
+    """Node of one instrument: its parameter `source` names the device that the samples come from.
+
+    A subclass lists in `sources` a method for each, and says on which topics it speaks.
+    """
+
+    sources: ClassVar[dict[str, Callable[[Any], Source]]]
+
+    def open(self) -> None:
+        """Open the source and begin to send."""
+        period_ns = round(self.setting("block_period") * NANOSECONDS)
+        name = self.setting("source")
+        self.hardware = name
+        topic, people = self.topics()
+        source = self.sources[name](self)
+        self._sender = BlockSender(self, topic, source, period_ns, (people, self.human_message))
+        if isinstance(source, Polled):
+            self.at_each(round(NANOSECONDS / self.setting("poll_rate")), self._poll(source, name))
+
+    @abstractmethod
+    def topics(self) -> tuple[Topic, Topic]:
+        """Topic of the blocks and topic for people."""
+
+    @abstractmethod
+    def human_message(self, block: SampleBlock) -> messages.Message:
+        """What people see of the latest sample of a block."""
+
+    def mock_stage(self) -> StagePlant:
+        """The true stage that all mock sources of the cell see."""
+        return mock_stage(self.stage, mock_settings(self))
+
+    def conditions(self, now_ns: int) -> list[Condition]:
+        """The stream that goes out."""
+        return [self._sender.watch.report(now_ns)]
+
+    def _poll(self, source: Polled, name: str) -> Callable[[int], None]:
+        def poll(_: int) -> None:
+            try:
+                source.poll(self.now_ns())
+            except InputError as error:
+                self.refuse(name, error)
+
+        return poll
+
+
+def mock_settings(node: ManagedNode) -> MockSettings:
+    """What the parameters of a node say about the mock stage."""
+    return MockSettings(
+        seed=node.setting("mock.seed"),
+        epoch_ns=node.setting("mock.epoch") or last_midnight(node.now_ns()),
+        speeds=tuple(node.setting("mock.speeds")),
+        forces=node.setting("mock.forces"),
+        rate=(node.setting(RATE.name) or None) if node.has_parameter(RATE.name) else None,
+    )
+
+
+def source_setting(*choices: str) -> Setting:
+    """The parameter `source`, the first choice by default."""
+    return Setting("source", choices[0], "where the samples come from", choices=choices)
+
+
+POLL_RATE = Setting("poll_rate", 500.0, "how often a device in sysfs is read, Hz", (1.0, 5000.0))

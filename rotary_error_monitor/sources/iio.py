@@ -1,0 +1,80 @@
+"""Quadrant voltages of an autocollimator on the Linux industrial I/O subsystem, read through sysfs.
+
+By the kernel's ABI (Documentation/ABI/testing/sysfs-bus-iio) a channel's voltage in mV is `(raw + offset) * scale`,
+with `in_voltageN_raw` and, for the channel or for all voltages of the device, `_offset` (0 where missing) and `_scale`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.tilt import tilt_from_quadrants
+
+_VOLT = 1e-3  # the subsystem counts in mV
+
+
+class QuadrantDetector:
+    """Tilt seen by a quadrant detector on four voltage channels of one device."""
+
+    def __init__(
+        self, folder: Path, channels: Sequence[int], sensitivity: float, dark: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
+    ) -> None:
+        """Open the device.
+
+        Args:
+            folder: of the device in sysfs, such as `/sys/bus/iio/devices/iio:device0`.
+            channels: numbers of the four channels, quadrants in the order (+x, +y), (-x, +y), (-x, -y), (+x, -y).
+            sensitivity: tilt per normalised difference, rad.
+            dark: voltages without light, V, in the same order.
+
+        Raises:
+            InputError: a channel is missing or cannot be read, or there are not four of them.
+        """
+        if len(channels) != 4 or len(dark) != 4:
+            raise InputError(
+                f"quadrant channels {list(channels)} with dark voltages {list(dark)}: expected four of each"
+            )
+        self._sensitivity, self._dark = sensitivity, np.asarray(dark, dtype=np.float64)
+        self._channels = [_Channel(folder, number) for number in channels]
+        for channel in self._channels:
+            channel.read()
+
+    def read(self) -> tuple[float, float]:
+        """The present tilt (x, y) as a rotation vector, rad.
+
+        Raises:
+            InputError: a channel cannot be read any more, or no light falls on the detector.
+        """
+        voltages = np.array([[channel.read() for channel in self._channels]])
+        x, y = tilt_from_quadrants(voltages, self._sensitivity, self._dark)[0]
+        return float(x), float(y)
+
+
+class _Channel:
+    def __init__(self, folder: Path, number: int) -> None:
+        self._raw = folder / f"in_voltage{number}_raw"
+        self._scale = self._constant(folder, number, "scale")
+        self._offset = self._constant(folder, number, "offset", 0.0)
+
+    def read(self) -> float:
+        return (_number(self._raw) + self._offset) * self._scale * _VOLT
+
+    @staticmethod
+    def _constant(folder: Path, number: int, what: str, default: float | None = None) -> float:
+        for path in (folder / f"in_voltage{number}_{what}", folder / f"in_voltage_{what}"):
+            if path.is_file():
+                return _number(path)
+        if default is None:
+            raise InputError(f"{folder}: neither in_voltage{number}_{what} nor in_voltage_{what}; is it an IIO device?")
+        return default
+
+
+def _number(path: Path) -> float:
+    try:
+        return float(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: no voltage can be read ({error}); expected a file with a number") from error

@@ -1,0 +1,87 @@
+"""What every source of samples gives, and the two ways there: asked for a span of time, or gathered one by one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
+
+
+class Source(Protocol):
+    """Gives the samples of one signal, block by block."""
+
+    def take(self, since_ns: int, until_ns: int) -> SampleBlock | None:
+        """Block of the samples from `since_ns` to before `until_ns`, timestamps (ns); None where there are none.
+
+        Raises:
+            InputError: what the device says cannot be used.
+        """
+        ...
+
+
+class Device(Protocol):
+    """Something that shows one sample at a time when it is asked."""
+
+    def read(self) -> Sequence[float]:
+        """The present sample, one number for each field, SI units.
+
+        Raises:
+            InputError: it cannot be read or shows nonsense.
+        """
+        ...
+
+
+class Gathered:
+    """Source of samples that come one at a time, such as messages of a third-party driver."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """Gather samples with the fields `names`."""
+        self._names = tuple(names)
+        self._times: list[int] = []
+        self._values: list[Sequence[float]] = []
+        self._newest_ns = -1
+
+    def add(self, time_ns: int, values: Sequence[float]) -> None:
+        """Keep one sample, taken at `time_ns`, until its block is taken.
+
+        Raises:
+            InputError: it is not finite, not as many numbers as fields, or not newer than the sample before.
+        """
+        if len(values) != len(self._names) or not all(map(math.isfinite, values)):
+            raise InputError(f"a sample is {list(values)}; expected {len(self._names)} finite numbers")
+        if time_ns <= self._newest_ns:
+            raise InputError(f"a sample is stamped {time_ns} ns, not after the one before ({self._newest_ns} ns)")
+        self._newest_ns = time_ns
+        self._times.append(time_ns)
+        self._values.append(values)
+
+    def take(self, since_ns: int, until_ns: int) -> SampleBlock | None:
+        """Block of all samples before `until_ns` that were not taken yet, those that came late included."""
+        count = sum(time < until_ns for time in self._times)
+        if count == 0:
+            return None
+        times, values = self._times[:count], self._values[:count]
+        del self._times[:count], self._values[:count]
+        return block_from_samples(np.array(times, np.int64), self._names, np.array(values, np.float64))
+
+
+class Polled(Gathered):
+    """Source that asks a device at a steady rate."""
+
+    def __init__(self, names: Sequence[str], device: Device) -> None:
+        """Ask `device`, whose samples have the fields `names`."""
+        super().__init__(names)
+        self._device = device
+
+    def poll(self, now_ns: int) -> None:
+        """Ask the device now.
+
+        Raises:
+            InputError: it cannot be read or shows nonsense.
+        """
+        self.add(now_ns, self._device.read())
