@@ -1,0 +1,210 @@
+"""Where the tool is against where it should be, as the workpiece sees it.
+
+An offset is a row of six: x, y, z of the tool tip (m) and the rotation vector a, b, c (rad) of R_actual R_ideal^T, both
+in the frame of the workpiece, from H = T_workpiece^-1 T_tool of the machine as it is against that of the ideal machine.
+(Pan et al. 2013, Equations 13-15, take the difference in the base: the same where the workpiece stands on the base.)
+
+The live error components of the monitored axis come in the frame of its stator, as the read heads there see them; they
+replace the description's components of that axis, which are told in the moved frame (see `kinematics`). A component
+that is NaN, not observable, is taken from the description.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.kinematics import (
+    Frames,
+    MachineModel,
+    frames,
+    tool_in_workpiece,
+    turns,
+)
+from rotary_error_monitor.machine.transforms import Array, compose, cross, inverse, rotate, rotation_vector
+
+
+class Poses(NamedTuple):
+    """Checked input, poses last: positions and direction (m, n), temperature (n,), monitored (6, n)."""
+
+    positions: Array
+    direction: Array | None
+    temperature: Array | None
+    monitored: Array | None
+
+
+def predict_tool_offset(
+    model: MachineModel,
+    positions: ArrayLike,
+    *,
+    direction: ArrayLike | None = None,
+    temperature: ArrayLike | None = None,
+    monitored: ArrayLike | None = None,
+    exact: bool = True,
+) -> Array:
+    """(n, 6) offset of the machine as it is against the ideal machine, m and rad.
+
+    Each row depends on its own pose alone, bit for bit, however many poses are evaluated together.
+
+    Args:
+        model: the machine.
+        positions: (n, axes) commanded, m or rad, columns as `model.letters`.
+        direction: (n, axes) sign of the travel by which each position was reached; 0 or no array: unknown.
+        temperature: (n,) or one number, °C; none: the reference temperature.
+        monitored: (n, 6) live error components of the monitored axis in its stator's frame: along, then about x, y, z.
+        exact: product of exact transforms; else the sum of the errors' first-order effects.
+
+    Raises:
+        InputError: a shape does not fit the machine, or a number is not finite.
+    """
+    poses = check_poses(model, positions, direction, temperature, monitored)
+    errors = actual_errors(model, poses)
+    if not exact:
+        return first_order_offset(model, poses.positions, errors)
+    return offset_between(frames(model, poses.positions, errors), frames(model, poses.positions, None))
+
+
+def monitored_jacobian(model: MachineModel, positions: ArrayLike) -> Array:
+    """(n, 6, 6) derivative of the offset (rows) by the monitored axis's components (columns), in first order.
+
+    Raises:
+        InputError: no axis of the machine is monitored, or positions do not fit it.
+    """
+    axis = _monitored_axis(model)
+    q = check_poses(model, positions).positions
+    tool, workpiece = frames(model, q, None)
+    on_tool = axis in model.tool_axes
+    branch, axes = (tool, model.tool_axes) if on_tool else (workpiece, model.workpiece_axes)
+    step = axes.index(axis)
+    fixture = model.ideal.rotation[:, :, axis]
+    stator = compose(branch.rotation[:, :, step], fixture)
+    back = inverse(workpiece.end_rotation)
+    lever = tool.end_shift - branch.shift[:, step + 1]
+    jacobian = np.zeros((6, 6, q.shape[1]))
+    for i in range(3):
+        along = stator[:, i]
+        jacobian[:3, i] = rotate(back, along)
+        jacobian[:3, 3 + i] = rotate(back, cross(along, lever))
+        jacobian[3:, 3 + i] = jacobian[:3, i]
+    return np.ascontiguousarray(np.moveaxis(jacobian if on_tool else -jacobian, -1, 0))
+
+
+def propagate_covariance(model: MachineModel, positions: ArrayLike, covariance: ArrayLike) -> Array:
+    """(n, 6, 6) covariance of the offset from that (n, 6, 6) of the monitored axis's components.
+
+    A component whose variance is NaN is not observable and comes from the description: it counts with the standard
+    uncertainty that the description states (`errors.linear`, `errors.angular`; none stated: zero), uncorrelated.
+
+    Raises:
+        InputError: shapes do not fit, or no axis of the machine is monitored.
+    """
+    jacobian = np.moveaxis(monitored_jacobian(model, positions), 0, -1)
+    given = np.moveaxis(np.asarray(covariance, dtype=np.float64), 0, -1)
+    if given.shape != jacobian.shape:
+        raise InputError(f"covariance of shape {given.shape[::-1]}; expected ({jacobian.shape[-1]}, 6, 6)")
+    stated = [model.uncertainty.get("errors.linear", 0.0)] * 3 + [model.uncertainty.get("errors.angular", 0.0)] * 3
+    known = np.where(np.isnan(given), np.diag(np.square(stated))[:, :, None], given)
+    half = _product(jacobian, known)
+    return np.ascontiguousarray(np.moveaxis(_product(half, np.swapaxes(jacobian, 0, 1)), -1, 0))
+
+
+def check_poses(
+    model: MachineModel,
+    positions: ArrayLike,
+    direction: ArrayLike | None = None,
+    temperature: ArrayLike | None = None,
+    monitored: ArrayLike | None = None,
+) -> Poses:
+    """The input as arrays with poses last.
+
+    Raises:
+        InputError: a shape does not fit the machine, or a number is not finite (NaN only in `monitored`).
+    """
+    q = np.asarray(positions, dtype=np.float64)
+    axes = len(model.letters)
+    if q.ndim != 2 or q.shape[1] != axes:
+        raise InputError(f"positions of shape {q.shape}; expected (n, {axes}): {', '.join(model.letters)} in m or rad")
+    count = len(q)
+    if monitored is not None:
+        _monitored_axis(model)
+    return Poses(
+        _columns("positions", q, (count, axes)),
+        None if direction is None else _columns("direction", direction, (count, axes)),
+        None if temperature is None else _columns("temperature", temperature, (count,)),
+        None if monitored is None else _columns("monitored", monitored, (count, 6), nan=True),
+    )
+
+
+def actual_errors(model: MachineModel, poses: Poses) -> Array:
+    """(6, m, n) error components of all axes in the frames of the moved bodies, the monitored ones live."""
+    errors = model.components.at(poses.positions, poses.direction, poses.temperature)
+    if poses.monitored is not None:
+        axis = _monitored_axis(model)
+        turn = turns(model, poses.positions)[:, :, int(np.flatnonzero(model.rotary == axis)[0])]
+        for part in (slice(0, 3), slice(3, 6)):
+            live = poses.monitored[part]
+            described = rotate(turn, errors[part, axis])
+            errors[part, axis] = rotate(inverse(turn), np.where(np.isnan(live), described, live))
+    return errors
+
+
+def offset_between(actual: tuple[Frames, Frames], ideal: tuple[Frames, Frames]) -> Array:
+    """(n, 6) offset of one tool in its workpiece against another."""
+    rotation, shift = tool_in_workpiece(*actual)
+    ideal_rotation, ideal_shift = tool_in_workpiece(*ideal)
+    turned = rotation_vector(compose(rotation, inverse(ideal_rotation)))
+    return np.ascontiguousarray(np.concatenate([shift - ideal_shift, turned]).T)
+
+
+def first_order_offset(model: MachineModel, positions: Array, errors: Array) -> Array:
+    """(n, 6) offset in first order: each error moves the tool as a rigid body about where it acts (m, rad)."""
+    tool, workpiece = frames(model, positions, None)
+    shift, rotation = np.zeros((3, positions.shape[1])), np.zeros((3, positions.shape[1]))
+    for sign, branch, axes, end in (
+        (1.0, tool, model.tool_axes, model.small.tool),
+        (-1.0, workpiece, model.workpiece_axes, model.small.workpiece),
+    ):
+        parts = [(branch.end_rotation, branch.end_shift, end)]
+        for step, axis in enumerate(axes):
+            fixed = model.ideal.rotation[:, :, axis], model.ideal.shift[:, axis]
+            before = compose(branch.rotation[:, :, step], fixed[0])
+            origin = branch.shift[:, step] + rotate(branch.rotation[:, :, step], fixed[1])
+            parts.append((before, origin, model.small.axes[:, axis]))
+            parts.append((branch.rotation[:, :, step + 1], branch.shift[:, step + 1], errors[:, axis]))
+        for frame, origin, small in parts:
+            turned = rotate(frame, sign * small[3:])
+            rotation += turned
+            shift += rotate(frame, sign * small[:3]) + cross(turned, tool.end_shift - origin)
+    back = inverse(workpiece.end_rotation)
+    return np.ascontiguousarray(np.concatenate([rotate(back, shift), rotate(back, rotation)]).T)
+
+
+def _monitored_axis(model: MachineModel) -> int:
+    if model.monitored is None:
+        raise InputError("live error components for a machine without monitored axis; mark one rotary axis `monitored`")
+    return model.monitored
+
+
+def _columns(name: str, values: ArrayLike, shape: tuple[int, ...], *, nan: bool = False) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 and len(shape) == 1:
+        array = np.broadcast_to(array, shape)
+    if array.shape != shape:
+        raise InputError(f"{name} of shape {array.shape}; expected {shape}")
+    wrong = np.isinf(array) if nan else ~np.isfinite(array)
+    if wrong.any():
+        place = tuple(int(i) for i in np.argwhere(wrong)[0])
+        raise InputError(f"{name} at {place} is {array[place]}; expected finite numbers")
+    # Columns in one piece: numpy may take another way through strided memory, with other last bits of sin and cos.
+    return np.ascontiguousarray(array.T)
+
+
+def _product(a: Array, b: Array) -> Array:
+    """(6, 6, n) product of matrices, summed in one order for any n."""
+    product: Array = a[:, 0, None] * b[None, 0]
+    for k in range(1, a.shape[1]):
+        product = product + a[:, k, None] * b[None, k]
+    return product
