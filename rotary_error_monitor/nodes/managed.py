@@ -114,7 +114,7 @@ class ManagedNode(LifecycleNode):
         publisher = self.create_lifecycle_publisher(
             messages.message_class(topic.type),
             topic.name,
-            _profile(topic),
+            profile(topic),
             qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
         )
         self._entities.append(partial(self.destroy_lifecycle_publisher, publisher))
@@ -122,7 +122,7 @@ class ManagedNode(LifecycleNode):
 
     def listen_to(self, topic: Topic, callback: Callable[[messages.Message], None], *, raw: bool = False) -> None:
         """Call back with each message of a contract's topic while the node is active; `raw` gives serialised bytes."""
-        self.listen(topic.name, messages.message_class(topic.type), _profile(topic), callback, raw=raw)
+        self.listen(topic.name, messages.message_class(topic.type), profile(topic), callback, raw=raw)
 
     def listen(
         self,
@@ -245,7 +245,7 @@ class ManagedNode(LifecycleNode):
     def _open_diagnostics(self) -> None:
         """Diagnostics flow in every state once configured, by a clock of their own: a halted `/clock` must not hide."""
         topic = self.wire.topic("diagnostics")
-        publisher = self.create_publisher(messages.message_class(topic.type), topic.name, _profile(topic))
+        publisher = self.create_publisher(messages.message_class(topic.type), topic.name, profile(topic))
         timer: Timer = self.create_timer(
             _DIAGNOSTICS_PERIOD,
             lambda: publisher.publish(self.diagnose()),
@@ -267,7 +267,8 @@ class ManagedNode(LifecycleNode):
         return diagnostic_array(messages.stamp_from_ns(now_ns), self.get_name(), self.hardware, conditions)
 
 
-def _profile(topic: Topic) -> QoSProfile:
+def profile(topic: Topic) -> QoSProfile:
+    """Quality of service of a contract's topic."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=topic.qos.depth,

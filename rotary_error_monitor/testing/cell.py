@@ -1,0 +1,241 @@
+"""A cell under test: nodes in this process and in others, in a ROS domain of their own, and waiting on conditions."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self, TypeVar
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+
+from rotary_error_monitor.description.wire import Topic, Wire, load_wire
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.managed import ManagedNode, profile
+from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.testing.domains import own_domain
+from rotary_error_monitor.testing.processes import NodeProcess, parameter_arguments
+
+PATIENCE = 15.0
+"""How long to wait for anything, s; discovery alone may take more than three."""
+
+_STEP = 0.02
+AnyNode = TypeVar("AnyNode", bound=Node)
+
+
+class Cell:
+    """A ROS domain with everything that a test starts in it; use it in a `with` statement.
+
+    Nothing spins in the background: nodes in this process run while the test waits, on the test's own thread.
+
+    Attributes:
+        wire: the wire contract for the heads of the cell.
+        node: the harness's own node, for what the methods do not offer.
+    """
+
+    node: Node
+
+    def __init__(
+        self, heads: Sequence[str] = ("a", "b", "c", "d"), parameters: Mapping[str, object] | None = None
+    ) -> None:
+        """A cell for a stage with these heads; `parameters` are given to every node, such as `stage` or `mock.seed`."""
+        self.wire: Wire = load_wire(heads)
+        self._parameters = dict(parameters or {})
+        self._stack = ExitStack()
+        self._nodes: list[Node] = []
+        self._processes: list[NodeProcess] = []
+        self._statuses: dict[str, DiagnosticStatus] = {}
+
+    def __enter__(self) -> Self:
+        """Reserve a domain and listen to its diagnostics."""
+        with ExitStack() as stack:
+            self._domain = stack.enter_context(own_domain())
+            self._context = Context()
+            rclpy.init(context=self._context, domain_id=self._domain, args=[])
+            stack.callback(self._context.try_shutdown)
+            self._executor = SingleThreadedExecutor(context=self._context)
+            stack.callback(self._executor.shutdown)
+            self.node = Node("test_harness", context=self._context)
+            stack.callback(self.node.destroy_node)
+            self._executor.add_node(self.node)
+            topic = self.wire.topic("diagnostics")
+            self.node.create_subscription(DiagnosticArray, topic.name, self._note_diagnostics, profile(topic))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Stop everything; a process that ends badly is an error, unless the test has failed already."""
+        problems: list[str] = []
+        for node in reversed(self._nodes):
+            self.remove(node)
+        for process in self._processes:
+            if process.exit_code is None:
+                process.send(signal.SIGINT)
+        for process in self._processes:
+            problems += _end(process)
+        self._stack.close()
+        if problems and error is None:
+            raise AssertionError("\n".join(problems))
+
+    # Starting and stopping.
+
+    def run(self, node_class: Callable[..., AnyNode], name: str, **parameters: object) -> AnyNode:
+        """Run a node in this process; `__` in a parameter's name stands for a point.
+
+        Raises:
+            InputError: a node of the package refuses its parameters or what they lead to.
+        """
+        values = {**self._parameters, **_dotted(parameters)}
+        overrides = [Parameter(key, value=value) for key, value in values.items()]
+        node = node_class(name, context=self._context, parameter_overrides=overrides)
+        self._nodes.append(node)
+        self._executor.add_node(node)
+        if isinstance(node, ManagedNode):
+            node.autostart()
+        return node
+
+    def remove(self, node: Node) -> None:
+        """Stop a node in this process before the cell ends."""
+        if node in self._nodes:
+            self._nodes.remove(node)
+            self._executor.remove_node(node)
+            if isinstance(node, ManagedNode):
+                node.stop()
+            else:
+                node.destroy_node()
+
+    def start(self, executable: str, name: str = "", ros_args: Sequence[str] = (), **parameters: object) -> NodeProcess:
+        """Start an executable of the package as a process, by default named as the executable."""
+        values = {**self._parameters, **_dotted(parameters)}
+        arguments = [*ros_args, *parameter_arguments(values)]
+        process = NodeProcess(executable, name or executable, self._domain, arguments)
+        self._processes.append(process)
+        return process
+
+    # Talking and listening.
+
+    def publish_on(self, topic: Topic) -> Callable[[messages.Message], None]:
+        """Function that publishes a message on a topic of the contract, once somebody listens."""
+        publisher = self.node.create_publisher(messages.message_class(topic.type), topic.name, profile(topic))
+
+        def send(message: messages.Message) -> None:
+            self.wait_until(lambda: publisher.get_subscription_count() > 0, f"someone to listen to {topic.name}")
+            publisher.publish(message)
+
+        return send
+
+    def publish_blocks(self, topic: Topic) -> Callable[[SampleBlock], None]:
+        """The same for sample blocks."""
+        send = self.publish_on(topic)
+        return lambda block: send(messages.block_to_message(block, topic.frame))
+
+    def collect(self, topic: Topic) -> list[messages.Message]:
+        """List that grows by each message on a topic of the contract."""
+        received: list[messages.Message] = []
+        kind = messages.message_class(topic.type)
+        self.node.create_subscription(kind, topic.name, received.append, profile(topic))
+        return received
+
+    def call(self, kind: type[messages.Message], name: str) -> messages.Message:
+        """Answer of a service to an empty request."""
+        client = self.node.create_client(kind, name)
+        try:
+            self.wait_until(client.service_is_ready, f"service {name}")
+            future = client.call_async(kind.Request())
+            self.wait_until(future.done, f"answer of {name}")
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def clock(self) -> Callable[[int], None]:
+        """Function that sets simulated time (ns) for nodes run with `use_sim_time=True`."""
+        publisher = self.node.create_publisher(Clock, "/clock", 10)
+
+        def set_time(time_ns: int) -> None:
+            self.wait_until(lambda: publisher.get_subscription_count() > 0, "someone to listen to /clock")
+            publisher.publish(Clock(clock=messages.stamp_from_ns(time_ns)))
+
+        return set_time
+
+    def status(self, name: str) -> DiagnosticStatus:
+        """Latest status of that name, such as `encoder_head_a: state`, waiting for the first.
+
+        Raises:
+            TimeoutError: no such status came.
+        """
+        self.wait_until(lambda: name in self._statuses, f"status '{name}'")
+        return self._statuses[name]
+
+    def wait_for_status(self, name: str, message: str, deadline: float = PATIENCE) -> DiagnosticStatus:
+        """Wait until the status of that name holds `message`."""
+        self.wait_until(
+            lambda: name in self._statuses and message in self._statuses[name].message,
+            f"status '{name}' to say '{message}'",
+            deadline,
+        )
+        return self._statuses[name]
+
+    # Waiting.
+
+    def wait_until(self, condition: Callable[[], bool], what: str, deadline: float = PATIENCE) -> None:
+        """Let everything run until the condition holds.
+
+        Raises:
+            TimeoutError: it did not within `deadline` s; the message says how the nodes fared.
+            RuntimeError: a process ended meanwhile.
+        """
+        end = time.monotonic() + deadline
+        while not condition():
+            for process in self._processes:
+                if process.exit_code is not None and not process.expected:
+                    process.expected = True
+                    raise RuntimeError(
+                        f"while waiting for {what}: {process.name} ended with exit code {process.exit_code}; "
+                        f"it wrote:\n{process.output}"
+                    )
+            if time.monotonic() > end:
+                raise TimeoutError(f"waited {deadline} s for {what}; diagnostics:\n{self._report()}")
+            self._executor.spin_once(timeout_sec=_STEP)
+
+    def spin_for(self, duration: float) -> None:
+        """Let everything run for a while: to show that something does *not* happen."""
+        end = time.monotonic() + duration
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=_STEP)
+
+    def _note_diagnostics(self, message: DiagnosticArray) -> None:
+        self._statuses.update({status.name: status for status in message.status})
+
+    def _report(self) -> str:
+        lines = [f"  {name}: {status.message}" for name, status in sorted(self._statuses.items())]
+        lines += [f"  output of {process.name}:\n{process.output}" for process in self._processes]
+        return "\n".join(lines) or "  (none)"
+
+
+def _dotted(parameters: Mapping[str, object]) -> dict[str, object]:
+    return {name.replace("__", "."): value for name, value in parameters.items()}
+
+
+def _end(process: NodeProcess) -> list[str]:
+    """End a process for good; what was wrong with its end, if anything."""
+    surprising = process.exit_code is not None and not process.expected
+    try:
+        code = process.stop()
+    except TimeoutError as error:
+        return [str(error)]
+    else:
+        if surprising or code not in (0, -signal.SIGKILL):
+            return [f"{process.name} ended with exit code {code}; it wrote:\n{process.output}"]
+        return []
+    finally:
+        process.close()

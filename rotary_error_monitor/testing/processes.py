@@ -1,0 +1,102 @@
+"""Nodes as processes of their own, started as a user would, their output kept for when something goes wrong."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+
+from rotary_error_monitor.testing.domains import DISCOVERY
+
+_PATIENCE = 10.0
+
+
+class NodeProcess:
+    """One executable of the package in a process of its own.
+
+    Attributes:
+        name: name of the node.
+        expected: whether its end is no surprise any more.
+    """
+
+    def __init__(self, executable: str, name: str, domain: int, ros_args: Sequence[str]) -> None:
+        """Start `executable` as node `name` in a ROS domain with further arguments behind `--ros-args`."""
+        self.name = name
+        self.expected = False
+        self._output = tempfile.TemporaryFile(mode="w+", encoding="utf-8")  # noqa: SIM115 (close() closes it)
+        self._process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                f"rotary_error_monitor.nodes.{executable}",
+                "--ros-args",
+                "-r",
+                f"__node:={name}",
+                *ros_args,
+            ],
+            env={**os.environ, **DISCOVERY, "ROS_DOMAIN_ID": str(domain)},
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+        )
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def exit_code(self) -> int | None:
+        """Exit code, negative for a signal; None while it runs."""
+        return self._process.poll()
+
+    @property
+    def output(self) -> str:
+        """What it wrote so far on standard output and standard error."""
+        self._output.seek(0)
+        return self._output.read()
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal, after which its end is no surprise."""
+        self.expected = True
+        self._process.send_signal(number)
+
+    def stop(self, number: signal.Signals = signal.SIGINT, deadline: float = _PATIENCE) -> int:
+        """Ask it to end by a signal and wait; give its exit code.
+
+        Raises:
+            TimeoutError: it did not end within `deadline` s and was killed.
+        """
+        if self.exit_code is None:
+            self.send(number)
+        try:
+            return self._process.wait(deadline)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+            raise TimeoutError(
+                f"{self.name} did not end within {deadline} s of {number.name}; it wrote:\n{self.output}"
+            ) from None
+
+    def close(self) -> None:
+        """Kill it if it still runs, and forget its output."""
+        if self.exit_code is None:
+            self._process.kill()
+            self._process.wait()
+        self._output.close()
+
+
+def parameter_arguments(parameters: Mapping[str, object]) -> list[str]:
+    """Arguments `-p name:=value`, values written as YAML reads them back."""
+    return [part for name, value in parameters.items() for part in ("-p", f"{name}:={_yaml(value)}")]
+
+
+def _yaml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_yaml, value)) + "]"
+    return repr(value) if isinstance(value, int | float) else f"'{value}'"
