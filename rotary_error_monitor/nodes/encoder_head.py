@@ -22,7 +22,6 @@ from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.sensor import MOCK, MOCK_SETTINGS, POLL_RATE, RATE, SensorNode, source_setting
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.counter import Counter
-from rotary_error_monitor.sources.mock import MockSource
 from rotary_error_monitor.sources.source import Gathered, Polled, Source
 from rotary_error_monitor.sources.unwrapping import unwrap_angle
 
@@ -72,7 +71,7 @@ class EncoderHead(SensorNode):
         return head
 
     def _mock(self) -> Source:
-        return MockSource(self.mock_stage(), f"head_{self._head()}")
+        return self.mock(f"head_{self._head()}")
 
     def _counter(self) -> Source:
         encoder = self.stage.encoder

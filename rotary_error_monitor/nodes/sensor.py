@@ -12,9 +12,8 @@ from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import Setting, cell_settings
-from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
-from rotary_error_monitor.sources.mock import MockSettings, last_midnight, mock_stage
+from rotary_error_monitor.sources.mock import MockSettings, MockSource, last_midnight, mock_stage
 from rotary_error_monitor.sources.source import Polled, Source
 
 MOCK = "mock"
@@ -101,9 +100,9 @@ class SensorNode(ManagedNode):
     def human_message(self, block: SampleBlock) -> messages.Message:
         """What people see of the latest sample of a block."""
 
-    def mock_stage(self) -> StagePlant:
-        """The true stage that all mock sources of the cell see."""
-        return mock_stage(self.stage, mock_settings(self))
+    def mock(self, stream: str) -> Source:
+        """Source of a stream of the true stage that all mock sources of the cell see."""
+        return MockSource(mock_stage(self.stage, mock_settings(self)), stream)
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """The stream that goes out."""

@@ -1,0 +1,104 @@
+"""The controller of a mock cell: command, force and temperature of the stage, and the axes of a moving machine.
+
+ros2 run rotary_error_monitor mock_controller --ros-args -p machine:=xyzac_trt
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import JointState, Temperature
+
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.diagnostics import Condition
+from rotary_error_monitor.nodes.managed import ManagedNode, run
+from rotary_error_monitor.nodes.parameters import cell_settings
+from rotary_error_monitor.nodes.sensor import MOCK_SETTINGS, BlockSender, mock_settings
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+from rotary_error_monitor.sources.mock import MockSource, mock_stage
+from rotary_error_monitor.sources.mock_machine import MachineMotion
+
+NAME = "mock_controller"
+_FORCE_PERIOD = 50_000_000
+_JOINT_STATE_PERIOD = 10_000_000
+_TEMPERATURE_PERIOD = NANOSECONDS
+
+
+class MockController(ManagedNode):
+    """Publishes what a controller and the sensors around a stage would; with a machine also where its axes are."""
+
+    settings = (*cell_settings("machine"), *MOCK_SETTINGS)
+
+    def open(self) -> None:
+        """Begin to send."""
+        self.hardware = "mock"
+        self._plant = mock_stage(self.stage, mock_settings(self))
+        block_ns = round(self.setting("block_period") * NANOSECONDS)
+        wire = self.wire.topic
+        self._senders = [
+            BlockSender(self, wire(f"{stream}_samples"), MockSource(self._plant, stream), period_ns, (wire(key), human))
+            for stream, period_ns, key, human in (
+                ("command", block_ns, "command_joint_states", self._joint_state),
+                ("force", _FORCE_PERIOD, "force_wrench", self._wrench),
+                ("temperature", _TEMPERATURE_PERIOD, "stage_temperature", self._temperature),
+            )
+        ]
+        if self.setting("machine"):
+            self._open_machine()
+
+    def conditions(self, now_ns: int) -> list[Condition]:
+        """The streams that go out."""
+        return [sender.watch.report(now_ns) for sender in self._senders]
+
+    def _open_machine(self) -> None:
+        machine = load_machine(self.setting("machine"))
+        motion = MachineMotion(machine, self._plant)
+        joints, warmth = self.wire.topic("machine_joint_states"), self.wire.topic("machine_temperature")
+        joint_publisher, warmth_publisher = self.publish_on(joints), self.publish_on(warmth)
+
+        def send_joints(due_ns: int) -> None:
+            states = motion.at(due_ns)
+            joint_publisher.publish(
+                messages.joint_state_message(
+                    due_ns,
+                    joints.frame,
+                    [state.letter for state in states],
+                    [state.position for state in states],
+                    [state.velocity for state in states],
+                )
+            )
+
+        def send_temperature(due_ns: int) -> None:
+            block = MockSource(self._plant, "temperature").take(due_ns - _TEMPERATURE_PERIOD, due_ns)
+            if block is not None:
+                warmth_publisher.publish(
+                    messages.temperature_message(due_ns, warmth.frame, block.column("temperature")[-1])
+                )
+
+        self.at_each(_JOINT_STATE_PERIOD, send_joints)
+        self.at_each(_TEMPERATURE_PERIOD, send_temperature)
+
+    def _joint_state(self, block: SampleBlock) -> JointState:
+        topic = self.wire.topic("command_joint_states")
+        angle, velocity = block.columns(("angle", "velocity"))[-1]
+        return messages.joint_state_message(int(block.times_ns[-1]), topic.frame, ["stage"], [angle], [velocity])
+
+    def _wrench(self, block: SampleBlock) -> WrenchStamped:
+        frame = self.wire.topic("force_wrench").frame
+        return messages.wrench_message(int(block.times_ns[-1]), frame, block.columns(("force_x", "force_y"))[-1])
+
+    def _temperature(self, block: SampleBlock) -> Temperature:
+        frame = self.wire.topic("stage_temperature").frame
+        return messages.temperature_message(int(block.times_ns[-1]), frame, block.column("temperature")[-1])
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
+    return run(lambda: MockController(NAME), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
