@@ -47,7 +47,7 @@ setup(
         "matplotlib>=3.6,<4",
         "tqdm>=4.60,<5",
         "rosbags>=0.10,<0.12",
-        "mcap>=1.2,<2",
+        "mcap>=1.5,<2",
     ],
     extras_require={
         # ROS 2 Jazzy from the package index, where it is not installed by apt.

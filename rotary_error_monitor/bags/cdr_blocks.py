@@ -1,0 +1,124 @@
+"""Sample blocks straight from the CDR bytes of `sensor_msgs/msg/PointCloud2`, without building the message."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
+
+CDR_LITTLE_ENDIAN = b"\x00\x01"
+_BODY = 4  # the encapsulation header ends here; alignment counts from it
+_STAMP_END = 12
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """What stays the same from block to block: the bytes around the counts, and what they say."""
+
+    size_at: int  # height and width
+    data_at: int  # row_step and the length of the data
+    frame: bytes
+    description: bytes
+    names: tuple[str, ...]
+    point_step: int
+
+
+class BlockDecoder:
+    """Reads the blocks of one topic; their layout is parsed once and then only compared."""
+
+    def __init__(self) -> None:
+        self._layout: _Layout | None = None
+
+    def decode(self, data: bytes) -> SampleBlock:
+        """Block from the bytes of one message; its rows are a copy.
+
+        Raises:
+            InputError: the bytes are no sample block, or a sample is not finite; the message names column and sample.
+        """
+        try:
+            return _decode(data, self._layout_of(data))
+        except (struct.error, IndexError, UnicodeDecodeError) as error:
+            raise InputError(f"{len(data)} bytes are no sensor_msgs/msg/PointCloud2: {error}") from error
+
+    def _layout_of(self, data: bytes) -> _Layout:
+        layout = self._layout
+        if (
+            layout is None
+            or data[:2] != CDR_LITTLE_ENDIAN
+            or data[_STAMP_END : layout.size_at] != layout.frame
+            or data[layout.size_at + 8 : layout.data_at] != layout.description
+        ):
+            self._layout = layout = _parse(data)
+        return layout
+
+
+def _decode(data: bytes, layout: _Layout) -> SampleBlock:
+    seconds, nanoseconds = struct.unpack_from("<iI", data, _BODY)
+    height, width = struct.unpack_from("<II", data, layout.size_at)
+    _, size = struct.unpack_from("<II", data, layout.data_at)
+    start = layout.data_at + 8
+    if height != 1 or width == 0:
+        raise InputError(f"no sample block: height {height}, width {width}; expected height 1 and at least one sample")
+    if size != width * layout.point_step or start + size > len(data):
+        needed = width * layout.point_step
+        raise InputError(
+            f"no sample block: {width} samples of {layout.point_step} bytes need {needed} bytes, but the message says "
+            f"{size} and holds {max(len(data) - start, 0)}"
+        )
+    count = width * len(layout.names)
+    # The copy is aligned, and free of the message's memory.
+    rows = np.frombuffer(data, "<f8", count, start).copy().reshape(width, len(layout.names))
+    finite = np.isfinite(rows)
+    if not finite.all():
+        row, column = np.argwhere(~finite)[0]
+        raise InputError(f"sample {row} of '{layout.names[column]}' is {rows[row, column]}; samples must be finite")
+    return SampleBlock(seconds * NANOSECONDS + nanoseconds, layout.names, rows)
+
+
+def _parse(data: bytes) -> _Layout:
+    """Walk through the message: header, height, width, fields, is_bigendian, point_step, row_step, data."""
+    if data[:2] != CDR_LITTLE_ENDIAN:
+        raise InputError(f"no sample block: encoding {data[:2].hex()}; expected little-endian CDR (0001)")
+    _, position = _string(data, _STAMP_END)
+    size_at = _align(position)
+    (count,) = struct.unpack_from("<I", data, size_at + 8)
+    position = size_at + 12
+    fields = []
+    for _ in range(count):
+        name, position = _string(data, _align(position))
+        position = _align(position)
+        offset, datatype = struct.unpack_from("<IB", data, position)
+        (elements,) = struct.unpack_from("<I", data, position + 8)
+        fields.append((name, offset, datatype, elements))
+        position += 12
+    is_bigendian = bool(data[position])
+    data_at = _align(position + 1) + 4
+    (point_step,) = struct.unpack_from("<I", data, data_at - 4)
+    if is_bigendian:
+        raise InputError("no sample block: the samples are big-endian; expected little-endian")
+    block_from_bytes(0, fields, bytes(point_step), 1, point_step)  # refuses what is no layout of a sample block
+    return _Layout(
+        size_at=size_at,
+        data_at=data_at,
+        frame=data[_STAMP_END:size_at],
+        description=data[size_at + 8 : data_at],
+        names=tuple(name for name, *_ in fields),
+        point_step=point_step,
+    )
+
+
+def _string(data: bytes, position: int) -> tuple[str, int]:
+    (length,) = struct.unpack_from("<I", data, position)
+    end = position + 4 + length
+    if length == 0 or end > len(data):
+        raise InputError(f"no sensor_msgs/msg/PointCloud2: a text of {length} bytes at byte {position} of {len(data)}")
+    return data[position + 4 : end - 1].decode(), end
+
+
+def _align(position: int) -> int:
+    """Next multiple of 4, from the body as from the start."""
+    return position + -position % 4

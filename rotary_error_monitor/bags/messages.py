@@ -1,0 +1,130 @@
+"""Messages as they lie in a bag (CDR bytes), and what they hold as frozen dataclasses."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointState:
+    """Axes by name; `position`, `velocity`, `effort` (n,) in m or rad and per s, each empty where it is not given."""
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array
+    effort: Array
+    frame: str = ""
+
+
+@dataclass(frozen=True)
+class PointStamped:
+    """A point (3,) in m."""
+
+    stamp_ns: int
+    point: Array
+    frame: str = ""
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """Temperature in °C and its variance in K^2, 0 where unknown."""
+
+    stamp_ns: int
+    temperature: float
+    variance: float = 0.0
+    frame: str = ""
+
+
+@dataclass(frozen=True)
+class PoseWithCovariance:
+    """Position (3,) in m, orientation as quaternion x y z w (4,), covariance (6, 6) of position and rotation."""
+
+    stamp_ns: int
+    position: Array
+    orientation: Array
+    covariance: Array
+    frame: str = ""
+
+
+@dataclass(frozen=True)
+class TimeReference:
+    """Time (ns) of another clock or of another stream, `source`."""
+
+    stamp_ns: int
+    time_ref_ns: int
+    source: str
+    frame: str = ""
+
+
+Content = SampleBlock | JointState | PointStamped | Temperature | PoseWithCovariance | TimeReference
+
+TYPES: Mapping[type, str] = {
+    SampleBlock: "sensor_msgs/msg/PointCloud2",
+    JointState: "sensor_msgs/msg/JointState",
+    PointStamped: "geometry_msgs/msg/PointStamped",
+    Temperature: "sensor_msgs/msg/Temperature",
+    PoseWithCovariance: "geometry_msgs/msg/PoseWithCovarianceStamped",
+    TimeReference: "sensor_msgs/msg/TimeReference",
+}
+SAMPLE_BLOCK = TYPES[SampleBlock]
+
+
+def stamp_of(data: bytes | memoryview) -> int:
+    """Timestamp (ns) of the header that a message of the contract starts with.
+
+    Raises:
+        InputError: the bytes are too short for a header.
+    """
+    try:
+        seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    except (IndexError, struct.error):
+        raise InputError(f"a message of {len(data)} bytes holds no header") from None
+    return int(seconds) * NANOSECONDS + int(nanoseconds)
+
+
+class Decoder:
+    """Turns the messages of one topic into dataclasses.
+
+    Raises:
+        InputError: the type is none of those that can be read.
+    """
+
+    def __init__(self, msgtype: str) -> None:
+        if msgtype not in TYPES.values():
+            raise InputError(
+                f"cannot read messages of type {msgtype}; readable are {', '.join(sorted(TYPES.values()))}"
+            )
+        self._msgtype = msgtype
+        self._blocks = BlockDecoder()
+
+    def decode(self, data: bytes) -> Content:
+        """Content of one message.
+
+        Raises:
+            InputError: the bytes are no such message, or a number in a sample block is not finite.
+        """
+        if self._msgtype == SAMPLE_BLOCK:
+            return self._blocks.decode(data)
+        # Definitions of every ROS message take 0.2 s to load; a bag of sample blocks alone needs none.
+        from rotary_error_monitor.bags import conversion
+
+        return conversion.content_from_cdr(data, self._msgtype)
+
+
+def encode(content: Content, frame: str = "") -> bytes:
+    """CDR bytes of a message; `frame` is the frame_id of a sample block, which knows none of its own."""
+    from rotary_error_monitor.bags import conversion
+
+    return conversion.cdr_from_content(content, frame)

@@ -1,0 +1,150 @@
+"""The `metadata.yaml` of a rosbag2 bag, version 9, and what its mcap channels say beside it."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.records import Channel
+
+from rotary_error_monitor.description.wire import Qos
+
+METADATA = "metadata.yaml"
+VERSION = 9
+QOS_KEY = "offered_qos_profiles"
+_INFINITE = {"sec": 9223372036, "nsec": 854775807}  # what ROS 2 says for a deadline that is none
+
+
+@dataclass(frozen=True)
+class TopicEntry:
+    """One topic of a bag: type, the offered quality of service as rosbag2 writes it, number of messages."""
+
+    name: str
+    type: str
+    qos: Sequence[dict[str, Any]]
+    count: int
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """One file of a bag: number of messages, and timestamps (ns) of the first and the last."""
+
+    name: str
+    count: int
+    start_ns: int
+    end_ns: int
+
+
+def qos_profiles(qos: Qos) -> list[dict[str, Any]]:
+    """Offered quality of service as rosbag2 writes it: no deadline, no lifespan, automatic liveliness."""
+    return [
+        {
+            "history": "keep_last",
+            "depth": qos.depth,
+            "reliability": qos.reliability,
+            "durability": qos.durability,
+            "deadline": dict(_INFINITE),
+            "lifespan": dict(_INFINITE),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(_INFINITE),
+            "avoid_ros_namespace_conventions": False,
+        }
+    ]
+
+
+def channel_metadata(profiles: Sequence[dict[str, Any]]) -> dict[str, str]:
+    """What an mcap channel carries of the quality of service."""
+    return {QOS_KEY: _dump(list(profiles)).strip()}
+
+
+def channel_profiles(channel: Channel) -> list[dict[str, Any]]:
+    """Quality of service that an mcap channel carries; none where it is absent or unreadable."""
+    try:
+        profiles = yaml.safe_load(channel.metadata.get(QOS_KEY, ""))
+    except yaml.YAMLError:
+        return []
+    return profiles if isinstance(profiles, list) else []
+
+
+def write_metadata(folder: Path, topics: Iterable[TopicEntry], files: Sequence[FileEntry]) -> None:
+    """Write `metadata.yaml` so that a reader finds the old one or the new one, never half of one."""
+    filled = [file for file in files if file.count]
+    start = min((file.start_ns for file in filled), default=0)
+    end = max((file.end_ns for file in filled), default=0)
+    information = {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": end - start},
+        "starting_time": {"nanoseconds_since_epoch": start},
+        "message_count": sum(file.count for file in files),
+        "topics_with_message_count": [_topic(topic) for topic in topics],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [
+            {
+                "path": file.name,
+                "starting_time": {"nanoseconds_since_epoch": file.start_ns},
+                "duration": {"nanoseconds": file.end_ns - file.start_ns},
+                "message_count": file.count,
+            }
+            for file in files
+        ],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+    temporary = folder / f".{METADATA}.new"
+    try:
+        with temporary.open("w", encoding="utf-8") as file:
+            file.write(_dump({"rosbag2_bagfile_information": information}))
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(folder / METADATA)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+@functools.cache
+def type_hash(msgtype: str) -> str:
+    """RIHS01 hash of a standard message type, empty for every other type."""
+    from rotary_error_monitor.bags.conversion import typestore
+
+    return typestore().hash_rihs01(msgtype) if msgtype in typestore().types else ""
+
+
+@functools.cache
+def type_definition(msgtype: str) -> str:
+    """Definition of a standard message type and those that it needs, as mcap's `ros2msg`; empty for every other."""
+    from rotary_error_monitor.bags.conversion import typestore
+
+    return typestore().generate_msgdef(msgtype, ros_version=2)[0] if msgtype in typestore().types else ""
+
+
+def _topic(topic: TopicEntry) -> dict[str, Any]:
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.type,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": list(topic.qos),
+            "type_description_hash": type_hash(topic.type),
+        },
+        "message_count": topic.count,
+    }
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """Repeats equal values instead of pointing to them: other YAML readers of rosbag2 bags know no anchors."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def _dump(content: object) -> str:
+    return yaml.dump(content, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True)

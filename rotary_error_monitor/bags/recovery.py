@@ -1,0 +1,197 @@
+"""Making the bag of a killed recorder readable for every reader again."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mcap.records import Channel, Message, Schema
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import Reader
+
+from rotary_error_monitor.bags.metadata import METADATA, FileEntry, TopicEntry, channel_profiles, write_metadata
+from rotary_error_monitor.bags.torn import TornFile
+from rotary_error_monitor.bags.writer import LIBRARY, RESERVE
+from rotary_error_monitor.errors import InputError
+
+CHUNK_SIZE = 1 << 18
+_RECOVERING = ".recovering"
+
+
+@dataclass(frozen=True)
+class RecoveryReport:
+    """What a recovery did.
+
+    Attributes:
+        folder: the bag.
+        counts: messages that can be read, by topic.
+        rewritten: names of the files that had no end or were damaged; none where the bag was whole.
+        lost: bytes at the end of files that held no whole message.
+        damaged: records in between that could not be read and were left out.
+    """
+
+    folder: Path
+    counts: Counter[str]
+    rewritten: tuple[str, ...]
+    lost: int
+    damaged: int
+
+    def __str__(self) -> str:
+        if not self.rewritten:
+            return f"{self.folder}: the bag is whole, {self.counts.total()} messages"
+        return (
+            f"{self.folder}: recovered {self.counts.total()} messages on {len(self.counts)} topics; without "
+            f"{self.lost} bytes at the end" + (f" and {self.damaged} damaged records" if self.damaged else "")
+        )
+
+
+def recover(bag: Path | str) -> RecoveryReport:
+    """Make a bag readable by rosbag2, rosbags and mcap, whatever moment its recorder was killed at.
+
+    Each mcap file without an end is written anew beside the old one, stored on the disk, and takes its place in one
+    step: at every moment the bag holds either the old file or the new. A bag that is whole is left as it is, but for a
+    `metadata.yaml` that is missing or does not say what the files hold.
+
+    Args:
+        bag: folder of the bag, or the mcap file in it.
+
+    Raises:
+        InputError: there is no bag of mcap files, or the disk has no room for a copy of a file.
+        OSError: the folder cannot be written.
+    """
+    path = Path(bag)
+    folder = path.parent if path.is_file() else path
+    files = sorted(folder.glob("*.mcap"))
+    if not files:
+        raise InputError(f"{path}: no mcap file to recover; give the folder of a rosbag2 bag")
+    contents = [_recover_file(file) for file in files]
+    (folder / RESERVE).unlink(missing_ok=True)
+    counts = sum((content.counts() for content in contents), Counter[str]())
+    report = RecoveryReport(
+        folder=folder,
+        counts=counts,
+        rewritten=tuple(content.path.name for content in contents if content.torn),
+        lost=sum(content.lost for content in contents),
+        damaged=sum(content.damaged for content in contents),
+    )
+    if report.rewritten or not _metadata_fits(folder, counts):
+        write_metadata(folder, _topics(contents), [content.entry() for content in contents])
+    return report
+
+
+@dataclass
+class _FileContent:
+    """What one mcap file holds."""
+
+    path: Path
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    channel_counts: Counter[int] = field(default_factory=Counter)
+    start_ns: int = 0
+    end_ns: int = 0
+    torn: bool = False
+    lost: int = 0
+    damaged: int = 0
+
+    def add(self, record: Schema | Channel | Message) -> bool:
+        """Count a record; False for one that was already there, or that belongs to a channel that is lost."""
+        if isinstance(record, Schema):
+            return self.schemas.setdefault(record.id, record) is record
+        if isinstance(record, Channel):
+            return self.channels.setdefault(record.id, record) is record
+        if record.channel_id not in self.channels:
+            return False
+        first = not self.channel_counts
+        self.start_ns = record.log_time if first else min(self.start_ns, record.log_time)
+        self.end_ns = record.log_time if first else max(self.end_ns, record.log_time)
+        self.channel_counts[record.channel_id] += 1
+        return True
+
+    def counts(self) -> Counter[str]:
+        """Messages by topic."""
+        counts: Counter[str] = Counter()
+        for channel, count in self.channel_counts.items():
+            counts[self.channels[channel].topic] += count
+        return counts
+
+    def entry(self) -> FileEntry:
+        return FileEntry(self.path.name, self.channel_counts.total(), self.start_ns, self.end_ns)
+
+
+def _recover_file(path: Path) -> _FileContent:
+    """Content of a file, which afterwards has its end."""
+    torn = TornFile(path)
+    content = _FileContent(path)
+    for record in torn.records():
+        content.add(record)
+    extent = torn.extent
+    content.torn = not extent.complete or extent.damaged > 0
+    content.lost, content.damaged = extent.size - extent.readable, extent.damaged
+    if content.torn:
+        _rewrite(torn)
+    return content
+
+
+def _rewrite(torn: TornFile) -> None:
+    path = torn.path
+    room, size = shutil.disk_usage(path.parent).free, path.stat().st_size
+    if room < size:
+        raise InputError(f"{path}: recovery writes a copy of {size} bytes, but the disk has {room} free; make room")
+    temporary = path.with_name(path.name + _RECOVERING)
+    try:
+        with temporary.open("wb") as file:
+            _copy(torn, Writer(file, CHUNK_SIZE, CompressionType.NONE))
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _copy(torn: TornFile, writer: Writer) -> None:
+    writer.start(profile="ros2", library=LIBRARY)
+    seen = _FileContent(torn.path)
+    schemas: dict[int, int] = {0: 0}  # in mcap schema 0 is none
+    channels: dict[int, int] = {}
+    for record in torn.records():
+        if not seen.add(record):
+            continue
+        if isinstance(record, Schema):
+            schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+        elif isinstance(record, Channel):
+            channels[record.id] = writer.register_channel(
+                record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata
+            )
+        else:
+            writer.add_message(
+                channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
+            )
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _topics(contents: list[_FileContent]) -> list[TopicEntry]:
+    counts = sum((content.counts() for content in contents), Counter[str]())
+    topics = {}
+    for content in contents:
+        for channel in content.channels.values():
+            schema = content.schemas.get(channel.schema_id)
+            topics[channel.topic] = TopicEntry(
+                channel.topic, schema.name if schema else "", channel_profiles(channel), counts[channel.topic]
+            )
+    return list(topics.values())
+
+
+def _metadata_fits(folder: Path, counts: Counter[str]) -> bool:
+    """Whether `metadata.yaml` is there and counts what the files hold."""
+    if not (folder / METADATA).is_file():
+        return False
+    try:
+        with Reader(folder) as reader:
+            said = Counter({connection.topic: connection.msgcount for connection in reader.connections})
+    # Whatever the parser trips over, metadata that cannot be read is written anew.
+    except Exception:
+        return False
+    return +said == +counts
