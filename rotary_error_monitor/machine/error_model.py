@@ -17,14 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.machine.kinematics import (
-    Frames,
-    MachineModel,
-    frames,
-    tool_in_workpiece,
-    turns,
-)
-from rotary_error_monitor.machine.transforms import Array, compose, cross, inverse, rotate, rotation_vector
+from rotary_error_monitor.machine.kinematics import MachineModel, stand, turns
+from rotary_error_monitor.machine.transforms import Array, chain, compose, cross, inverse, rotate, rotation_vector
 
 
 class Poses(NamedTuple):
@@ -64,7 +58,8 @@ def predict_tool_offset(
     errors = actual_errors(model, poses)
     if not exact:
         return first_order_offset(model, poses.positions, errors)
-    return offset_between(frames(model, poses.positions, errors), frames(model, poses.positions, None))
+    actual, ideal = stand(model, poses.positions, errors), stand(model, poses.positions, None)
+    return offset_between(actual.tool_in_workpiece(), ideal.tool_in_workpiece())
 
 
 def monitored_jacobian(model: MachineModel, positions: ArrayLike) -> Array:
@@ -75,20 +70,16 @@ def monitored_jacobian(model: MachineModel, positions: ArrayLike) -> Array:
     """
     axis = _monitored_axis(model)
     q = check_poses(model, positions).positions
-    tool, workpiece = frames(model, q, None)
+    ideal = stand(model, q, None)
     on_tool = axis in model.tool_axes
-    branch, axes = (tool, model.tool_axes) if on_tool else (workpiece, model.workpiece_axes)
-    step = axes.index(axis)
-    fixture = model.ideal.rotation[:, :, axis]
-    stator = compose(branch.rotation[:, :, step], fixture)
-    back = inverse(workpiece.end_rotation)
-    lever = tool.end_shift - branch.shift[:, step + 1]
+    branch, axes = (ideal.tool, model.tool_axes) if on_tool else (ideal.workpiece, model.workpiece_axes)
+    stator = chain(branch.steps[axes.index(axis)], model.ideal.axes[:, :, axis])
+    back = inverse(ideal.workpiece.end)
+    lever = ideal.tool.end[:, 3] - stator[:, 3]
     jacobian = np.zeros((6, 6, q.shape[1]))
     for i in range(3):
-        along = stator[:, i]
-        jacobian[:3, i] = rotate(back, along)
-        jacobian[:3, 3 + i] = rotate(back, cross(along, lever))
-        jacobian[3:, 3 + i] = jacobian[:3, i]
+        jacobian[:3, i] = jacobian[3:, 3 + i] = rotate(back, stator[:, i])
+        jacobian[:3, 3 + i] = rotate(back, cross(stator[:, i], lever))
     return np.ascontiguousarray(np.moveaxis(jacobian if on_tool else -jacobian, -1, 0))
 
 
@@ -143,43 +134,44 @@ def actual_errors(model: MachineModel, poses: Poses) -> Array:
     errors = model.components.at(poses.positions, poses.direction, poses.temperature)
     if poses.monitored is not None:
         axis = _monitored_axis(model)
-        turn = turns(model, poses.positions)[:, :, int(np.flatnonzero(model.rotary == axis)[0])]
-        for part in (slice(0, 3), slice(3, 6)):
-            live = poses.monitored[part]
-            described = rotate(turn, errors[part, axis])
-            errors[part, axis] = rotate(inverse(turn), np.where(np.isnan(live), described, live))
+        turn = turns(model, poses.positions)[:, :, model.rotary.tolist().index(axis), None]
+        described = rotate(turn, _shift_and_rotation(errors[:, axis]))
+        live = _shift_and_rotation(poses.monitored)
+        live = rotate(inverse(turn), np.where(np.isnan(live), described, live))
+        errors[:3, axis], errors[3:, axis] = live[:, 0], live[:, 1]
     return errors
 
 
-def offset_between(actual: tuple[Frames, Frames], ideal: tuple[Frames, Frames]) -> Array:
-    """(n, 6) offset of one tool in its workpiece against another."""
-    rotation, shift = tool_in_workpiece(*actual)
-    ideal_rotation, ideal_shift = tool_in_workpiece(*ideal)
-    turned = rotation_vector(compose(rotation, inverse(ideal_rotation)))
-    return np.ascontiguousarray(np.concatenate([shift - ideal_shift, turned]).T)
+def offset_between(actual: Array, ideal: Array) -> Array:
+    """(n, 6) offset of one tool in its workpiece (3, 4, n) against another."""
+    turned = rotation_vector(compose(actual[:, :3], inverse(ideal)))
+    return np.ascontiguousarray(np.concatenate([actual[:, 3] - ideal[:, 3], turned]).T)
 
 
 def first_order_offset(model: MachineModel, positions: Array, errors: Array) -> Array:
     """(n, 6) offset in first order: each error moves the tool as a rigid body about where it acts (m, rad)."""
-    tool, workpiece = frames(model, positions, None)
+    ideal = stand(model, positions, None)
+    tip = ideal.tool.end[:, 3]
     shift, rotation = np.zeros((3, positions.shape[1])), np.zeros((3, positions.shape[1]))
     for sign, branch, axes, end in (
-        (1.0, tool, model.tool_axes, model.small.tool),
-        (-1.0, workpiece, model.workpiece_axes, model.small.workpiece),
+        (1.0, ideal.tool, model.tool_axes, model.small.tool),
+        (-1.0, ideal.workpiece, model.workpiece_axes, model.small.workpiece),
     ):
-        parts = [(branch.end_rotation, branch.end_shift, end)]
-        for step, axis in enumerate(axes):
-            fixed = model.ideal.rotation[:, :, axis], model.ideal.shift[:, axis]
-            before = compose(branch.rotation[:, :, step], fixed[0])
-            origin = branch.shift[:, step] + rotate(branch.rotation[:, :, step], fixed[1])
-            parts.append((before, origin, model.small.axes[:, axis]))
-            parts.append((branch.rotation[:, :, step + 1], branch.shift[:, step + 1], errors[:, axis]))
-        for frame, origin, small in parts:
-            turned = rotate(frame, sign * small[3:])
-            rotation += turned
-            shift += rotate(frame, sign * small[:3]) + cross(turned, tool.end_shift - origin)
-    back = inverse(workpiece.end_rotation)
+        parts = [(branch.end, end)]
+        for before, after, axis in zip(branch.steps, branch.steps[1:], axes, strict=False):
+            parts.append((chain(before, model.ideal.axes[:, :, axis]), model.small.axes[:, axis]))
+            parts.append((after, errors[:, axis]))
+        for frame, small in parts:
+            moved = rotate(frame[:, :, None], sign * _shift_and_rotation(small))
+            rotation += moved[:, 1]
+            shift += moved[:, 0] + cross(moved[:, 1], tip - frame[:, 3])
+    back = inverse(ideal.workpiece.end)
     return np.ascontiguousarray(np.concatenate([rotate(back, shift), rotate(back, rotation)]).T)
+
+
+def _shift_and_rotation(small: Array) -> Array:
+    """(3, 2, n) view of (6, n) error components: their shift and their rotation vector side by side."""
+    return small.reshape(2, 3, -1).swapaxes(0, 1)
 
 
 def _monitored_axis(model: MachineModel) -> int:

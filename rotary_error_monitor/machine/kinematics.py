@@ -16,12 +16,17 @@ from rotary_error_monitor.machine.components import ErrorComponents, arrange_com
 from rotary_error_monitor.machine.topology import branches
 from rotary_error_monitor.machine.transforms import (
     Array,
+    chain,
     compose,
     cross,
     inverse,
     rotate,
     rotation_by,
+    transform,
 )
+
+STILL: Array = np.eye(3, 4)[:, :, None]
+"""(3, 4, 1) transform that moves nothing."""
 
 
 @dataclass(frozen=True)
@@ -29,17 +34,13 @@ class Fixtures:
     """What stands still between the axes: the product of Tp (and ΔTp) of the bodies from one axis to the next.
 
     Attributes:
-        rotation, shift: (3, 3, m, 1) and (3, m, 1) before each of the m axes, from the axis before it in its branch.
-        tool_rotation, tool_shift: (3, 3, 1) and (3, 1) from the last axis of the tool's branch to the tool.
-        workpiece_rotation, workpiece_shift: likewise for the workpiece.
+        axes: (3, 4, m, 1) transform before each of the m axes, from the axis before it in its branch.
+        tool, workpiece: (3, 4, 1) transform from the last axis of the branch.
     """
 
-    rotation: Array
-    shift: Array
-    tool_rotation: Array
-    tool_shift: Array
-    workpiece_rotation: Array
-    workpiece_shift: Array
+    axes: Array
+    tool: Array
+    workpiece: Array
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class MachineModel:
     Attributes:
         letters: axes in the order of the columns of positions.
         tool_axes, workpiece_axes: their numbers along the two branches, from the base.
-        rotary: numbers of the rotary axes.
+        rotary: numbers of the rotary axes, rising.
         direction: (3, m, 1) unit vector of each axis; `linear_direction` is zero for rotary axes.
         turn, turn_twice: (3, 3, r, 1) cross-product matrix of each rotary axis and its square.
         monitored: number of the monitored axis.
@@ -87,18 +88,30 @@ class MachineModel:
 
 
 @dataclass(frozen=True)
-class Frames:
-    """Where one branch stands in the base at n poses.
+class Branch:
+    """Where the axes of one branch stand in the base at n poses.
 
     Attributes:
-        rotation, shift: (3, 3, k + 1, n) and (3, k + 1, n): before the first and after each of the branch's k axes.
-        end_rotation, end_shift: (3, 3, n) and (3, n) of tool or workpiece.
+        steps: (3, 4, n) transforms before the first axis (there (3, 4, 1)) and after each.
+        end: (3, 4, n) transform of tool or workpiece.
     """
 
-    rotation: Array
-    shift: Array
-    end_rotation: Array
-    end_shift: Array
+    steps: tuple[Array, ...]
+    end: Array
+
+
+@dataclass(frozen=True)
+class Stance:
+    """Where the two branches of a machine stand at n poses."""
+
+    tool: Branch
+    workpiece: Branch
+
+    def tool_in_workpiece(self) -> Array:
+        """(3, 4, n) transform T_workpiece^-1 T_tool: the tool as the workpiece sees it."""
+        seen = self.tool.end.copy()
+        seen[:, 3] -= self.workpiece.end[:, 3]
+        return compose(inverse(self.workpiece.end), seen)
 
 
 def arrange_machine(machine: MachineDescription) -> MachineModel:
@@ -138,93 +151,80 @@ def turns(model: MachineModel, positions: Array) -> Array:
     return rotation
 
 
-def motions(model: MachineModel, positions: Array, errors: Array | None) -> tuple[Array, Array]:
-    """(3, 3, m, n) and (3, m, n): each axis's own Ts ΔTs at positions (m, n), ΔTs from errors (6, m, n) if given."""
-    turned = turns(model, positions)
-    shift = model.linear_direction * positions
-    if errors is None:
-        rotation = np.zeros((3, 3, *positions.shape))
-        for i in range(3):
-            rotation[i, i] = 1.0
-        rotation[:, :, model.rotary] = turned
-        return rotation, shift
-    rotation, error_shift = rotation_by(errors[3:]), errors[:3].copy()
-    if len(model.rotary):
-        rotation[:, :, model.rotary] = compose(turned, rotation[:, :, model.rotary])
-        error_shift[:, model.rotary] = rotate(turned, error_shift[:, model.rotary])
-    return rotation, shift + error_shift
-
-
-def frames(model: MachineModel, positions: Array, errors: Array | None) -> tuple[Frames, Frames]:
-    """Where the branches of tool and workpiece stand at positions (m, n).
+def stand(model: MachineModel, positions: Array, errors: Array | None) -> Stance:
+    """Where the machine stands at positions (m, n).
 
     With `errors` (6, m, n) the machine as it is, location errors included; without, the ideal machine.
     """
     fixtures = model.ideal if errors is None else model.actual
-    rotation, shift = motions(model, positions, errors)
-    shift = fixtures.shift + rotate(fixtures.rotation, shift)
-    rotation = compose(fixtures.rotation, rotation)
-    tool = _follow(model.tool_axes, rotation, shift, fixtures.tool_rotation, fixtures.tool_shift)
-    workpiece = _follow(model.workpiece_axes, rotation, shift, fixtures.workpiece_rotation, fixtures.workpiece_shift)
-    return tool, workpiece
+    moved = chain(fixtures.axes, _motions(model, positions, errors))
+    return Stance(
+        _follow([moved[:, :, axis] for axis in model.tool_axes], fixtures.tool),
+        _follow([moved[:, :, axis] for axis in model.workpiece_axes], fixtures.workpiece),
+    )
 
 
-def tool_in_workpiece(tool: Frames, workpiece: Frames) -> tuple[Array, Array]:
-    """(3, 3, n) and (3, n) of H = T_workpiece^-1 T_tool: the tool as the workpiece sees it."""
-    back = inverse(workpiece.end_rotation)
-    return compose(back, tool.end_rotation), rotate(back, tool.end_shift - workpiece.end_shift)
-
-
-def axis_columns(model: MachineModel, positions: Array) -> tuple[Array, Array, Array]:
-    """What a small step of each axis does to the tool as the ideal workpiece sees it.
+def axis_columns(model: MachineModel, ideal: Stance) -> tuple[Array, Array]:
+    """What a small step of each axis does to the tool as the workpiece sees it, where the machine stands at `ideal`.
 
     Returns:
-        (3, m, n) shift of the tool tip (m per m or rad), (3, m, n) rotation (rad per rad), and (3, n) the tool axis.
+        (3, m, n) shift of the tool tip (m per m or rad) and (3, m, n) rotation (rad per rad).
     """
-    tool, workpiece = frames(model, positions, None)
-    back = inverse(workpiece.end_rotation)
-    shift, rotation = np.zeros((3, *positions.shape)), np.zeros((3, *positions.shape))
-    rotary = set(model.rotary.tolist())
-    for sign, branch, axes in ((1.0, tool, model.tool_axes), (-1.0, workpiece, model.workpiece_axes)):
-        for step, axis in enumerate(axes, start=1):
-            direction = rotate(branch.rotation[:, :, step], sign * model.direction[:, axis])
-            if axis in rotary:
-                rotation[:, axis] = rotate(back, direction)
-                direction = cross(direction, tool.end_shift - branch.shift[:, step])
-            shift[:, axis] = rotate(back, direction)
-    return shift, rotation, rotate(back, tool.end_rotation[:, 2])
+    tip = ideal.tool.end[:, 3]
+    back = inverse(ideal.workpiece.end)
+    shift = np.zeros((3, len(model.letters), tip.shape[-1]))
+    rotation = np.zeros_like(shift)
+    for sign, branch, axes in ((1.0, ideal.tool, model.tool_axes), (-1.0, ideal.workpiece, model.workpiece_axes)):
+        for step, axis in zip(branch.steps[1:], axes, strict=True):
+            direction = rotate(step, sign * model.direction[:, axis])
+            if axis in model.rotary:
+                rotation[:, axis] = direction
+                direction = cross(direction, tip - step[:, 3])
+            shift[:, axis] = direction
+    return rotate(back[:, :, None], shift), rotate(back[:, :, None], rotation)
 
 
-def _follow(axes: tuple[int, ...], rotation: Array, shift: Array, end_rotation: Array, end_shift: Array) -> Frames:
-    count = shift.shape[-1]
-    turned = np.empty((3, 3, len(axes) + 1, count))
-    moved = np.empty((3, len(axes) + 1, count))
-    turned[:, :, 0], moved[:, 0] = np.eye(3)[:, :, None], 0.0
-    for step, axis in enumerate(axes):
-        before = turned[:, :, step]
-        moved[:, step + 1] = moved[:, step] + rotate(before, shift[:, axis])
-        turned[:, :, step + 1] = compose(before, rotation[:, :, axis])
-    last = turned[:, :, -1]
-    return Frames(turned, moved, compose(last, end_rotation), moved[:, -1] + rotate(last, end_shift))
+def _motions(model: MachineModel, positions: Array, errors: Array | None) -> Array:
+    """(3, 4, m, n): each axis's own Ts ΔTs at positions (m, n), ΔTs from errors (6, m, n) if given."""
+    if errors is None:
+        moved = np.zeros((3, 4, *positions.shape))
+        for i in range(3):
+            moved[i, i] = 1.0
+        moved[:, :3, model.rotary] = turns(model, positions)
+    else:
+        moved = transform(rotation_by(errors[3:]), errors[:3])
+        moved[:, :, model.rotary] = compose(turns(model, positions), moved[:, :, model.rotary])
+    moved[:, 3] += model.linear_direction * positions
+    return moved
+
+
+def _follow(moved: list[Array], end: Array) -> Branch:
+    steps = [STILL]
+    for transform_ in moved:
+        steps.append(transform_ if len(steps) == 1 else chain(steps[-1], transform_))
+    return Branch(tuple(steps), chain(steps[-1], end))
 
 
 def _fixtures(
     tool: tuple[Body, ...], workpiece: tuple[Body, ...], numbers: dict[str, int], *, with_errors: bool
 ) -> Fixtures:
-    rotation, shift = np.tile(np.eye(3)[:, :, None, None], (1, 1, len(numbers), 1)), np.zeros((3, len(numbers), 1))
+    axes = np.tile(STILL[:, :, None], (1, 1, len(numbers), 1))
     ends = []
     for branch in (tool, workpiece):
-        turned, moved = np.eye(3)[:, :, None], np.zeros((3, 1))
+        still = STILL
         for body in branch:
-            for step in (body.pose, body.location_error) if with_errors else (body.pose,):
-                moved = moved + rotate(turned, _column(step.shift))
-                turned = compose(turned, rotation_by(_column(step.rotation)))
+            still = chain(still, _fixed(body.pose))
+            if with_errors:
+                still = chain(still, _fixed(body.location_error))
             if body.axis:
-                axis = numbers[body.axis]
-                rotation[:, :, axis], shift[:, axis] = turned, moved
-                turned, moved = np.eye(3)[:, :, None], np.zeros((3, 1))
-        ends.append((turned, moved))
-    return Fixtures(rotation, shift, *ends[0], *ends[1])
+                axes[:, :, numbers[body.axis]] = still
+                still = STILL
+        ends.append(still)
+    return Fixtures(axes, *ends)
+
+
+def _fixed(displacement: Displacement) -> Array:
+    return transform(rotation_by(_column(displacement.rotation)), _column(displacement.shift))
 
 
 def _small_fixtures(tool: tuple[Body, ...], workpiece: tuple[Body, ...], numbers: dict[str, int]) -> SmallFixtures:

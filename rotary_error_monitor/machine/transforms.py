@@ -1,8 +1,8 @@
-"""Rotations and vectors of many poses at once, element by element.
+"""Rotations, transforms and vectors of many poses at once, element by element.
 
-Matrices are (3, 3, ..., n) and vectors (3, ..., n), poses last: every operation is the same sum of products for each
-pose, so one pose alone gives bit for bit what it gives among others. BLAS (`@`, `einsum`) and reductions
-(`sum`, `dot`) choose their order of summation by shape and do not.
+Rotations are (3, 3, ..., n), transforms (3, 4, ..., n) and vectors (3, ..., n), poses last: every operation is the same
+sum of products for each pose, so one pose alone gives bit for bit what it gives among others. BLAS (`@`, `einsum`) and
+reductions (`sum`, `dot`) choose their order of summation by shape and do not.
 """
 
 from __future__ import annotations
@@ -16,24 +16,20 @@ Array = NDArray[np.float64]
 def rotation_by(vector: Array) -> Array:
     """(3, 3, ..., n) rotation by the rotation vectors (3, ..., n) in rad: about their direction, by their length.
 
-    Rodrigues' formula with sin(a)/a and (1 - cos(a))/a² as cardinal sines, which hold down to a = 0. Pan et al. 2013
-    multiply three rotations instead (Equations 5, 7; the third factor of Equation 5 is printed with alpha for gamma)
-    and keep the first order of small ones (Equations 6, 8).
+    With `u = sin(a/2) v/a`, a unit quaternion's vector part, R = 1 + 2 cos(a/2) [u]× + 2 [u]×²; it holds down to a = 0.
+    Pan et al. 2013 multiply three rotations instead (Equations 5, 7; the third factor of Equation 5 is printed with
+    alpha for gamma) and keep the first order of small ones (Equations 6, 8).
     """
-    x, y, z = vector
-    square = x * x + y * y + z * z
-    angle = np.sqrt(square)
-    first = np.sinc(angle / np.pi)
-    half = np.sinc(angle / (2 * np.pi))
-    second = 0.5 * half * half
-    rotation: Array = vector[:, None] * (second * vector)[None]
-    diagonal = 1.0 - second * square
-    for i in range(3):
-        rotation[i, i] += diagonal
+    angle = length(vector)
+    u = vector * (0.5 * np.sinc(angle / (2 * np.pi)))
+    twice = 2.0 * u
+    sine = np.cos(0.5 * angle) * twice
+    rotation: Array = twice[:, None] * u[None]
+    square = [rotation[i, i].copy() for i in range(3)]
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        sine = first * vector[k]
-        rotation[i, j] -= sine
-        rotation[j, i] += sine
+        rotation[i, i] = 1.0 - (square[j] + square[k])
+        rotation[i, j] -= sine[k]
+        rotation[j, i] += sine[k]
     return rotation
 
 
@@ -50,15 +46,27 @@ def rotation_vector(rotation: Array) -> Array:
 
 
 def compose(first: Array, second: Array) -> Array:
-    """(3, 3, ..., n) product of rotations: `second` is applied first."""
-    product: Array = first[:, 0, None] * second[None, 0]
-    product = product + first[:, 1, None] * second[None, 1]
-    product += first[:, 2, None] * second[None, 2]
+    """(3, 3, ..., n) product of rotations, or (3, 4, ..., n) of a rotation and a transform; `second` acts first."""
+    product: Array = first[:, 0, None] * second[0]
+    product = product + first[:, 1, None] * second[1]
+    product += first[:, 2, None] * second[2]
     return product
 
 
+def chain(first: Array, second: Array) -> Array:
+    """(3, 4, ..., n) product of transforms; `second` acts first."""
+    product = compose(first, second)
+    product[:, 3] += first[:, 3]
+    return product
+
+
+def transform(rotation: Array, shift: Array) -> Array:
+    """(3, 4, ..., n) transform `p -> rotation p + shift`: rotation in columns 0-2, shift in column 3."""
+    return np.concatenate([rotation, shift[:, None]], axis=1)
+
+
 def rotate(rotation: Array, vector: Array) -> Array:
-    """(3, ..., n) rotated vectors."""
+    """(3, ..., n) vectors turned by rotations, or by the rotations of transforms."""
     rotated: Array = rotation[:, 0] * vector[0]
     rotated = rotated + rotation[:, 1] * vector[1]
     rotated += rotation[:, 2] * vector[2]
@@ -66,8 +74,8 @@ def rotate(rotation: Array, vector: Array) -> Array:
 
 
 def inverse(rotation: Array) -> Array:
-    """(3, 3, ..., n) inverse rotations."""
-    return np.swapaxes(rotation, 0, 1)
+    """(3, 3, ..., n) inverse of rotations, or of the rotations of transforms."""
+    return np.swapaxes(rotation[:, :3], 0, 1)
 
 
 def cross(a: Array, b: Array) -> Array:
