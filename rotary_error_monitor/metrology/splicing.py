@@ -35,7 +35,7 @@ DISAGREEMENT = 1e-3
 """Probability below which segments are said to disagree in an overlap, where the mirror's flatness is stated."""
 
 UNKNOWN_DISAGREEMENT = 0.01
-"""The same for a mirror of unknown flatness: only a part of its form shows in an overlap, so suspicion comes earlier."""
+"""The same for a mirror of unknown flatness: an overlap shows only a part of its form, so suspicion comes earlier."""
 
 DEGREE = 3
 

@@ -193,7 +193,7 @@ def test_unknown_mirror_that_is_flat_is_warned_of_and_one_that_is_not_is_refused
     assert any("flatness is unknown" in warning for warning in result.warnings)
     for seed in range(6, 12):
         curved = Guideway(seed, 2, flatness=1e-6).segments()
-        with pytest.raises(InputError, match="flatness is unknown; calibrate the mirror"):
+        with pytest.raises(InputError, match="flatness is unknown; have the mirror calibrated"):
             splice_segments(curved, Mirror(0.44, None), spacing=SPACING)
 
 
