@@ -70,7 +70,7 @@ class Tilting:
 
 def cut_ring(
     rotor: Plane, azimuth: float, radius: float, eccentricity: Plane | complex, radial: Plane, tilt: Plane
-) -> NDArray[np.float64]:
+) -> Plane:
     """Where the sight line of a read head cuts the graduated ring.
 
     The sight line starts on the nominal axis, at the height of the ring, towards `azimuth`, fixed in the base. The ring
@@ -86,7 +86,8 @@ def cut_ring(
         tilt: (n,) tilt of the rotor in the base, rad.
 
     Returns:
-        (n,) angle on the ring from the graduation that a perfect stage would show, `azimuth - theta`, to the cut, rad.
+        (n,) `exp(1j * shift)` of the angle on the ring from the graduation that a perfect stage would show there,
+        `azimuth - theta`, to the cut.
     """
     untilt = Tilting(-tilt)
     towards = complex(np.cos(azimuth), np.sin(azimuth))
@@ -96,8 +97,7 @@ def cut_ring(
     square = sight.real**2 + sight.imag**2
     along = (sight.conj() * start).real
     distance = (np.sqrt(along * along - square * (start.real**2 + start.imag**2 - radius**2)) - along) / square
-    cut = (start + distance * sight) * towards.conjugate()
-    return np.arctan2(cut.imag, cut.real)
+    return (start + distance * sight) * (towards.conjugate() / radius)
 
 
 def reflect(rotor: Plane, mirror: Plane | complex, tilt: Plane, flatness: Plane) -> Plane:

@@ -68,10 +68,11 @@ class Turbulence:
     def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) values at the ascending times (n,) in s."""
         place = time * (self._PER_CORRELATION / self.correlation_time)
-        first = int(np.floor(place[0])) // self._RUN
-        last = (int(np.floor(place[-1])) + 1) // self._RUN
+        cell = np.floor(place).astype(np.int64)
+        first, last = int(cell[0]) // self._RUN, (int(cell[-1]) + 1) // self._RUN
         grid = np.concatenate([self._run(index) for index in range(first, last + 1)])
-        return np.asarray(np.interp(place - first * self._RUN, np.arange(len(grid)), grid), dtype=np.float64)
+        before = grid[cell - first * self._RUN]
+        return before + (place - cell) * (grid[cell - first * self._RUN + 1] - before)
 
     def _run(self, index: int) -> NDArray[np.float64]:
         decay = np.exp(-1 / self._PER_CORRELATION)

@@ -89,6 +89,7 @@ class Scene:
         warming: (n,) temperature above the reference, K.
         radial: (n,) displacement of the rotor at the ring as `x + 1j * y`, m.
         tilt: (n,) its tilt, rotation vector as `x + 1j * y`, rad.
+        stage: the true stage.
     """
 
     time: NDArray[np.float64]
@@ -100,6 +101,7 @@ class Scene:
     warming: NDArray[np.float64]
     radial: Plane
     tilt: Plane
+    stage: StageDescription
 
     @property
     def error_motion(self) -> NDArray[np.float64]:
@@ -115,47 +117,47 @@ class Fault:
     plane are complex, `x + 1j * y`.
     """
 
-    def stage(self, stage: StageDescription) -> StageDescription:
+    def describe(self, stage: StageDescription) -> StageDescription:
         """Parameters of the stage."""
         return stage
 
-    def delay(self, stream: str) -> float:
+    def age(self, stream: str) -> float:
         """Age of the values of a stream at their stamps, s."""
         return 0.0
 
-    def drive_delay(self) -> float:
+    def trail(self) -> float:
         """How long the rotor trails the command, s."""
         return 0.0
 
-    def theta(self, theta: NDArray[np.float64], scene: Scene) -> NDArray[np.float64]:
+    def drive(self, theta: NDArray[np.float64], scene: Scene) -> NDArray[np.float64]:
         """True rotation (n,); the scene holds all but radial and tilt."""
         return theta
 
-    def radial(self, radial: Plane, scene: Scene) -> Plane:
+    def displace(self, radial: Plane, scene: Scene) -> Plane:
         """Displacement of the rotor (n,) m; in the scene radial and tilt are without faults."""
         return radial
 
-    def tilt(self, tilt: Plane, scene: Scene) -> Plane:
+    def lean(self, tilt: Plane, scene: Scene) -> Plane:
         """Tilt of the rotor (n,) rad; in the scene radial and tilt are without faults."""
         return tilt
 
-    def eccentricity(self, eccentricity: Plane, scene: Scene) -> Plane:
+    def centre(self, eccentricity: Plane, scene: Scene) -> Plane:
         """Ring centre in the rotor, (1,) or (n,) m."""
         return eccentricity
 
-    def graduation(self, error: NDArray[np.float64], place: NDArray[np.float64], scene: Scene) -> NDArray[np.float64]:
+    def graduate(self, error: NDArray[np.float64], place: NDArray[np.float64], scene: Scene) -> NDArray[np.float64]:
         """Graduation error (n,) rad at the places (n,) rad on the ring."""
         return error
 
-    def head(self, angle: NDArray[np.float64], stream: str, scene: Scene) -> NDArray[np.float64]:
+    def read(self, angle: NDArray[np.float64], stream: str, scene: Scene) -> NDArray[np.float64]:
         """What a head sees (n,) rad, before noise and rounding."""
         return angle
 
-    def autocollimator(self, tilt: Plane, scene: Scene) -> Plane:
+    def look(self, tilt: Plane, scene: Scene) -> Plane:
         """What the autocollimator sees (n,) rad, before noise and rounding."""
         return tilt
 
-    def lvdt(self, radial: Plane, scene: Scene) -> Plane:
+    def touch(self, radial: Plane, scene: Scene) -> Plane:
         """What the LVDT sees (n,) m, before noise."""
         return radial
 
@@ -196,7 +198,7 @@ class StagePlant:
         """The true stage: the description with the parameters that the faults change."""
         stage = self.description
         for fault in self.faults:
-            stage = fault.stage(stage)
+            stage = fault.describe(stage)
         return stage
 
     @cached_property
@@ -233,7 +235,7 @@ class StagePlant:
             InputError: there is no such stream.
         """
         self._clock(stream)
-        time = time - sum(fault.delay(stream) for fault in self.faults)
+        time = time - sum(fault.age(stream) for fault in self.faults)
         if stream == "command":
             return np.column_stack(self.motion.at(time))
         if stream == "force":
@@ -251,14 +253,15 @@ class StagePlant:
         """The truth at `time` (n,) s after the epoch."""
         spindle = self.stage.spindle
         command, speed = self.motion.at(time)
-        trail = sum(fault.drive_delay() for fault in self.faults)
+        trail = sum(fault.trail() for fault in self.faults)
         driven, speed = self.motion.at(time - trail) if trail else (command, speed)
         force = self.forces.at(time)
         warming = self.temperature.at(time) - self.stage.reference_temperature
         nowhere, theta = np.zeros(len(time), dtype=np.complex128), driven + self._jitter(time)
-        scene = Scene(time, command, speed, theta, Turns(np.exp(1j * theta)), force, warming, nowhere, nowhere)
+        turns = Turns(np.exp(1j * theta))
+        scene = Scene(time, command, speed, theta, turns, force, warming, nowhere, nowhere, self.stage)
         for fault in self.faults:
-            theta = fault.theta(scene.theta, scene)
+            theta = fault.drive(scene.theta, scene)
             if theta is not scene.theta:
                 scene = replace(scene, theta=theta, turns=Turns(np.exp(1j * theta)))
         radial = planar(spindle.radial, scene.turns) + spindle.radial_compliance * force
@@ -266,7 +269,7 @@ class StagePlant:
         tilt = planar(spindle.tilt, scene.turns) + 1j * spindle.tilt_compliance * force
         plain = replace(scene, radial=radial, tilt=tilt)
         for fault in self.faults:
-            radial, tilt = fault.radial(radial, plain), fault.tilt(tilt, plain)
+            radial, tilt = fault.displace(radial, plain), fault.lean(tilt, plain)
         return replace(scene, radial=radial, tilt=tilt)
 
     def _clock(self, stream: str) -> Clock:
@@ -276,7 +279,7 @@ class StagePlant:
 
     def _jitter(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Smooth motion about the command: sinusoids below 20 Hz with seeded frequencies and phases."""
-        total = np.zeros_like(time)
+        total = np.zeros(len(time))
         if self.jitter:
             for frequency, phase in self._jitter_lines:
                 total += np.sin(frequency * time + phase)
@@ -286,7 +289,7 @@ class StagePlant:
     @cached_property
     def _jitter_lines(self) -> list[tuple[float, float]]:
         draw = Noise(self.seed, "jitter").generator()
-        count = 8
+        count = 6
         frequencies = 2 * np.pi * (0.5 + 19 * (np.arange(count) + draw.uniform(size=count)) / count)
         return list(zip(frequencies.tolist(), draw.uniform(0, 2 * np.pi, count).tolist(), strict=True))
 
@@ -295,20 +298,20 @@ class StagePlant:
         azimuth = encoder.azimuths[stream.removeprefix(HEAD)]
         centre = np.array([complex(*encoder.eccentricity)])
         for fault in self.faults:
-            centre = fault.eccentricity(centre, scene)
+            centre = fault.centre(centre, scene)
         rotor, radius = scene.turns.once, encoder.disc_radius
-        shift = geometry.cut_ring(rotor, azimuth, radius, centre, scene.radial, scene.tilt)
+        cut = geometry.cut_ring(rotor, azimuth, radius, centre, scene.radial, scene.tilt)
+        shift = np.arctan2(cut.imag, cut.real)
         place = azimuth - scene.theta + shift
-        error = np.zeros_like(place)
-        if encoder.graduation:
-            turns = Turns(np.exp(1j * place))
-            for row in encoder.graduation:
-                error += (complex(row.cos, -row.sin) * turns(row.order)).real
+        error = np.zeros(len(place))
+        turns = Turns(rotor.conj() * cut * complex(np.cos(azimuth), np.sin(azimuth)))
+        for row in encoder.graduation:
+            error += (complex(row.cos, -row.sin) * turns(row.order)).real
         for fault in self.faults:
-            error = fault.graduation(error, place, scene)
+            error = fault.graduate(error, place, scene)
         angle = scene.theta - shift + error
         for fault in self.faults:
-            angle = fault.head(angle, stream, scene)
+            angle = fault.read(angle, stream, scene)
         return angle
 
     def _tilt(self, scene: Scene) -> Plane:
@@ -316,7 +319,7 @@ class StagePlant:
         flatness = planar(mirror.flatness, scene.turns)
         tilt = geometry.reflect(scene.turns.once, complex(*mirror.tilt), scene.tilt, flatness)
         for fault in self.faults:
-            tilt = fault.autocollimator(tilt, scene)
+            tilt = fault.look(tilt, scene)
         return tilt
 
     def _radial(self, scene: Scene) -> Plane:
@@ -325,7 +328,7 @@ class StagePlant:
         centre = complex(*lvdt.artefact_eccentricity)
         radial = geometry.place_point(scene.turns.once, centre, lvdt.height, scene.radial, scene.tilt)
         for fault in self.faults:
-            radial = fault.lvdt(radial, scene)
+            radial = fault.touch(radial, scene)
         return radial
 
     def _instrument(
@@ -343,7 +346,11 @@ class StagePlant:
 
     def _noise(self, stream: str, first: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
         count, fields = shape
-        return Noise(self.seed, stream).normal(first * fields, count * fields).reshape(count, fields)
+        return self._noises[stream].normal(first * fields, count * fields).reshape(count, fields)
+
+    @cached_property
+    def _noises(self) -> dict[str, Noise]:
+        return {stream: Noise(self.seed, stream) for stream in self.streams}
 
     def _turbulence(self, time: NDArray[np.float64]) -> NDArray[np.float64] | float:
         air = self.stage.autocollimator.turbulence

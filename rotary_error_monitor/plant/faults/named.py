@@ -1,0 +1,93 @@
+"""What a fault by name is, and the two registers that faults enter themselves in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.stage import Fault
+
+Pair = tuple[float, float]
+Reals = NDArray[np.float64]
+_T = TypeVar("_T", bound="Named")
+
+VOCABULARY: dict[str, type[Named]] = {}
+"""Faults that the vocabulary of effects names, of stage and machine."""
+UNNAMED: dict[str, type[Named]] = {}
+"""Faults that no vocabulary names."""
+
+
+SHAPES = frozenset({"order", "phase", "time", "place", "extent", "frequency", "period", "teeth"})
+"""Parameters that give a fault its shape; it is as large as its others are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Named:
+    """A fault with a name, a location (empty where it has none) and, as its other fields, parameters in SI."""
+
+    name: ClassVar[str]
+    location: str = ""
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Parameters by name, vectors as lists."""
+        values = {row.name: getattr(self, row.name) for row in fields(self) if row.name != "location"}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+    def scaled(self, factor: float) -> Self:
+        """The same fault, `factor` times as large."""
+        changes: dict[str, Any] = {}
+        for row in fields(self):
+            if row.name not in SHAPES | {"location"}:
+                value = getattr(self, row.name)
+                changes[row.name] = tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageFault(Named, Fault):
+    """A named fault of the rotary stage."""
+
+
+def vocabulary(name: str) -> Callable[[type[_T]], type[_T]]:
+    """Enter a class as the fault that the vocabulary calls `name`."""
+    return _entry(VOCABULARY, name)
+
+
+def unnamed(name: str) -> Callable[[type[_T]], type[_T]]:
+    """Enter a class as a fault that the vocabulary does not know."""
+    return _entry(UNNAMED, name)
+
+
+def _entry(register: dict[str, type[Named]], name: str) -> Callable[[type[_T]], type[_T]]:
+    def enter(fault: type[_T]) -> type[_T]:
+        if name in VOCABULARY or name in UNNAMED:
+            raise InputError(f"two faults are called '{name}'; names must differ")
+        fault.name = name
+        register[name] = fault
+        return fault
+
+    return enter
+
+
+def make_fault(name: str, location: str = "", **parameters: float | Sequence[float]) -> Named:
+    """Fault by name with its parameters, as a truth file describes it; lists are vectors.
+
+    Raises:
+        InputError: there is no such fault, or its parameters are others.
+    """
+    known = VOCABULARY | UNNAMED
+    if name not in known:
+        raise InputError(f"no fault '{name}'; there are {', '.join(sorted(known))}")
+    values: dict[str, Any] = {
+        key: tuple(value) if isinstance(value, Sequence) else value for key, value in parameters.items()
+    }
+    expected = {row.name for row in fields(known[name])} - {"location"}
+    if set(values) != expected:
+        raise InputError(f"fault '{name}' has the parameters {sorted(expected)}, not {sorted(values)}")
+    return known[name](location=location, **values)
