@@ -94,7 +94,8 @@ def reading_variance(
         return gain * noise**2
     steps = np.pi * travel / resolution
     shared = np.exp(-((2 * np.pi * noise / resolution) ** 2)) / (1.0 + 2.0 * steps * steps)
-    return gain * noise**2 + (gain + np.maximum(1.0 - gain, 0.0) * shared) * resolution**2 / 12
+    rounding = (gain + np.maximum(1.0 - gain, 0.0) * shared) * resolution**2 / 12
+    return np.asarray(gain * noise**2 + rounding)
 
 
 def head_variance(encoder: Encoder, gain: NDArray[np.float64], travel: NDArray[np.float64]) -> NDArray[np.float64]:
