@@ -148,7 +148,7 @@ def estimate_flatness(x: Array, z: Array, heights: Array) -> tuple[float, Array]
 
 
 def count_reversals(commands: Array) -> int:
-    """How often motion along the passes (columns) of (n, m) commands changes its sense; standing still is no reversal."""
+    """How often motion along the passes (columns) of (n, m) commands turns back; standing still is no reversal."""
     total = 0
     for column in np.sign(np.diff(commands, axis=0)).T:
         moving = column[column != 0]
