@@ -1,1 +1,1 @@
-"""Physical effects that a twin may lack: one small class each, one shape for all."""
+"""Physical effects that a digital twin may lack: one small class each, found because it is defined here."""

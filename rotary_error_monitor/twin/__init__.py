@@ -1,1 +1,1 @@
-"""Digital twins: nominal model, effects and inputs to predicted signals."""
+"""Digital twins: what a recording should have shown, given what is known and the effects that are assumed."""

@@ -1,0 +1,132 @@
+"""Effects of the autocollimator and the mirror that it looks at."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.effects.effect import Parameter, Role, Values
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, Array, RotorState, StageEffect
+
+_COMPONENTS = {"x": 0, "y": 1}
+
+
+class AutocollimatorGain(StageEffect):
+    """One component of the autocollimator reads too large or too small."""
+
+    name = "autocollimator_gain"
+    title = "autocollimator's scale"
+    source = "calibration of an autocollimator's scale factor"
+    parameters = (Parameter("relative", "1", 1e-2, bound=0.5),)
+    acts_on = (AUTOCOLLIMATOR,)
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Each component."""
+        return tuple(_COMPONENTS)
+
+    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
+        """Scale that component."""
+        scaled = ideal.copy()
+        scaled[:, _COMPONENTS[location]] *= 1 + values[0]
+        return scaled
+
+
+class AutocollimatorRoll(StageEffect):
+    """The instrument is turned about its line of sight."""
+
+    name = "autocollimator_roll"
+    title = "autocollimator turned about its line of sight"
+    source = "rotation of the measuring axes"
+    parameters = (Parameter("angle", "rad", 1e-2, bound=0.5),)
+    acts_on = (AUTOCOLLIMATOR,)
+
+    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
+        """Components along the turned axes."""
+        cos, sin = math.cos(values[0]), math.sin(values[0])
+        return np.stack([cos * ideal[:, 0] + sin * ideal[:, 1], -sin * ideal[:, 0] + cos * ideal[:, 1]], axis=1)
+
+
+class AutocollimatorNonlinearity(StageEffect):
+    """The scale grows with the deflection."""
+
+    name = "autocollimator_nonlinearity"
+    title = "cubic error of the autocollimator"
+    source = "odd distortion of the objective, lowest order"
+    parameters = (Parameter("cubic", "rad^-2", 1e6, bound=1e9),)
+    acts_on = (AUTOCOLLIMATOR,)
+
+    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
+        """Add the cubes of the components."""
+        return ideal + values[0] * ideal**3
+
+
+class AutocollimatorDrift(StageEffect):
+    """The autocollimator's zero moves steadily."""
+
+    name = "autocollimator_drift"
+    title = "drift of the autocollimator"
+    source = "warming-up of the instrument, lowest order in time"
+    parameters = (Parameter("rate", "rad/s", 1e-7, 2, bound=1e-4),)
+    acts_on = (AUTOCOLLIMATOR,)
+
+    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
+        """Add rate times time."""
+        return ideal + state.time[:, None] * values
+
+
+class AutocollimatorLatency(StageEffect):
+    """The autocollimator's values are older than their stamps."""
+
+    name = "autocollimator_latency"
+    title = "autocollimator late"
+    source = "sampling delay: tilt error = rate of the tilt x delay"
+    parameters = (Parameter("delay", "s", 1e-3, bound=1.0),)
+    acts_on = (AUTOCOLLIMATOR,)
+
+    def delay(self, values: Values, location: str) -> float:
+        """The age itself."""
+        return float(values[0])
+
+
+class MirrorWobble(StageEffect):
+    """The mirror is mounted at another tilt than the twin says."""
+
+    name = "mirror_wobble"
+    title = "mirror mounted askew"
+    source = "Lou et al. 2019, Section 2.3 (mirror on the rotor)"
+    parameters = (Parameter("tilt", "rad", 1e-5, 2, bound=1e-2),)
+    acts_on = (AUTOCOLLIMATOR,)
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add to the mirror's tilt."""
+        x, y = stage.mirror.tilt
+        return replace(stage, mirror=replace(stage.mirror, tilt=(x + float(values[0]), y + float(values[1]))))
+
+
+class MirrorFlatness(StageEffect):
+    """The mirror's surface shows one more order over a turn."""
+
+    name = "mirror_flatness"
+    title = "mirror's flatness of one order"
+    source = "Lou et al. 2019, Section 2.3 (mirror on the rotor)"
+    parameters = (
+        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("x", "rad", 3e-6, 2, bound=1e-2),
+        Parameter("y", "rad", 3e-6, 2, bound=1e-2),
+    )
+    acts_on = (AUTOCOLLIMATOR,)
+    orders = 100
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add the order to the mirror's flatness."""
+        row = planar_row(values)
+        return replace(stage, mirror=replace(stage.mirror, flatness=(*stage.mirror.flatness, row)))
+
+
+def planar_row(values: Values) -> PlanarHarmonic:
+    """Row of a description from the values order, x (cos, sin), y (cos, sin)."""
+    order, x_cos, x_sin, y_cos, y_sin = (float(value) for value in values)
+    return PlanarHarmonic(round(order), (x_cos, x_sin), (y_cos, y_sin))

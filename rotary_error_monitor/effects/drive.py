@@ -1,0 +1,53 @@
+"""Effects of the drive: the true rotation is not what was commanded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import Parameter, Role, Values
+from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
+
+
+class ReversalBacklash(StageEffect):
+    """The rotor lags the command by half of the play in the direction of travel."""
+
+    name = "reversal_backlash"
+    title = "backlash of the drive"
+    source = "ISO 230-2, 3.9 (reversal error)"
+    parameters = (Parameter("width", "rad", 2e-5, bound=1e-2),)
+
+    def rotation(self, values: Values, state: RotorState) -> Array:
+        """Half the width against the direction of travel."""
+        return -0.5 * values[0] * np.sign(state.omega)
+
+
+class FollowingError(StageEffect):
+    """The rotor does what was commanded a moment ago."""
+
+    name = "following_error"
+    title = "following error of the drive"
+    source = "velocity lag of a position loop"
+    parameters = (Parameter("delay", "s", 1e-4, bound=1.0),)
+
+    def rotation(self, values: Values, state: RotorState) -> Array:
+        """Command of then minus command of now."""
+        return state.command_at(state.time - values[0]) - state.command
+
+
+class DriveCyclicError(StageEffect):
+    """Worm, gear or motor poles push the rotor ahead and back at one order of the command."""
+
+    name = "drive_cyclic_error"
+    title = "cyclic error of the drive"
+    source = "ISO 230-2, Annex (periodic positioning error); gear mesh and cogging"
+    parameters = (
+        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("cos", "rad", 3e-6, bound=1e-2),
+        Parameter("sin", "rad", 3e-6, bound=1e-2),
+    )
+    orders = 200
+
+    def rotation(self, values: Values, state: RotorState) -> Array:
+        """One wave of the commanded angle."""
+        angle = values[0] * state.command
+        return values[1] * np.cos(angle) + values[2] * np.sin(angle)

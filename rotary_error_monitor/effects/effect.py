@@ -1,0 +1,189 @@
+"""What every effect declares, whatever machine it acts on: name, parameters, places where it may sit."""
+
+from __future__ import annotations
+
+import enum
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.errors import InputError
+
+Values = NDArray[np.float64]
+
+
+class Role(enum.Enum):
+    """How a parameter enters the prediction, which decides how it is found."""
+
+    LINEAR = enum.auto()
+    """In proportion near zero: estimated by least squares from its signature at zero."""
+    SHAPE = enum.auto()
+    """Shapes the signature (a period, an order that is not whole): a search starts it, Gauss-Newton steps refine it."""
+    FIXED = enum.auto()
+    """Given by the location or by a search: no derivative exists (an order, the moment of a step)."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Attributes:
+        name: as users and the vocabulary spell it.
+        unit: SI unit.
+        scale: usual size in that unit: the width of the prior, and the measure of the derivative's step.
+        size: number of components; 1 for a scalar.
+        role: how it enters the prediction.
+        bound: largest magnitude that is physically sensible.
+    """
+
+    name: str
+    unit: str
+    scale: float
+    size: int = 1
+    role: Role = Role.LINEAR
+    bound: float = float("inf")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Value and standard deviation of one reported parameter; tuples for vectors."""
+
+    value: float | tuple[float, ...]
+    std: float | tuple[float, ...]
+
+
+class Effect:
+    """Base of all effects. A concrete effect has a `name`; a class without one is an abstract base.
+
+    Attributes:
+        name: as the vocabulary spells it.
+        title: a few words for people.
+        source: where the physics is described.
+        parameters: in the order of the value vector.
+        orders: largest order K of a family located at `order_K`; 0 for other effects.
+    """
+
+    name: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    orders: ClassVar[int] = 0
+
+    @classmethod
+    def is_concrete(cls) -> bool:
+        """Whether the class describes an effect of its own rather than a base."""
+        return bool(cls.name) and "name" in cls.__dict__ and not inspect.isabstract(cls)
+
+    def locations(self, machine: Any) -> tuple[str, ...]:
+        """Places where the effect may sit on that stage or machine, except orders; `("",)` when it has no place."""
+        return ("",)
+
+    def start(self, location: str) -> Values:
+        """Values that leave the prediction as it is; a family of orders carries the order of its location."""
+        values = np.zeros(self.size)
+        if self.orders:
+            values[self.slices()["order"]] = order_of(location)
+        return values
+
+    @property
+    def size(self) -> int:
+        """Length of the value vector."""
+        return sum(parameter.size for parameter in self.parameters)
+
+    def slices(self) -> dict[str, slice]:
+        """Where each parameter stands in the value vector."""
+        place, found = 0, {}
+        for parameter in self.parameters:
+            found[parameter.name] = slice(place, place + parameter.size)
+            place += parameter.size
+        return found
+
+    def indices(self, *roles: Role) -> list[int]:
+        """Indices into the value vector of all parameters of these roles."""
+        places = self.slices()
+        return [i for p in self.parameters if p.role in roles for i in range(*places[p.name].indices(self.size))]
+
+    def scales(self) -> Values:
+        """(size,) usual size of each value."""
+        return np.concatenate([np.full(p.size, p.scale) for p in self.parameters]) if self.parameters else np.zeros(0)
+
+    def report(self, values: Values, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
+        """Parameters as the vocabulary names them, with standard deviations, from values and their covariance."""
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        found = {}
+        for name, place in self.slices().items():
+            value, spread = values[place], std[place]
+            found[name] = (
+                Estimate(float(value[0]), float(spread[0]))
+                if len(value) == 1
+                else Estimate(tuple(map(float, value)), tuple(map(float, spread)))
+            )
+        return found
+
+    def values_from(self, parameters: Mapping[str, Any]) -> Values:
+        """Value vector from parameters as the vocabulary names them: the inverse of `report`.
+
+        Raises:
+            InputError: a parameter is missing, unknown, or of another size.
+        """
+        places = self.slices()
+        if set(parameters) != set(places):
+            raise InputError(f"{self.name}: parameters {sorted(parameters)}; expected {sorted(places)}")
+        values = np.zeros(self.size)
+        for name, place in places.items():
+            given = np.atleast_1d(np.asarray(parameters[name], dtype=np.float64))
+            if given.shape != values[place].shape or not np.isfinite(given).all():
+                raise InputError(
+                    f"{self.name}: {name} = {parameters[name]}; expected {values[place].size} finite number(s)"
+                )
+            values[place] = given
+        return values
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect at a place with values: what is added to a twin."""
+
+    effect: Effect
+    location: str
+    values: Values
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Name and location, which identify the cause in reports."""
+        return self.effect.name, self.location
+
+    def with_values(self, values: Values) -> Cause:
+        """The same cause of another size."""
+        return Cause(self.effect, self.location, values)
+
+
+def order_location(order: int) -> str:
+    """Location of one member of a family of orders."""
+    return f"order_{order}"
+
+
+def order_of(location: str) -> int:
+    """Order that a location names.
+
+    Raises:
+        InputError: the location is not of the form order_K.
+    """
+    prefix, _, digits = location.partition("_")
+    if prefix != "order" or not digits.isdigit():
+        raise InputError(f"location '{location}' names no order; expected order_K with a whole number K")
+    return int(digits)
+
+
+def named(values: Values, effect: Effect) -> dict[str, Values]:
+    """Value vector cut into its parameters."""
+    return {name: values[place] for name, place in effect.slices().items()}
+
+
+def covariance_of(parts: Sequence[float]) -> NDArray[np.float64]:
+    """Diagonal covariance from standard deviations."""
+    return np.diag(np.square(np.asarray(parts, dtype=np.float64)))

@@ -1,0 +1,154 @@
+"""Effects of the graduated ring and its read heads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
+from rotary_error_monitor.effects.effect import Parameter, Role, Values
+from rotary_error_monitor.effects.rotor import HEAD, Array, RotorState, StageEffect, head_locations
+
+_CONTRACT = "Lou et al. 2019, Section 2 (read heads on a displaced ring)"
+
+
+class DiscEccentricity(StageEffect):
+    """The ring's centre stands elsewhere on the rotor than the twin says."""
+
+    name = "disc_eccentricity"
+    title = "ring mounted off centre"
+    source = _CONTRACT
+    parameters = (Parameter("shift", "m", 1e-5, 2, bound=1e-3),)
+    acts_on = (HEAD,)
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add the shift to the eccentricity."""
+        x, y = stage.encoder.eccentricity
+        shifted = (x + float(values[0]), y + float(values[1]))
+        return replace(stage, encoder=replace(stage.encoder, eccentricity=shifted))
+
+
+class GraduationError(StageEffect):
+    """The graduation has an error of one more order."""
+
+    name = "graduation_error"
+    title = "graduation error of one order"
+    source = "Lou et al. 2019, Section 2.2; Geckeler et al. 2006 (Fourier description of division errors)"
+    parameters = (
+        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("cos", "rad", 3e-6, bound=1e-3),
+        Parameter("sin", "rad", 3e-6, bound=1e-3),
+    )
+    acts_on = (HEAD,)
+    orders = 100
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add the order to the graduation."""
+        row = AngularHarmonic(round(values[0]), float(values[1]), float(values[2]))
+        return replace(stage, encoder=replace(stage.encoder, graduation=(*stage.encoder.graduation, row)))
+
+
+class SubdivisionalError(StageEffect):
+    """One head interpolates within a line with offset or unequal gain of its sine and cosine signals."""
+
+    name = "subdivisional_error"
+    title = "sub-divisional error of a head"
+    source = "Heydemann 1981 (quadrature signals); one period per line"
+    parameters = (Parameter("cos", "rad", 5e-7, bound=1e-4), Parameter("sin", "rad", 5e-7, bound=1e-4))
+    acts_on = (HEAD,)
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Each head."""
+        return head_locations(machine)
+
+    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
+        """Add one wave per line; the observed reading carries its phase, the ideal one jitters by part of a line."""
+        phase = state.lines * (ideal if state.observed is None else state.observed)
+        return ideal + values[0] * np.cos(phase) + values[1] * np.sin(phase)
+
+
+class HeadMisplacement(StageEffect):
+    """A head stands at another azimuth than the twin says."""
+
+    name = "head_misplacement"
+    title = "head at another azimuth"
+    source = _CONTRACT
+    parameters = (Parameter("azimuth", "rad", 1e-2, bound=0.5),)
+    acts_on = (HEAD,)
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Each head."""
+        return head_locations(machine)
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Move that head."""
+        letter = location.removeprefix(f"{HEAD}_")
+        azimuths = {**stage.encoder.azimuths, letter: stage.encoder.azimuths[letter] + float(values[0])}
+        return replace(stage, encoder=replace(stage.encoder, azimuths=azimuths))
+
+
+class HeadLatency(StageEffect):
+    """The values of one head are older than their stamps."""
+
+    name = "head_latency"
+    title = "one head late"
+    source = "sampling delay: angle error = speed x delay"
+    parameters = (Parameter("delay", "s", 1e-4, bound=1.0),)
+    acts_on = (HEAD,)
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Each head."""
+        return head_locations(machine)
+
+    def delay(self, values: Values, location: str) -> float:
+        """The age itself."""
+        return float(values[0])
+
+
+class EncoderLatency(StageEffect):
+    """The values of all heads are older than their stamps: the rotation itself is on time."""
+
+    name = "encoder_latency"
+    title = "all heads late"
+    source = "sampling delay: angle error = speed x delay"
+    parameters = (Parameter("delay", "s", 1e-4, bound=1.0),)
+    acts_on = (HEAD,)
+
+    def delay(self, values: Values, location: str) -> float:
+        """The age itself."""
+        return float(values[0])
+
+
+class HeadMissedCounts(StageEffect):
+    """A head loses counts at one moment and stays off by them."""
+
+    name = "head_missed_counts"
+    title = "counts lost by a head"
+    source = "incremental counting: a lost count stays lost"
+    parameters = (Parameter("time", "s", 1.0, role=Role.FIXED), Parameter("step", "rad", 2e-5, bound=1.0))
+    acts_on = (HEAD,)
+    is_step = True
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Each head."""
+        return head_locations(machine)
+
+    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
+        """Add the step from its moment on."""
+        return ideal + values[1] * (state.time >= values[0])
+
+
+class DiscScale(StageEffect):
+    """The ring's radius differs from the twin's: all that divides by it is scaled."""
+
+    name = "disc_scale"
+    title = "ring of another radius"
+    source = _CONTRACT
+    parameters = (Parameter("relative", "1", 1e-2, bound=0.5),)
+    acts_on = (HEAD,)
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Scale the radius."""
+        radius = stage.encoder.disc_radius * (1 + float(values[0]))
+        return replace(stage, encoder=replace(stage.encoder, disc_radius=radius))

@@ -1,0 +1,68 @@
+"""Effects of the LVDT and the artefact that it touches."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rotary_error_monitor.description.stage import Lvdt, StageDescription
+from rotary_error_monitor.effects.effect import Parameter, Values
+from rotary_error_monitor.effects.rotor import LVDT, Array, RotorState, StageEffect
+
+_COMPONENTS = {"x": 0, "y": 1}
+
+
+class LvdtGain(StageEffect):
+    """One component of the LVDT reads too large or too small."""
+
+    name = "lvdt_gain"
+    title = "LVDT's scale"
+    source = "calibration of an LVDT's scale factor"
+    parameters = (Parameter("relative", "1", 1e-2, bound=0.5),)
+    acts_on = (LVDT,)
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Each component."""
+        return tuple(_COMPONENTS)
+
+    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
+        """Scale that component."""
+        scaled = ideal.copy()
+        scaled[:, _COMPONENTS[location]] *= 1 + values[0]
+        return scaled
+
+
+class LvdtArtefact(StageEffect):
+    """The artefact is mounted elsewhere on the rotor than the twin says."""
+
+    name = "lvdt_artefact"
+    title = "artefact mounted off centre"
+    source = "ISO 230-7, Annex (artefact eccentricity)"
+    parameters = (Parameter("shift", "m", 1e-6, 2, bound=1e-3),)
+    acts_on = (LVDT,)
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add the shift to the artefact's eccentricity."""
+        if stage.lvdt is None:
+            return stage
+        x, y = stage.lvdt.artefact_eccentricity
+        return _with_lvdt(stage, replace(stage.lvdt, artefact_eccentricity=(x + float(values[0]), y + float(values[1]))))
+
+
+class LvdtHeight(StageEffect):
+    """The LVDT touches at another height than the twin says."""
+
+    name = "lvdt_height"
+    title = "LVDT at another height"
+    source = "Lou et al. 2019, Equation 7 (radial error motion at a height)"
+    parameters = (Parameter("offset", "m", 1e-3, bound=1.0),)
+    acts_on = (LVDT,)
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add to the height."""
+        if stage.lvdt is None:
+            return stage
+        return _with_lvdt(stage, replace(stage.lvdt, height=stage.lvdt.height + float(values[0])))
+
+
+def _with_lvdt(stage: StageDescription, lvdt: Lvdt) -> StageDescription:
+    return replace(stage, lvdt=lvdt)

@@ -1,0 +1,169 @@
+"""Effects of the spindle: error motion of its axis, bearing, load, warmth, unbalance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.effects.autocollimator import planar_row
+from rotary_error_monitor.effects.effect import Estimate, Parameter, Role, Values
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Array, RotorState, StageEffect
+
+
+class SpindleRadial(StageEffect):
+    """The axis moves radially with one more order."""
+
+    name = "spindle_radial"
+    title = "synchronous radial error motion of one order"
+    source = "ISO 230-7, synchronous radial error motion"
+    parameters = (
+        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("x", "m", 1e-6, 2, bound=1e-3),
+        Parameter("y", "m", 1e-6, 2, bound=1e-3),
+    )
+    acts_on = (HEAD, LVDT)
+    orders = 100
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add the order to the spindle's radial error motion."""
+        return replace(stage, spindle=replace(stage.spindle, radial=(*stage.spindle.radial, planar_row(values))))
+
+
+class SpindleTilt(StageEffect):
+    """The axis tilts with one more order."""
+
+    name = "spindle_tilt"
+    title = "synchronous tilt error motion of one order"
+    source = "ISO 230-7, synchronous tilt error motion"
+    parameters = (
+        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("x", "rad", 3e-6, 2, bound=1e-2),
+        Parameter("y", "rad", 3e-6, 2, bound=1e-2),
+    )
+    acts_on = (AUTOCOLLIMATOR, LVDT)
+    orders = 100
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add the order to the spindle's tilt error motion."""
+        return replace(stage, spindle=replace(stage.spindle, tilt=(*stage.spindle.tilt, planar_row(values))))
+
+
+class BearingAsynchronous(StageEffect):
+    """Rolling elements and cage move the axis at an order that is no whole number.
+
+    The value vector holds the cosine and sine parts of the radial motion, in which the prediction is linear; reports
+    give its size and phase.
+    """
+
+    name = "bearing_asynchronous"
+    title = "asynchronous error motion of the bearing"
+    source = "ISO 230-7, asynchronous error motion; cage and ball-pass orders of rolling bearings"
+    parameters = (
+        Parameter("order", "1", 1.0, role=Role.SHAPE, bound=100.0),
+        Parameter("radial_cos", "m", 5e-7, bound=1e-3),
+        Parameter("radial_sin", "m", 5e-7, bound=1e-3),
+        Parameter("tilt", "rad", 1e-6, bound=1e-2),
+    )
+    wave = "theta"
+
+    def radial(self, values: Values, state: RotorState) -> Array:
+        """`radial * (cos(order theta + phase), sin(order theta + phase))`."""
+        order, along, across, _ = values
+        cos, sin = state.harmonic(float(order))
+        return np.stack([along * cos - across * sin, along * sin + across * cos], axis=1)
+
+    def tilt(self, values: Values, state: RotorState) -> Array:
+        """`tilt * (cos(order theta), sin(order theta))`."""
+        return values[3] * np.stack(state.harmonic(float(values[0])), axis=1)
+
+    def report(self, values: Values, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
+        """Order, size, tilt and phase, their spread by first-order propagation."""
+        order, along, across, tilt = (float(value) for value in values)
+        size = math.hypot(along, across)
+        to_polar = np.zeros((4, 4))
+        to_polar[0, 0] = to_polar[2, 3] = 1.0
+        if size > 0:
+            to_polar[1, 1:3] = along / size, across / size
+            to_polar[3, 1:3] = -across / size**2, along / size**2
+        std = np.sqrt(np.maximum(np.diag(to_polar @ covariance @ to_polar.T), 0.0))
+        polar = (order, size, tilt, math.atan2(across, along))
+        return {
+            name: Estimate(value, float(spread))
+            for name, value, spread in zip(("order", "radial", "tilt", "phase"), polar, std, strict=True)
+        }
+
+    def values_from(self, parameters: dict[str, float]) -> Values:  # type: ignore[override]
+        """Cosine and sine parts from size and phase."""
+        radial, phase = float(parameters["radial"]), float(parameters["phase"])
+        return np.array(
+            [parameters["order"], radial * math.cos(phase), radial * math.sin(phase), parameters["tilt"]], np.float64
+        )
+
+
+class LoadCompliance(StageEffect):
+    """The shaft yields to force more, or less, than the twin says."""
+
+    name = "load_compliance"
+    title = "compliance under load"
+    source = "Lou et al. 2019, Figure 15 (external force on the shaft)"
+    parameters = (Parameter("radial", "m/N", 1e-8, bound=1e-5), Parameter("tilt", "rad/N", 3e-8, bound=1e-5))
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add to both compliances."""
+        spindle = stage.spindle
+        return replace(
+            stage,
+            spindle=replace(
+                spindle,
+                radial_compliance=spindle.radial_compliance + float(values[0]),
+                tilt_compliance=spindle.tilt_compliance + float(values[1]),
+            ),
+        )
+
+
+class ThermalDrift(StageEffect):
+    """The axis moves sideways as the stage warms."""
+
+    name = "thermal_drift"
+    title = "radial drift with temperature"
+    source = "ISO 230-3, drift of the axis average line"
+    parameters = (Parameter("radial", "m/K", 5e-7, 2, bound=1e-4),)
+    acts_on = (HEAD, LVDT)
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add to the drift per kelvin."""
+        x, y = stage.spindle.radial_thermal
+        drift = (x + float(values[0]), y + float(values[1]))
+        return replace(stage, spindle=replace(stage.spindle, radial_thermal=drift))
+
+
+class RadialHysteresis(StageEffect):
+    """The axis lies elsewhere in one direction of rotation than in the other."""
+
+    name = "radial_hysteresis"
+    title = "radial shift with the direction of rotation"
+    source = "ISO 230-1, 3.4.16 ff. (reversal)"
+    parameters = (Parameter("radial", "m", 1e-6, 2, bound=1e-3),)
+    acts_on = (HEAD, LVDT)
+
+    def radial(self, values: Values, state: RotorState) -> Array:
+        """Half of it in the direction of rotation."""
+        return 0.5 * np.sign(state.omega)[:, None] * values
+
+
+class Unbalance(StageEffect):
+    """A turning force that grows with the square of the speed moves the axis."""
+
+    name = "unbalance"
+    title = "unbalance"
+    source = "ISO 21940-11 (centrifugal force) on a compliant bearing"
+    parameters = (Parameter("radial", "m s^2/rad^2", 3e-8, 2, bound=1e-5),)
+    acts_on = (HEAD, LVDT)
+
+    def radial(self, values: Values, state: RotorState) -> Array:
+        """Speed squared times the vector on the rotor."""
+        return np.square(state.omega)[:, None] * state.turned(values)

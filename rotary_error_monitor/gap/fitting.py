@@ -1,0 +1,113 @@
+"""Sizing of chosen causes: Gauss-Newton steps on all their free values and the twin's uncertain parameters together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.gap.normal import BlockNormal, combine, stack, subtract
+from rotary_error_monitor.gap.problem import Array, Problem, Rows
+
+MOST_STEPS = 6
+_SETTLED = 1e-3
+"""A step smaller than this part of a standard deviation changes nothing that anyone could see."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Causes as sized, beside the twin's parameters within their uncertainty.
+
+    Attributes:
+        causes: with their values.
+        covariances: of the values of each cause.
+        data: white rows of measured minus predicted, with the causes and the twin's parameters as stated.
+        nuisance: white columns of the uncertain parameters, at these causes.
+        nuisance_values: how far each is moved, in standard uncertainties.
+        columns: white columns of the causes' free values, at these values.
+        rest: white rows when the fitted nuisances are taken out as well.
+        blocks: normal equations with `data`, columns nuisances then causes.
+    """
+
+    causes: tuple[Cause, ...]
+    covariances: tuple[Array, ...]
+    data: Rows
+    nuisance: Rows
+    nuisance_values: Array
+    columns: tuple[Rows, ...]
+    rest: Rows
+    blocks: BlockNormal
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares of what is left, with the price of moving the nuisances."""
+        return float(sum(np.sum(np.square(rows)) for rows in self.rest.values()) + np.sum(self.nuisance_values**2))
+
+
+def fit_causes(problem: Problem, causes: Sequence[Cause], nuisance: Rows | None = None) -> Fit:
+    """Size the causes from where they start.
+
+    Args:
+        problem: recording beside twin.
+        causes: effects with first values.
+        nuisance: columns of the uncertain parameters if they are known already; they hardly depend on the causes.
+    """
+    sized = tuple(causes)
+    uncertain = problem.nuisance(sized) if nuisance is None else nuisance
+    count = next((rows.shape[1] for rows in uncertain.values()), 0)
+    for step in range(MOST_STEPS + 1):
+        data = problem.residual(sized)
+        columns = tuple(_columns(problem, sized))
+        blocks = stack(problem, data, [uncertain, *columns])
+        total = blocks.total()
+        gram = total.gram + np.diag(np.concatenate([np.ones(count), np.full(len(total.moment) - count, 1e-12)]))
+        scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        factor = cho_factor(gram * np.outer(scale, scale) + 1e-12 * np.eye(len(gram)))
+        change = scale * cho_solve(factor, scale * total.moment)
+        covariance = np.outer(scale, scale) * cho_solve(factor, np.eye(len(gram)))
+        std = np.sqrt(np.diag(covariance))[count:]
+        if step == MOST_STEPS or not sized or np.all(np.abs(change[count:]) < _SETTLED * std):
+            break
+        sized = _moved(sized, change[count:])
+    rest = subtract(data, combine([uncertain], [change[:count]])) if count else data
+    return Fit(
+        sized, _spread(sized, covariance[count:, count:]), data, uncertain, change[:count], columns, rest, blocks
+    )
+
+
+def _free(cause: Cause) -> list[int]:
+    return cause.effect.indices(Role.LINEAR, Role.SHAPE)
+
+
+def _columns(problem: Problem, causes: Sequence[Cause]) -> list[Rows]:
+    return [problem.signature(c, _free(c), (*causes[:i], *causes[i + 1 :])) for i, c in enumerate(causes)]
+
+
+def _moved(causes: Sequence[Cause], change: Array) -> tuple[Cause, ...]:
+    place, moved = 0, []
+    for cause in causes:
+        free = _free(cause)
+        values = cause.values.copy()
+        values[free] += change[place : place + len(free)]
+        place += len(free)
+        moved.append(cause.with_values(np.clip(values, -_bounds(cause), _bounds(cause))))
+    return tuple(moved)
+
+
+def _bounds(cause: Cause) -> Array:
+    return np.concatenate([np.full(p.size, p.bound) for p in cause.effect.parameters])
+
+
+def _spread(causes: Sequence[Cause], covariance: Array) -> tuple[Array, ...]:
+    place, spreads = 0, []
+    for cause in causes:
+        free = _free(cause)
+        spread = np.zeros((len(cause.values), len(cause.values)))
+        part = slice(place, place + len(free))
+        spread[np.ix_(free, free)] = covariance[part, part]
+        place += len(free)
+        spreads.append(spread)
+    return tuple(spreads)

@@ -1,0 +1,124 @@
+"""Normal equations of a linear model with Gaussian priors, kept block by block.
+
+With them every question about a set of columns is small dense algebra: the fit, its evidence, its prediction of blocks
+that were left out. The recording is read once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from rotary_error_monitor.gap.problem import Array, Problem, Rows
+
+
+@dataclass(frozen=True)
+class BlockNormal:
+    """Products of all columns with one another and with the data, for each block.
+
+    Attributes:
+        gram: (b, p, p) products of columns.
+        moment: (b, p) products of columns with the data.
+        power: (b,) squares of the data.
+        count: (b,) expected square of the data under noise alone.
+    """
+
+    gram: Array
+    moment: Array
+    power: Array
+    count: Array
+
+    def total(self, blocks: NDArray[np.bool_] | None = None) -> Normal:
+        """Sum over all blocks, or over some."""
+        chosen = np.ones(len(self.power), bool) if blocks is None else blocks
+        return Normal(
+            self.gram[chosen].sum(axis=0),
+            self.moment[chosen].sum(axis=0),
+            float(self.power[chosen].sum()),
+            float(self.count[chosen].sum()),
+        )
+
+    def squares(self, columns: Sequence[int] | NDArray[np.intp], amplitudes: Array) -> Array:
+        """(b,) squares of the data minus the columns times their amplitudes, in each block."""
+        index = np.asarray(columns, np.intp)
+        gram = self.gram[:, index[:, None], index]
+        fitted = np.einsum("bij,i,j->b", gram, amplitudes, amplitudes) - 2 * self.moment[:, index] @ amplitudes
+        return np.asarray(self.power + fitted, np.float64)
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Products summed over blocks: `gram` (p, p), `moment` (p,), `power`, `count` as in `BlockNormal`."""
+
+    gram: Array
+    moment: Array
+    power: float
+    count: float
+
+    def without(self, nuisance: int) -> Normal:
+        """The equations with the first `nuisance` columns integrated out, each with a unit Gaussian prior.
+
+        The Schur complement of the nuisance block: what is left of columns and data after the best guess at the
+        nuisances, weighted with how well those are known beforehand.
+        """
+        if nuisance == 0:
+            return self
+        inner = self.gram[:nuisance, :nuisance] + np.eye(nuisance)
+        factor = cho_factor(inner)
+        cross = self.gram[:nuisance, nuisance:]
+        moment = self.moment[:nuisance]
+        solved, guess = cho_solve(factor, cross), cho_solve(factor, moment)
+        return Normal(
+            self.gram[nuisance:, nuisance:] - cross.T @ solved,
+            self.moment[nuisance:] - cross.T @ guess,
+            self.power - float(moment @ guess),
+            self.count,
+        )
+
+
+def stack(problem: Problem, data: Rows, columns: Sequence[Rows]) -> BlockNormal:
+    """Normal equations of all `columns`, one after the other, for the data.
+
+    Columns are absent from channels on which they do not act, which saves most of the work.
+    """
+    widths = [_width(rows) for rows in columns]
+    places = np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
+    blocks = len(problem.conditions.labels)
+    size = int(places[-1])
+    gram, moment = np.zeros((blocks, size, size)), np.zeros((blocks, size))
+    power, count = np.zeros(blocks), np.zeros(blocks)
+    for channel, values in data.items():
+        acting = [i for i, rows in enumerate(columns) if channel in rows]
+        index = np.concatenate([np.arange(places[i], places[i + 1]) for i in acting] or [np.zeros(0, np.intp)])
+        table = np.concatenate([columns[i][channel] for i in acting] + [values], axis=1)
+        expected = problem.expected(channel)
+        for block, part in enumerate(problem.conditions.slices(problem.times(channel))):
+            product = table[part].T @ table[part]
+            gram[block][np.ix_(index, index)] += product[:-1, :-1]
+            moment[block][index] += product[:-1, -1]
+            power[block] += product[-1, -1]
+            count[block] += float(expected[part].sum())
+    return BlockNormal(gram, moment, power, count)
+
+
+def _width(rows: Mapping[str, Array]) -> int:
+    return next((values.shape[1] for values in rows.values()), 0)
+
+
+def combine(columns: Sequence[Rows], amplitudes: Sequence[Array]) -> Rows:
+    """White rows (m, 1) of columns times amplitudes, summed."""
+    total: Rows = {}
+    for rows, amplitude in zip(columns, amplitudes, strict=True):
+        for channel, values in rows.items():
+            part = values @ amplitude.reshape(-1, 1)
+            total[channel] = total[channel] + part if channel in total else part
+    return total
+
+
+def subtract(data: Rows, part: Rows) -> Rows:
+    """White rows with a part taken away."""
+    return {channel: values - part[channel] if channel in part else values for channel, values in data.items()}

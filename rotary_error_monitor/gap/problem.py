@@ -1,0 +1,104 @@
+"""What the diagnosis needs to know of a twin and a recording, whatever machine they are of.
+
+Everything is compared in *rows*: white numbers of variance one under the twin's own noise, so that sums of squares are
+chi-square and one unit means the same on every channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.effects.effect import Cause, Effect, Role, Values
+
+Array = NDArray[np.float64]
+
+Rows = dict[str, Array]
+"""White rows (m, p) by channel; a channel on which nothing acts may be absent."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a place as a possible cause, not yet sized.
+
+    Attributes:
+        effect: the effect.
+        location: where.
+        start: values from which it is sized: zero amplitude, shape as found by a search.
+        trials: independent places, orders or moments that were searched to arrive at it, itself included.
+    """
+
+    effect: Effect
+    location: str
+    start: Values
+    trials: int = 1
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Name and location."""
+        return self.effect.name, self.location
+
+    @property
+    def linear(self) -> list[int]:
+        """Indices of the values in which the prediction is linear."""
+        return self.effect.indices(Role.LINEAR)
+
+    def cause(self, amplitudes: Array) -> Cause:
+        """The effect with these values of its linear parameters."""
+        values = self.start.copy()
+        values[self.linear] = amplitudes
+        return Cause(self.effect, self.location, values)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """A recording cut into blocks, each under one condition.
+
+    Attributes:
+        edges: (b + 1,) times at which blocks begin and end, s (or numbers of poses).
+        labels: (b,) condition of each block; blocks of one label are held out together.
+        names: of each label, in words.
+    """
+
+    edges: Array
+    labels: NDArray[np.intp]
+    names: tuple[str, ...]
+
+    def slices(self, time: Array) -> list[slice]:
+        """Rows of each block, from the times of the rows."""
+        bounds = np.searchsorted(time, self.edges)
+        return [slice(int(a), int(b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+
+
+class Problem(Protocol):
+    """A recording beside a twin."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels of rows."""
+
+    @property
+    def conditions(self) -> Conditions:
+        """Blocks for holding out and for resampling."""
+
+    def times(self, channel: str) -> Array:
+        """(m,) time of each row, s (or number of the pose)."""
+
+    def expected(self, channel: str) -> Array:
+        """(m,) expected square of each row under noise alone; 0 for rows that take no part."""
+
+    def residual(self, causes: Sequence[Cause]) -> Rows:
+        """White rows (m, 1) of measured minus predicted with these causes in the twin."""
+
+    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
+        """White rows (m, len(indices)): change of the prediction with each of those values of the cause."""
+
+    def nuisance(self, causes: Sequence[Cause]) -> Rows:
+        """White rows (m, q): change of the prediction by one standard uncertainty of each parameter of the twin."""
+
+    def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
+        """Possible causes, with orders, moments and periods searched in what is left (`rest`, white rows (m, 1))."""

@@ -1,0 +1,201 @@
+"""The rotary stage as a problem of diagnosis: rows, blocks, nuisances, and the search for orders and moments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.effects.effect import Cause, Effect, Role
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Rows
+from rotary_error_monitor.gap.stage_search import StageSearch
+from rotary_error_monitor.twin.recording import StageRecording
+from rotary_error_monitor.twin.stage import Signals, StageTwin, twin_of
+from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise, fit_jitter
+from rotary_error_monitor.twin.stage_parameters import UncertainParameter, uncertain_parameters
+
+SHORTEST_BLOCK = 1.0
+"""Blocks are at least this long, s: many correlation times of jitter and turbulence, so that they are independent."""
+
+MOST_BLOCKS = 64
+
+_DERIVATIVE_STEP = 1e-3
+"""Step of numerical derivatives in usual sizes: far above rounding, far below curvature."""
+
+
+class StageProblem:
+    """A recording of a stage beside its twin.
+
+    Args:
+        stage: the description that the twin has.
+        recording: what was measured.
+        effects: the known effects.
+    """
+
+    def __init__(self, stage: StageDescription, recording: StageRecording, effects: Sequence[StageEffect]) -> None:
+        self.stage = stage
+        self.recording = recording
+        self.effects = tuple(effects)
+        self.twin: StageTwin = twin_of(stage, recording)
+        self._uncertain: tuple[UncertainParameter, ...] = uncertain_parameters(stage)
+        self._measured = {name: recording.streams[name].values for name in self.twin.times}
+        raw = self._raw_residual(())
+        omega = {name: self.twin.state(name).omega for name in recording.heads}
+        self.noise = StageNoise(stage, recording, raw, omega)
+        self._conditions = stage_conditions(recording)
+        self._search = StageSearch(self)
+        self._expected: dict[str, Array] = {}
+        self.noise.with_jitter(self._estimate_jitter(raw))
+        self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels of rows: `command`, each head, each component of the other sensors."""
+        return self.noise.channels
+
+    @property
+    def conditions(self) -> Conditions:
+        """Blocks of constant commanded speed, cut to at least a second."""
+        return self._conditions
+
+    def times(self, channel: str) -> Array:
+        """(m,) time of each row, s."""
+        return self.noise.times(channel)
+
+    def expected(self, channel: str) -> Array:
+        """(m,) expected square of each row under noise alone."""
+        if channel not in self._expected:
+            self._expected |= self.noise.expected()
+        return self._expected[channel]
+
+    def residual(self, causes: Sequence[Cause]) -> Rows:
+        """White rows (m, 1) of measured minus predicted."""
+        return self.noise.whiten({name: values[:, :, None] for name, values in self._raw_residual(causes).items()})
+
+    def raw_residual(self, causes: Sequence[Cause]) -> Signals:
+        """Measured minus predicted (n, k) of each stream, in its unit."""
+        return self._raw_residual(causes)
+
+    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
+        """White rows of the derivative of the prediction with respect to values of `cause`, beside `others`."""
+        effect = cause.effect
+        assert isinstance(effect, StageEffect)
+        streams = [name for name in self.twin.times if effect.touches(cause.location, name)]
+        steps = effect.scales()[list(indices)] * _DERIVATIVE_STEP
+        base = self._prediction((*others, cause), streams)
+        columns: dict[str, list[Array]] = {name: [] for name in streams}
+        for index, step in zip(indices, steps, strict=True):
+            values = cause.values.copy()
+            values[index] += step
+            moved = self.twin.predict((*others, cause.with_values(values)), streams)
+            for name in streams:
+                columns[name].append((moved[name] - base[name]) / step)
+        return self._white_columns(columns)
+
+    def nuisance(self, causes: Sequence[Cause]) -> Rows:
+        """White rows of one standard uncertainty of each uncertain parameter."""
+        base = self.twin.predict(causes)
+        columns: dict[str, list[Array]] = {name: [] for name in base}
+        for parameter in self._uncertain:
+            moved = self.twin.predict(causes, stage=parameter.shifted(self.stage, parameter.uncertainty))
+            for name, values in base.items():
+                columns[name].append(moved[name] - values)
+        return self._white_columns(columns) if self._uncertain else {}
+
+    def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
+        """Every effect at every place, orders and moments as found in what is left."""
+        return self._search.candidates(rest)
+
+    def describe(self, effect: Effect) -> StageDescription:
+        """Description that an effect asks its locations of."""
+        return self.stage
+
+    def _raw_residual(self, causes: Sequence[Cause]) -> Signals:
+        predicted = self.twin.predict(causes)
+        return {name: self._measured[name] - values for name, values in predicted.items()}
+
+    def _prediction(self, causes: Sequence[Cause], streams: Sequence[str]) -> Signals:
+        """Prediction with these causes; causes without size are left out, and the last one asked for is kept."""
+        sized = tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
+        key = tuple((*cause.key, cause.values.tobytes()) for cause in sized)
+        if self._kept_prediction is None or self._kept_prediction[0] != key:
+            self._kept_prediction = (key, self.twin.predict(sized))
+        return {name: self._kept_prediction[1][name] for name in streams}
+
+    def _white_columns(self, columns: Mapping[str, list[Array]]) -> Rows:
+        stacked = {name: np.stack(parts, axis=2) for name, parts in columns.items() if parts}
+        return {
+            channel: rows for channel, rows in self.noise.whiten(stacked).items() if np.any(rows)
+        }
+
+    def _estimate_jitter(self, raw: Signals) -> Jitter:
+        """Jitter's spectrum from what the heads share, once anything that goes with the motion is taken out of it."""
+        grid = self.noise.grid
+        mean, enough = self.noise.shared({name: raw[name][:, :, None] for name in grid.heads})
+        basis = self._search.motion_basis(grid.time)
+        shared = mean[:, 0].copy()
+        fitted, *_ = np.linalg.lstsq(basis[enough], shared[enough], rcond=None)
+        shared[enough] -= basis[enough] @ fitted
+        shared[~enough] = 0.0
+        length = min(2000, len(shared))
+        frequency, power = welch(shared, 1 / grid.period, nperseg=length)
+        floor = 2 * grid.period * self.noise.std["head"] ** 2 / len(grid.heads)
+        # Welch's mean of many periodograms scatters little, so its median is nearly its mean.
+        return fit_jitter(frequency[1:], power[1:] * np.log(2.0), floor, Jitter())
+
+
+@dataclass(frozen=True)
+class _Span:
+    start: float
+    stop: float
+    speed: float
+
+
+def stage_conditions(recording: StageRecording) -> Conditions:
+    """Blocks of constant commanded speed; blocks of one speed and direction are held out together.
+
+    Where fewer than three conditions exist, whole stretches of time take their place.
+    """
+    command = recording.streams[COMMAND]
+    spans = _constant_speed(command.time, command.values[:, 1])
+    total = recording.duration
+    longest = max(SHORTEST_BLOCK, total / MOST_BLOCKS)
+    edges, labels, speeds = [0.0], [], []
+    for span in spans:
+        pieces = max(1, int((span.stop - span.start) / longest))
+        edges += np.linspace(span.start, span.stop, pieces + 1)[1:].tolist()
+        speeds += [span.speed] * pieces
+    names: list[str] = []
+    for speed in speeds:
+        name = "at rest" if speed == 0 else f"{speed:+.3g} rad/s"
+        if name not in names:
+            names.append(name)
+        labels.append(names.index(name))
+    edges[-1] = np.inf
+    edges[0] = -np.inf
+    if len([name for name in names if name != "at rest"]) < 3:
+        thirds = np.minimum(np.arange(len(labels)) * 4 // max(len(labels), 1), 3)
+        return Conditions(np.asarray(edges), thirds.astype(np.intp), tuple(f"quarter {i + 1}" for i in range(4)))
+    return Conditions(np.asarray(edges), np.asarray(labels, np.intp), tuple(names))
+
+
+def _constant_speed(time: Array, speed: Array) -> list[_Span]:
+    """Stretches of constant speed; each change of speed belongs to the stretch that it ends."""
+    top = float(np.max(np.abs(speed))) or 1.0
+    steady: NDArray[np.bool_] = np.abs(np.gradient(speed)) < 1e-4 * top
+    level = np.round(speed / top, 3) * top
+    starts = [0]
+    for i in np.flatnonzero(steady[1:] & ~steady[:-1]) + 1:
+        if time[i] - time[starts[-1]] > 0.5 * SHORTEST_BLOCK and abs(level[i] - level[starts[-1]]) > 1e-3 * top:
+            starts.append(int(i))
+    bounds = [*starts, len(time) - 1]
+    spans = []
+    for a, b in zip(bounds[:-1], bounds[1:], strict=True):
+        middle = level[a:b][steady[a:b]]
+        spans.append(_Span(float(time[a]), float(time[b]), float(np.median(middle)) if len(middle) else 0.0))
+    return spans

@@ -1,0 +1,169 @@
+"""Search for what an effect's location or shape leaves open: orders, moments of a step, orders that are not whole.
+
+The search looks at white rows that are left when all that is already known has been taken out. It only proposes: each
+proposal is then weighed by its exact signature, and pays for the number of places that were searched.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from rotary_error_monitor.effects.effect import Effect, order_location
+from rotary_error_monitor.gap.problem import Array, Candidate, Rows
+
+if TYPE_CHECKING:
+    from rotary_error_monitor.gap.stage import StageProblem
+
+PROPOSED_ORDERS = 3
+"""Orders proposed by each group of channels."""
+
+LOWEST_ORDERS = (1, 2)
+"""Orders that are always weighed: many effects resemble them."""
+
+WHOLE = 0.02
+"""Orders closer to a whole number than this are left to the families of whole orders."""
+
+
+class StageSearch:
+    """Proposes candidates of a stage problem."""
+
+    def __init__(self, problem: StageProblem) -> None:
+        self._problem = problem
+        self._command: dict[str, Array] = {}
+
+    def candidates(self, rest: Rows) -> tuple[Candidate, ...]:
+        """Every effect at every place; families of orders at the orders that stand out in `rest`."""
+        orders = self._orders(rest)
+        found: list[Candidate] = []
+        for effect in self._problem.effects:
+            if effect.orders:
+                chosen = [order for order in orders if order <= effect.orders]
+                found += [self._of_order(effect, order) for order in chosen]
+            elif getattr(effect, "is_step", False):
+                found += self._steps(effect, rest)
+            elif getattr(effect, "wave", None):
+                found += self._waves(effect, rest)
+            else:
+                places = effect.locations(self._problem.stage)
+                found += [Candidate(effect, place, effect.start(place), len(places)) for place in places]
+        return tuple(found)
+
+    def motion_basis(self, time: Array) -> Array:
+        """(n, p) slow functions of the commanded motion: offset, speed, direction, acceleration and low orders."""
+        inputs = self._problem.twin.inputs
+        command, omega = inputs.command(time), inputs.omega(time)
+        top = float(np.max(np.abs(omega))) or 1.0
+        columns = [np.ones(len(time)), time / time[-1], omega / top, np.sign(omega) * (np.abs(omega) > 1e-6 * top)]
+        columns += [np.gradient(omega, time) / top, np.square(omega / top)]
+        for order in range(1, 5):
+            columns += [np.cos(order * command), np.sin(order * command)]
+        return np.stack(columns, axis=1)
+
+    def _of_order(self, effect: Effect, order: int) -> Candidate:
+        place = order_location(order)
+        return Candidate(effect, place, effect.start(place), effect.orders)
+
+    def _angle(self, channel: str) -> Array:
+        """(m,) commanded rotation at the rows of a channel."""
+        if channel not in self._command:
+            self._command[channel] = np.asarray(
+                self._problem.twin.inputs.command(self._problem.times(channel)), np.float64
+            )
+        return self._command[channel]
+
+    def _orders(self, rest: Rows) -> list[int]:
+        most = max((effect.orders for effect in self._problem.effects), default=0)
+        groups: dict[str, Array] = {}
+        for channel, rows in rest.items():
+            group = channel.partition(".")[0].partition("_")[0]
+            power = order_spectrum(self._angle(channel), rows[:, 0], most)
+            groups[group] = groups.get(group, 0.0) + power
+        chosen = set(LOWEST_ORDERS) if most else set()
+        for power in groups.values():
+            chosen |= {int(order) for order in np.argsort(power)[::-1][:PROPOSED_ORDERS] + 1}
+        return sorted(chosen)
+
+    def _steps(self, effect: Effect, rest: Rows) -> list[Candidate]:
+        found = []
+        for place in effect.locations(self._problem.stage):
+            if place not in rest:
+                continue
+            moment = find_step(self._problem.times(place), rest[place][:, 0])
+            start = effect.start(place)
+            start[effect.slices()["time"]] = moment
+            # Steps less than a few samples apart cannot be told apart: the trials are fewer than the samples.
+            found.append(Candidate(effect, place, start, 4 * max(len(rest[place]) // 20, 1)))
+        return found
+
+    def _waves(self, effect: Effect, rest: Rows) -> list[Candidate]:
+        angle = {channel: self._angle(channel) for channel in rest if channel != "command"}
+        rows = {channel: rest[channel][:, 0] for channel in angle}
+        order, trials = find_wave(angle, rows)
+        start = effect.start("")
+        start[effect.slices()["order"]] = order
+        return [Candidate(effect, "", start, trials)]
+
+
+def order_spectrum(angle: Array, rows: Array, orders: int) -> Array:
+    """(orders,) power of each whole order 1, 2, … in white rows: chi-square with two degrees of freedom under noise."""
+    step = np.exp(-1j * angle)
+    turning = np.ones(len(angle), complex)
+    power = np.empty(orders)
+    for index in range(orders):
+        turning = turning * step
+        power[index] = 2 * np.abs(np.dot(turning, rows)) ** 2
+    return power / max(len(rows), 1)
+
+
+def find_step(time: Array, rows: Array) -> float:
+    """Moment, s, of the step that explains most of white rows whose mean is already known to be zero.
+
+    The matched filter of a step at each sample, from cumulative sums: `(sum after)^2 / (number after)`, the mean of
+    all rows taken out beforehand so that an offset does not look like a step at the beginning.
+    """
+    count = len(rows)
+    after = np.cumsum((rows - rows.mean())[::-1])[::-1]
+    samples = np.arange(count, 0, -1)
+    gain = np.square(after) * count / (samples * np.maximum(count - samples, 1))
+    inner = slice(max(1, count // 200), count - max(1, count // 200))
+    index = int(np.argmax(gain[inner])) + inner.start
+    return float(0.5 * (time[index - 1] + time[index]))
+
+
+def find_wave(angle: dict[str, Array], rows: dict[str, Array], highest: float = 24.0) -> tuple[float, int]:
+    """Order that is not whole with the most power over all channels, and how many independent orders were searched.
+
+    Rows are first summed over short arcs of the unwrapped rotation (64 arcs a turn hold orders up to 24 with little
+    loss), which keeps the transform small however long the recording.
+    """
+    arcs = 64
+    low = min(float(a.min()) for a in angle.values())
+    high = max(float(a.max()) for a in angle.values())
+    turns = max((high - low) / (2 * np.pi), 0.25)
+    cells = int(turns * arcs) + 1
+    length = int(2 ** np.ceil(np.log2(4 * cells)))
+    power = np.zeros(length // 2 + 1)
+    for channel, values in rows.items():
+        cell = ((angle[channel] - low) / (2 * np.pi) * arcs).astype(np.intp)
+        sums = np.bincount(cell, values, minlength=cells)
+        power += np.abs(np.fft.rfft(sums, length)) ** 2 / max(len(values), 1)
+    order = np.arange(len(power)) * arcs / length
+    apart = np.abs(order - np.round(order)) > np.maximum(WHOLE, 0.6 / turns)
+    allowed: NDArray[np.bool_] = apart & (order > max(0.1, 1 / turns)) & (order < highest)
+    if not allowed.any():
+        return 0.5, 1
+    best = float(order[int(np.argmax(np.where(allowed, power, -1.0)))])
+
+    def missing(value: float) -> float:
+        return -sum(
+            float(np.abs(np.dot(np.exp(-1j * value * angle[channel]), values)) ** 2) / max(len(values), 1)
+            for channel, values in rows.items()
+        )
+
+    reach = 1.5 * arcs / length
+    refined = minimize_scalar(missing, bounds=(best - reach, best + reach), method="bounded", options={"xatol": 1e-6})
+    return float(refined.x), max(int(np.count_nonzero(allowed) * cells / length), 1)

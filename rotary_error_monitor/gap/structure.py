@@ -1,0 +1,171 @@
+"""Is anything left but noise? Tests of white rows against every kind of structure that a machine can leave.
+
+A test never asks for a known effect: it asks whether rows depend on the place of the rotor, on its orders under each
+condition, on time, or hold a line in frequency. All chances are combined by Bonferroni, so the rate of false findings
+is kept however the tests overlap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from rotary_error_monitor.gap.problem import Array
+
+MODELLED_ORDERS = 16
+"""Orders looked for under each condition."""
+
+LINE_ORDERS = 200
+PLACES = 180
+SECONDS = 0.5
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Outcome of one test.
+
+    Attributes:
+        channel: channel of rows.
+        kind: `orders`, `line`, `frequency`, `place` or `time`.
+        log_chance: natural logarithm of the chance of this under noise.
+        excess: power above noise in rows' units, as far as the test measures it.
+        pattern: what was found, in words.
+    """
+
+    channel: str
+    kind: str
+    log_chance: float
+    excess: float
+    pattern: str
+
+
+@dataclass(frozen=True)
+class Track:
+    """Rows of one channel with what they may depend on.
+
+    Attributes:
+        channel: name.
+        rows: (n,) white rows of variance one.
+        time: (n,) s.
+        angle: (n,) rotation, rad.
+        labels: (n,) condition of each row.
+        names: of the conditions.
+    """
+
+    channel: str
+    rows: Array
+    time: Array
+    angle: Array
+    labels: NDArray[np.intp]
+    names: Sequence[str]
+
+
+def find_structure(track: Track) -> list[Finding]:
+    """All tests of one channel."""
+    tests: list[Callable[[Track], Finding]] = [_orders, _line, _frequency, _place, _time]
+    return [test(track) for test in tests]
+
+
+def _log_any(log_chance: float, trials: int) -> float:
+    """Logarithm of the chance that the largest of many independent tests reaches this."""
+    return min(0.0, log_chance + np.log(trials))
+
+
+def _orders(track: Track) -> Finding:
+    """Orders 0 to 16 under each condition, beside the noise of the orders above."""
+    gain, freedom, best, words = 0.0, 0, 0.0, "nothing"
+    for label, name in enumerate(track.names):
+        chosen = track.labels == label
+        if np.count_nonzero(chosen) < 4 * MODELLED_ORDERS:
+            continue
+        table = _wave_table(track.angle[chosen], MODELLED_ORDERS)
+        part, dimension, each = _explained(table, track.rows[chosen])
+        floor = max(1.0, _noise_above(track.angle[chosen], track.rows[chosen]))
+        gain, freedom = gain + part / floor, freedom + dimension
+        if np.max(each) / floor > best:
+            best, words = np.max(each) / floor, f"order {int(np.argmax(each))} at {name}"
+    return Finding(
+        track.channel, "orders", float(chi2.logsf(gain, max(freedom, 1))), max(0.0, gain - freedom), f"angle: {words}"
+    )
+
+
+def _wave_table(angle: Array, orders: int, first: int = 0) -> Array:
+    turns = np.exp(1j * np.outer(angle, np.arange(first, orders + 1)))
+    return np.concatenate([turns.real, turns.imag[:, 1 if first == 0 else 0 :]], axis=1)
+
+
+def _explained(table: Array, rows: Array) -> tuple[float, int, Array]:
+    """Power that columns explain, their rank, and the power at each order alone."""
+    gram, moment = table.T @ table, table.T @ rows
+    values, vectors = np.linalg.eigh(gram)
+    seen = values > 1e-6 * values[-1]
+    gain = float(np.sum((vectors.T @ moment)[seen] ** 2 / values[seen]))
+    single = moment**2 / np.maximum(np.diag(gram), 1e-12)
+    orders = (table.shape[1] + 1) // 2
+    each = single[:orders].copy()
+    each[1:] += single[orders:]
+    return gain, int(seen.sum()), each
+
+
+def _noise_above(angle: Array, rows: Array) -> float:
+    """Noise level at orders just above the modelled ones; rounding of a slowly turning ring is not quite white."""
+    table = _wave_table(angle, 3 * MODELLED_ORDERS, MODELLED_ORDERS + 1)
+    power = np.square(table.T @ rows) * 2 / len(rows)
+    return float(np.median(power) / chi2.median(1))
+
+
+def _line(track: Track) -> Finding:
+    """One order, up to 200, over the whole recording."""
+    step, turning, best, order = np.exp(-1j * track.angle), np.ones(len(track.rows), complex), 0.0, 0
+    for index in range(1, LINE_ORDERS + 1):
+        turning = turning * step
+        power = 2 * abs(np.dot(turning, track.rows)) ** 2 / len(track.rows)
+        if power > best:
+            best, order = power, index
+    log_chance = _log_any(-best / 2, LINE_ORDERS)
+    return Finding(track.channel, "line", log_chance, max(0.0, best - 2), f"angle: order {order}")
+
+
+def _frequency(track: Track) -> Finding:
+    """One frequency, whatever the speed."""
+    period = float(np.median(np.diff(track.time)))
+    index = np.rint((track.time - track.time[0]) / period).astype(np.intp)
+    even = np.bincount(index, track.rows)
+    power = 2 * np.abs(np.fft.rfft(even)[1:]) ** 2 / len(track.rows)
+    best = int(np.argmax(power))
+    frequency = (best + 1) / (len(even) * period)
+    log_chance = _log_any(-float(power[best]) / 2, len(power))
+    return Finding(
+        track.channel, "frequency", log_chance, max(0.0, float(power[best]) - 2), f"time: line at {frequency:.2f} Hz"
+    )
+
+
+def _place(track: Track) -> Finding:
+    """One place on the circle, two degrees wide."""
+    cell = (np.mod(track.angle, 2 * np.pi) * PLACES / (2 * np.pi)).astype(np.intp) % PLACES
+    z, used = _means(cell, track.rows, PLACES)
+    best = int(np.argmax(np.abs(z)))
+    log_chance = _log_any(float(norm.logsf(abs(z[best])) + np.log(2)), used)
+    where = (best + 0.5) * 360 / PLACES
+    return Finding(track.channel, "place", log_chance, max(0.0, float(z[best]) ** 2 - 1), f"angle: place {where:.0f}°")
+
+
+def _time(track: Track) -> Finding:
+    """One moment, half a second wide."""
+    cell = ((track.time - track.time[0]) / SECONDS).astype(np.intp)
+    z, used = _means(cell, track.rows, int(cell[-1]) + 1)
+    best = int(np.argmax(np.abs(z)))
+    log_chance = _log_any(float(norm.logsf(abs(z[best])) + np.log(2)), used)
+    moment = track.time[0] + (best + 0.5) * SECONDS
+    return Finding(track.channel, "time", log_chance, max(0.0, float(z[best]) ** 2 - 1), f"time: at {moment:.1f} s")
+
+
+def _means(cell: NDArray[np.intp], rows: Array, cells: int) -> tuple[Array, int]:
+    """Standardised mean of each cell; cells with few rows are left out, their rows are not yet normal."""
+    count = np.bincount(cell, minlength=cells)
+    z = np.where(count >= 10, np.bincount(cell, rows, minlength=cells) / np.sqrt(np.maximum(count, 1)), 0.0)
+    return z, max(int(np.count_nonzero(count >= 10)), 1)

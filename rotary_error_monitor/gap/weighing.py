@@ -1,0 +1,152 @@
+"""Evidence of sets of effects: how well each explains the data, against the freedom that it takes.
+
+For columns X with white data y and amplitudes of usual size s, the marginal likelihood of the linear Gaussian model is
+
+    log E = gain / 2 - log det(I + S X'X S) / 2,     gain = b' (X'X)^-1 b,  b = X'y
+
+relative to no effect at all (MacKay, Information Theory, Inference, and Learning Algorithms, chapter 28: the second term
+is the Occam factor). The amplitude's own prior density is left out, so that an effect larger than usual is not held
+against it. The twin's uncertain parameters are integrated out beforehand. Each candidate also pays for the places,
+orders and moments that were searched to propose it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.gap.normal import BlockNormal, Normal, stack
+from rotary_error_monitor.gap.problem import Array, Candidate, Problem, Rows
+
+_SINGULAR = 1e-9
+"""Part of a column that must remain beside the others for its amplitude to be looked at at all."""
+
+
+@dataclass(frozen=True)
+class Weight:
+    """How a set of candidates does.
+
+    Attributes:
+        members: positions of the candidates.
+        gain: chi-square that they take away.
+        freedom: number of amplitudes.
+        log_evidence: relative to no effect, prior of the search included.
+        amplitudes: best values, member after member.
+    """
+
+    members: tuple[int, ...]
+    gain: float
+    freedom: int
+    log_evidence: float
+    amplitudes: Array
+
+    @property
+    def log_chance(self) -> float:
+        """Natural logarithm of the chance that noise alone gives this gain to these columns."""
+        return float(chi2.logsf(self.gain, self.freedom))
+
+
+class Weighing:
+    """All candidates on one table: their normal equations, the nuisances integrated out.
+
+    Args:
+        problem: recording beside twin.
+        data: white rows (m, 1) that the candidates compete for.
+        nuisance: white rows of the twin's uncertain parameters.
+        candidates: competitors.
+        columns: their signatures.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        data: Rows,
+        nuisance: Rows,
+        candidates: Sequence[Candidate],
+        columns: Sequence[Rows],
+    ) -> None:
+        seen = [i for i, rows in enumerate(columns) if rows]
+        self.candidates = tuple(candidates[i] for i in seen)
+        self.columns = tuple(columns[i] for i in seen)
+        self.nuisances = next((rows.shape[1] for rows in nuisance.values()), 0)
+        self.blocks: BlockNormal = stack(problem, data, [nuisance, *self.columns])
+        self._scales = [candidate.effect.scales()[candidate.linear] for candidate in self.candidates]
+        sizes = np.concatenate([[0], np.cumsum([len(scale) for scale in self._scales])]).astype(np.intp)
+        self._places = [np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(sizes)]
+        self.normal: Normal = self.blocks.total().without(self.nuisances)
+        self._effects = len({candidate.effect.name for candidate in self.candidates})
+
+    def columns_of(self, members: Sequence[int]) -> NDArray[np.intp]:
+        """Positions of the members' columns among those of all candidates."""
+        return np.concatenate([self._places[i] for i in members]) if members else np.zeros(0, np.intp)
+
+    def position(self, key: tuple[str, str]) -> int | None:
+        """Position of a candidate by name and location."""
+        return next((i for i, candidate in enumerate(self.candidates) if candidate.key == key), None)
+
+    def weigh(self, members: Sequence[int], normal: Normal | None = None) -> Weight:
+        """Evidence of a set of candidates together."""
+        equations = self.normal if normal is None else normal
+        index = self.columns_of(members)
+        scale = np.concatenate([self._scales[i] for i in members]) if members else np.zeros(0)
+        gram = equations.gram[np.ix_(index, index)] * np.outer(scale, scale)
+        moment = equations.moment[index] * scale
+        values, vectors = np.linalg.eigh(gram)
+        # Directions that the recording does not show keep amplitude zero.
+        seen = values > max(_SINGULAR * float(values[-1]), 1e-12) if len(values) else np.zeros(0, bool)
+        part = (vectors.T @ moment)[seen]
+        gain = float(np.sum(part**2 / values[seen]))
+        occam = 0.5 * float(np.sum(np.log1p(np.maximum(values, 0.0))))
+        prior = sum(np.log(self.candidates[i].trials * self._effects) for i in members)
+        amplitudes = scale * (vectors[:, seen] @ (part / values[seen]))
+        return Weight(tuple(members), gain, int(seen.sum()), 0.5 * gain - occam - float(prior), amplitudes)
+
+    def singles(self, beside: Sequence[int] = ()) -> list[Weight]:
+        """Each candidate beside the given ones, in the order of the candidates; those themselves are left out."""
+        return [self.weigh((*beside, i)) for i in range(len(self.candidates)) if i not in beside]
+
+    def best_pair(self, shortlist: Sequence[int]) -> Weight | None:
+        """The pair with the most evidence, one of them from the shortlist."""
+        pairs = {tuple(sorted((i, j))) for i in shortlist for j in range(len(self.candidates)) if i != j}
+        found = [self.weigh(pair) for pair in pairs if not self._same_place(pair)]
+        return max(found, key=lambda weight: weight.log_evidence, default=None)
+
+    def exchange(self, start: Weight) -> Weight:
+        """The set improved by replacing one member at a time as long as that helps."""
+        best = start
+        while True:
+            trials = [
+                self.weigh((*best.members[:k], i, *best.members[k + 1 :]))
+                for k in range(len(best.members))
+                for i in range(len(self.candidates))
+                if i not in best.members
+            ]
+            found = max(trials, key=lambda weight: weight.log_evidence, default=best)
+            if found.log_evidence <= best.log_evidence + 1e-9:
+                return best
+            best = found
+
+    @property
+    def trials(self) -> int:
+        """Number of independent tests on this table: a chance is to be held against it."""
+        return sum(candidate.trials if candidate.effect.orders else 1 for candidate in self.candidates) + sum(
+            candidate.trials for candidate in self.candidates if not candidate.effect.orders and candidate.trials > 8
+        )
+
+    def causes(self, weight: Weight) -> tuple[Cause, ...]:
+        """The members with their amplitudes."""
+        place, found = 0, []
+        for member in weight.members:
+            size = len(self._scales[member])
+            found.append(self.candidates[member].cause(weight.amplitudes[place : place + size]))
+            place += size
+        return tuple(found)
+
+    def _same_place(self, pair: tuple[int, ...]) -> bool:
+        return self.candidates[pair[0]].key == self.candidates[pair[1]].key

@@ -1,0 +1,130 @@
+"""A recording of a rotary stage as continuous streams on one time axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.blocks import SampleBlock
+
+Array = NDArray[np.float64]
+
+_FIELDS = {
+    "head": ("angle",),
+    "autocollimator": ("tilt_x", "tilt_y"),
+    "lvdt": ("radial_x", "radial_y"),
+    "command": ("angle", "velocity"),
+    "force": ("force_x", "force_y"),
+    "temperature": ("temperature",),
+}
+_SENSORS = ("head", "autocollimator", "lvdt")
+FEWEST_SAMPLES = 200
+"""Samples of a stream below which nothing can be said about it."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Samples of one signal: `time` (n,) s since the recording's start, increasing, and `values` (n, k)."""
+
+    time: Array
+    values: Array
+
+    @property
+    def period(self) -> float:
+        """Usual time between samples, s."""
+        return float(np.median(np.diff(self.time)))
+
+
+@dataclass(frozen=True)
+class StageRecording:
+    """What was measured on a stage.
+
+    Attributes:
+        start_ns: stamp of the earliest sample, timestamp (ns); time 0 of all streams.
+        streams: `head_a` …, `autocollimator`, `lvdt`, `command`, `force`, `temperature`, as far as recorded.
+        remarks: what a reader should know, such as samples that had to be left out.
+    """
+
+    start_ns: int
+    streams: Mapping[str, Stream]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Streams that a twin predicts."""
+        return tuple(name for name in sorted(self.streams) if name.partition("_")[0] in _SENSORS)
+
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """Streams of the read heads."""
+        return tuple(name for name in self.sensors if name.startswith("head_"))
+
+    @property
+    def duration(self) -> float:
+        """Time between the first and the last sample, s."""
+        return max(float(stream.time[-1]) for stream in self.streams.values())
+
+
+def stage_topic(stream: str) -> str:
+    """Topic of a stream."""
+    return f"/stage/{stream}/samples"
+
+
+def record_stage(topics: Mapping[str, Sequence[SampleBlock]], heads: Sequence[str]) -> StageRecording:
+    """Recording from the sample blocks of each topic; `heads` are the letters of the heads that the twin has.
+
+    Samples that are not finite are left out, and said so, as long as they are few.
+
+    Raises:
+        InputError: topics are missing (all are named), too short, not finite, or their clocks do not overlap.
+    """
+    needed = [*(f"head_{letter}" for letter in heads), "autocollimator", "command"]
+    optional = ["lvdt", "force", "temperature"]
+    missing = [stage_topic(name) for name in needed if not topics.get(stage_topic(name))]
+    if missing:
+        raise InputError(
+            f"the recording lacks {', '.join(missing)}; it has {', '.join(sorted(topics)) or 'no topic at all'}"
+        )
+    present = [name for name in (*needed, *optional) if topics.get(stage_topic(name))]
+    start = min(int(block.times_ns[0]) for name in present for block in topics[stage_topic(name)][:1])
+    remarks: list[str] = []
+    streams = {name: _stream(name, topics[stage_topic(name)], start, remarks) for name in present}
+    _check_overlap(streams)
+    return StageRecording(start, streams, tuple(remarks))
+
+
+def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: list[str]) -> Stream:
+    fields = _FIELDS[name.partition("_")[0]]
+    time = np.concatenate([(block.times_ns - start_ns) * 1e-9 for block in blocks])
+    values = np.concatenate([block.columns(fields) for block in blocks])
+    order = np.argsort(time, kind="stable")
+    time, values = time[order], values[order]
+    finite = np.isfinite(values).all(axis=1)
+    if finite.mean() < 0.9:
+        raise InputError(
+            f"{stage_topic(name)}: {np.count_nonzero(~finite)} of {len(time)} samples are not finite (NaN or infinite); "
+            "expected numbers"
+        )
+    if not finite.all():
+        remarks.append(f"{stage_topic(name)}: {np.count_nonzero(~finite)} samples are not finite and were left out")
+    distinct = np.concatenate([[True], np.diff(time) > 0])
+    kept = finite & distinct
+    if np.count_nonzero(kept) < (FEWEST_SAMPLES if name.partition("_")[0] in (*_SENSORS, "command") else 2):
+        raise InputError(f"{stage_topic(name)}: only {np.count_nonzero(kept)} samples; {FEWEST_SAMPLES} are needed")
+    return Stream(time[kept], values[kept])
+
+
+def _check_overlap(streams: Mapping[str, Stream]) -> None:
+    command = streams["command"]
+    for name, stream in streams.items():
+        shared = min(stream.time[-1], command.time[-1]) - max(stream.time[0], command.time[0])
+        if shared < 0.5 * min(np.ptp(stream.time), np.ptp(command.time)):
+            raise InputError(
+                f"the clocks of {stage_topic(name)} ({stream.time[0]:.3f} to {stream.time[-1]:.3f} s) and "
+                f"{stage_topic('command')} ({command.time[0]:.3f} to {command.time[-1]:.3f} s) do not overlap; "
+                "stamp all streams by one clock"
+            )

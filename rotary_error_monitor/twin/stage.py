@@ -1,0 +1,218 @@
+"""The twin of a rotary stage: predicts each stream at its own sample times from command, force and temperature.
+
+The true rotation is not an input. The twin assumes the command (with the drive effects that are given); what the heads
+share beyond it is treated as the jitter of the rotor, as noise with its own spectrum, by `stage_noise`. A fault of one
+head therefore never reaches the prediction of another stream.
+
+Sight lines are exact: a head at azimuth phi looks along the radius, which cuts a ring of radius r whose centre is
+displaced by c at the angle asin((-c_x sin phi + c_y cos phi) / r) from where it would cut a centred ring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, make_smoothing_spline
+
+from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Array, RotorState, StageEffect
+from rotary_error_monitor.twin.recording import StageRecording, Stream
+
+Signals = dict[str, Array]
+"""Arrays (n, k) by stream."""
+
+
+@dataclass(frozen=True)
+class StageInputs:
+    """What drives the stage, as functions of time: command and speed (m,), force (m, 2), warming (m,)."""
+
+    command: Callable[[Array], Array]
+    omega: Callable[[Array], Array]
+    force: Callable[[Array], Array]
+    warming: Callable[[Array], Array]
+
+
+def stage_inputs(recording: StageRecording, reference_temperature: float) -> StageInputs:
+    """Inputs from the recorded streams.
+
+    The command is interpolated with its own velocity, so it holds under acceleration. Temperature is smoothed: its
+    noise is the sensor's, and the stage is slower than that. Without a force stream no force acted.
+    """
+    command = recording.streams["command"]
+    angle = CubicHermiteSpline(command.time, command.values[:, 0], command.values[:, 1])
+    speed = angle.derivative()
+    force, temperature = recording.streams.get("force"), recording.streams.get("temperature")
+    force_at = None if force is None else CubicSpline(force.time, force.values, axis=0)
+    warming_at = None if temperature is None else _smooth(temperature)
+
+    def force_of(time: Array) -> Array:
+        return np.zeros((len(time), 2)) if force is None or force_at is None else force_at(_within(time, force))
+
+    def warming_of(time: Array) -> Array:
+        if temperature is None or warming_at is None:
+            return np.zeros(len(time))
+        return np.asarray(warming_at(_within(time, temperature)), np.float64) - reference_temperature
+
+    return StageInputs(angle, speed, force_of, warming_of)
+
+
+def _smooth(stream: Stream) -> Callable[[Array], Array]:
+    if len(stream.time) < 8:
+        return lambda time: np.interp(time, stream.time, stream.values[:, 0])
+    smooth: Callable[[Array], Array] = make_smoothing_spline(stream.time, stream.values[:, 0])
+    return smooth
+
+
+def _within(time: Array, stream: Stream) -> Array:
+    """Times held inside the stream: a slow input stays at its first and last value."""
+    return np.clip(time, stream.time[0], stream.time[-1])
+
+
+@dataclass
+class StageTwin:
+    """A stage description with its inputs at the sample times of a recording.
+
+    Attributes:
+        stage: the description.
+        inputs: what drives it.
+        times: sample times of each predicted stream, s.
+        observed: what each head read, rad; carries the phase of errors within a line.
+    """
+
+    stage: StageDescription
+    inputs: StageInputs
+    times: dict[str, Array]
+    observed: dict[str, Array] = field(default_factory=dict)
+    _states: dict[str, RotorState] = field(default_factory=dict, repr=False)
+
+    def predict(
+        self,
+        causes: Sequence[Cause] = (),
+        streams: Sequence[str] | None = None,
+        stage: StageDescription | None = None,
+    ) -> Signals:
+        """Predicted values (n, k) of each stream, or of those asked for, with the effects `causes` added.
+
+        Args:
+            causes: effects of the stage with their values.
+            streams: names of streams; all by default.
+            stage: another description than the twin's own.
+        """
+        wanted = tuple(self.times) if streams is None else streams
+        return {name: self._stream(name, causes, self.stage if stage is None else stage) for name in wanted}
+
+    def state(self, stream: str, delay: float = 0.0) -> RotorState:
+        """The rotor at the sample times of a stream, `delay` seconds earlier."""
+        if delay == 0.0 and stream in self._states:
+            return self._states[stream]
+        time = self.times[stream] - delay
+        command = np.asarray(self.inputs.command(time), np.float64)
+        state = RotorState(
+            time=self.times[stream],
+            command=command,
+            omega=np.asarray(self.inputs.omega(time), np.float64),
+            theta=command,
+            force=self.inputs.force(time),
+            warming=self.inputs.warming(time),
+            command_at=self.inputs.command,
+            lines=self.stage.encoder.lines_per_revolution,
+            observed=self.observed.get(stream),
+        )
+        if delay == 0.0:
+            self._states[stream] = state
+        return state
+
+    def _stream(self, name: str, causes: Sequence[Cause], stage: StageDescription) -> Array:
+        acting = [(c, c.effect) for c in causes if isinstance(c.effect, StageEffect)]
+        acting = [(cause, effect) for cause, effect in acting if effect.touches(cause.location, name)]
+        state = self.state(name, sum(effect.delay(cause.values, cause.location) for cause, effect in acting))
+        ahead = [effect.rotation(cause.values, state) for cause, effect in acting]
+        turned = [part for part in ahead if part is not None]
+        if turned:
+            state = state.rotated(np.sum(turned, axis=0))
+        for cause, effect in acting:
+            stage = effect.amend(stage, cause.values, cause.location)
+        ideal = _SENSORS[name.partition("_")[0]](name, stage, state, acting)
+        for cause, effect in acting:
+            ideal = effect.measured(cause.values, cause.location, state, ideal)
+        if name == AUTOCOLLIMATOR:
+            ideal = np.clip(ideal, -stage.autocollimator.range, stage.autocollimator.range)
+        return ideal[:, None] if ideal.ndim == 1 else ideal
+
+
+_Acting = Sequence[tuple[Cause, StageEffect]]
+
+
+def _harmonics(rows: Sequence[PlanarHarmonic], state: RotorState) -> Array:
+    total = np.zeros((len(state.theta), 2))
+    for row in rows:
+        cos, sin = state.harmonic(row.order)
+        total[:, 0] += row.x[0] * cos + row.x[1] * sin
+        total[:, 1] += row.y[0] * cos + row.y[1] * sin
+    return total
+
+
+def _radial(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
+    spindle = stage.spindle
+    total = _harmonics(spindle.radial, state) + spindle.radial_compliance * state.force
+    total += state.warming[:, None] * np.asarray(spindle.radial_thermal)
+    for cause, effect in acting:
+        part = effect.radial(cause.values, state)
+        total = total if part is None else total + part
+    return total
+
+
+def _tilt(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
+    spindle = stage.spindle
+    total = _harmonics(spindle.tilt, state)
+    total += spindle.tilt_compliance * np.stack([-state.force[:, 1], state.force[:, 0]], axis=1)
+    for cause, effect in acting:
+        part = effect.tilt(cause.values, state)
+        total = total if part is None else total + part
+    return total
+
+
+def _head(name: str, stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
+    azimuth = stage.encoder.azimuths[name.removeprefix(f"{HEAD}_")]
+    centre = _radial(stage, state, acting) + state.turned(stage.encoder.eccentricity)
+    across = -centre[:, 0] * np.sin(azimuth) + centre[:, 1] * np.cos(azimuth)
+    reading: NDArray[np.float64] = state.theta + np.arcsin(across / stage.encoder.disc_radius)
+    for row in stage.encoder.graduation:
+        # psi = azimuth - theta, so cos(k psi) and sin(k psi) follow from the kept harmonics of theta.
+        cos, sin = state.harmonic(row.order)
+        at_cos, at_sin = np.cos(row.order * azimuth), np.sin(row.order * azimuth)
+        reading = reading + (row.cos * at_cos + row.sin * at_sin) * cos + (row.cos * at_sin - row.sin * at_cos) * sin
+    return reading
+
+
+def _autocollimator(name: str, stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
+    return state.turned(stage.mirror.tilt) + _tilt(stage, state, acting) + _harmonics(stage.mirror.flatness, state)
+
+
+def _lvdt(name: str, stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
+    assert stage.lvdt is not None
+    tilt = _tilt(stage, state, acting)
+    leaned = stage.lvdt.height * np.stack([tilt[:, 1], -tilt[:, 0]], axis=1)
+    return _radial(stage, state, acting) + leaned + state.turned(stage.lvdt.artefact_eccentricity)
+
+
+_SENSORS: dict[str, Callable[[str, StageDescription, RotorState, _Acting], Array]] = {
+    HEAD: _head,
+    AUTOCOLLIMATOR: _autocollimator,
+    LVDT: _lvdt,
+}
+
+
+def twin_of(stage: StageDescription, recording: StageRecording) -> StageTwin:
+    """Twin of the recorded stage: predicts every sensor stream that was recorded and that the stage has."""
+    sensors = [name for name in recording.sensors if name != LVDT or stage.lvdt is not None]
+    return StageTwin(
+        stage,
+        stage_inputs(recording, stage.reference_temperature),
+        {name: recording.streams[name].time for name in sensors},
+        {name: recording.streams[name].values[:, 0] for name in recording.heads},
+    )

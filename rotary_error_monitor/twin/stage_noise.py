@@ -1,0 +1,335 @@
+"""The noise of a stage's recording, and the linear map that makes it white: the common currency of all comparisons.
+
+Three kinds of noise, each from what the description says:
+
+* Heads: reading noise and rounding, `noise^2 + resolution^2 / 12`, independent. The rotor's jitter about the command is
+  seen by all heads alike, so what a head has beyond the mean of all heads is free of it: these are the rows
+  `/stage/head_i`. What the heads share stands in the rows `/stage/command`, whose noise is the jitter (coloured, its
+  spectrum estimated from the recording) plus the mean of the readings' noise.
+* Autocollimator: noise and rounding, plus turbulence: an Ornstein-Uhlenbeck process of known size and correlation time.
+* LVDT: white.
+
+Single samples far out (spikes) and samples around lost blocks take no part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.optimize import minimize
+
+from rotary_error_monitor.description.stage import StageDescription, Turbulence
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, LVDT
+from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.whitening import filtered, segments_of, whitening_taps
+
+Array = NDArray[np.float64]
+
+COMMAND = "command"
+"""Channel of what the heads share against the command."""
+
+SPIKE = 6.0
+"""A sample further than this many standard deviations from its neighbours' median is a spike: one in 10^9 by chance."""
+
+STANDSTILL_WEIGHT = 0.2
+"""At rest a head rounds the same way again and again: its samples carry the information of one in 25."""
+
+
+@dataclass(frozen=True)
+class Jitter:
+    """Spectrum of the rotor's motion about the command: `std^2` spread over frequencies below about `bandwidth`.
+
+    The one-sided density is `A exp(-(f / bandwidth)^shape)`, smooth and falling as that of a rotor's inertia.
+    """
+
+    std: float = 2e-6
+    bandwidth: float = 5.0
+    shape: float = 1.2
+
+    def density(self, frequency: Array) -> Array:
+        """(n,) one-sided power density, rad^2/Hz."""
+        from scipy.special import gamma
+
+        area = self.bandwidth * gamma(1 + 1 / self.shape)
+        return np.asarray(self.std**2 / area * np.exp(-((frequency / self.bandwidth) ** self.shape)), np.float64)
+
+
+@dataclass(frozen=True)
+class HeadGrid:
+    """Heads side by side: samples of all heads that belong together stand in one row.
+
+    Attributes:
+        heads: names of the streams.
+        rows: for each head, the row (n,) of each of its samples.
+        present: (m, heads) whether a head has a sample there.
+        time: (m,) s, of the row.
+        period: s.
+    """
+
+    heads: tuple[str, ...]
+    rows: Mapping[str, NDArray[np.intp]]
+    present: NDArray[np.bool_]
+    time: Array
+    period: float
+
+
+def align_heads(recording: StageRecording) -> HeadGrid:
+    """Rows of samples that belong together: nearest in time, one period apart."""
+    streams = {name: recording.streams[name] for name in recording.heads}
+    period = float(np.median([stream.period for stream in streams.values()]))
+    first = min(stream.time[0] for stream in streams.values())
+    phases = np.concatenate([(stream.time - first) / period for stream in streams.values()])
+    # Mean on the circle: the phase at which rows stand in the middle of the samples that belong together.
+    middle = float(np.angle(np.mean(np.exp(2j * np.pi * phases)))) / (2 * np.pi)
+    rows = {n: np.rint((s.time - first) / period - middle).astype(np.intp) for n, s in streams.items()}
+    lowest = min(int(r[0]) for r in rows.values())
+    count = max(int(r[-1]) for r in rows.values()) - lowest + 1
+    present = np.zeros((count, len(streams)), bool)
+    for i, name in enumerate(streams):
+        rows[name] -= lowest
+        present[rows[name], i] = True
+    time = first + (middle + np.arange(count) + lowest) * period
+    return HeadGrid(tuple(streams), rows, present, time, period)
+
+
+class StageNoise:
+    """Map from signals of a recording to white rows.
+
+    Args:
+        stage: states the noise of each sensor.
+        recording: its sample times, gaps and spikes.
+        residual: measured minus predicted (n, k) of each stream, from which spikes are told.
+        omega: commanded speed (n,) at the samples of each head, rad/s.
+        jitter: spectrum of the rotor's jitter.
+    """
+
+    def __init__(
+        self,
+        stage: StageDescription,
+        recording: StageRecording,
+        residual: Mapping[str, Array],
+        omega: Mapping[str, Array],
+        jitter: Jitter | None = None,
+    ) -> None:
+        self.jitter = jitter or Jitter()
+        self.grid = align_heads(recording)
+        encoder, collimator = stage.encoder, stage.autocollimator
+        self.std = {
+            "head": float(np.hypot(encoder.noise, encoder.resolution / np.sqrt(12))),
+            AUTOCOLLIMATOR: float(np.hypot(collimator.noise, collimator.resolution / np.sqrt(12))),
+            LVDT: 0.0 if stage.lvdt is None else stage.lvdt.noise,
+        }
+        self._sensors = [name for name in residual if not name.startswith("head_")]
+        self._streams = {name: recording.streams[name] for name in residual}
+        lost = _input_gaps(recording)
+        self._kept = {name: ~_inside(recording.streams[name].time, lost) for name in residual}
+        self.spikes = {name: self._find_spikes(name, residual[name], collimator.turbulence) for name in self._sensors}
+        self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
+        self._turbulence = collimator.turbulence
+        self._collimator_taps = self._collimator_filter()
+        self._command_taps = self._command_filter()
+
+    def with_jitter(self, jitter: Jitter) -> None:
+        """Take another spectrum of the jitter."""
+        self.jitter = jitter
+        self._command_taps = self._command_filter()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the groups of rows."""
+        names = [COMMAND, *self.grid.heads]
+        for sensor in self._sensors:
+            names += [f"{sensor}.{axis}" for axis in ("x", "y")]
+        return tuple(names)
+
+    def times(self, channel: str) -> Array:
+        """(n,) time of each row of a channel, s."""
+        if channel == COMMAND or channel in self.grid.heads:
+            return self.grid.time
+        return self._streams[channel.partition(".")[0]].time
+
+    def channels_of(self, stream: str) -> tuple[str, ...]:
+        """Channels whose rows depend on a stream."""
+        if stream in self.grid.heads:
+            return (COMMAND, *self.grid.heads)
+        return tuple(f"{stream}.{axis}" for axis in ("x", "y"))
+
+    def whiten(self, signals: Mapping[str, Array]) -> dict[str, Array]:
+        """White rows (m, p) of each channel from signals (n, k, p) of some streams.
+
+        Streams that are not given count as zero; channels on which none of the given streams acts are left out.
+        """
+        rows: dict[str, Array] = {}
+        if any(name in signals for name in self.grid.heads):
+            rows |= self._heads(signals)
+        for sensor in self._sensors:
+            if sensor in signals:
+                rows |= self._sensor(sensor, signals[sensor])
+        return rows
+
+    def expected(self) -> dict[str, Array]:
+        """(m,) expected square of each white row of each channel under noise alone."""
+        present = self._present
+        count = present.sum(axis=1)
+        weight = np.square(self._weight)
+        share = (1 - 1 / np.maximum(count, 1)) * weight
+        expected = {name: present[:, i] * share for i, name in enumerate(self.grid.heads)}
+        ones = np.ones((len(self.grid.time), 1))
+        enough = segments_of(count * 2 >= len(self.grid.heads))
+        expected[COMMAND] = (filtered(ones, self._command_taps, enough)[:, 0] != 0) * weight
+        for name in self._sensors:
+            ones = np.ones((len(self._streams[name].time), 2, 1))
+            for channel, rows in self._sensor(name, ones).items():
+                expected[channel] = (rows[:, 0] != 0).astype(np.float64)
+        return expected
+
+    def shared(self, signals: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
+        """Mean over the heads (m, p) that are present, and where at least half of them are."""
+        table = self._table(signals)
+        count = self._present.sum(axis=1)
+        mean = table.sum(axis=1) / np.maximum(count, 1)[:, None]
+        return mean, count * 2 >= len(self.grid.heads)
+
+    @property
+    def _present(self) -> NDArray[np.bool_]:
+        present = self.grid.present.copy()
+        for i, name in enumerate(self.grid.heads):
+            present[self.grid.rows[name], i] &= self._kept[name]
+        return present
+
+    def _table(self, signals: Mapping[str, Array]) -> Array:
+        """(m, heads, p) the heads side by side, zero where absent."""
+        width = next(signals[name].shape[-1] for name in self.grid.heads if name in signals)
+        table = np.zeros((len(self.grid.time), len(self.grid.heads), width))
+        for i, name in enumerate(self.grid.heads):
+            if name in signals:
+                table[self.grid.rows[name], i] = signals[name][:, 0] * self._kept[name][:, None]
+        return table
+
+    def _heads(self, signals: Mapping[str, Array]) -> dict[str, Array]:
+        present = self._present
+        table = self._table(signals)
+        count = present.sum(axis=1)
+        mean = table.sum(axis=1) / np.maximum(count, 1)[:, None]
+        table -= mean[:, None, :]
+        table *= (present * (self._weight * (count > 1))[:, None])[:, :, None] / self.std["head"]
+        rows = {name: table[:, i] for i, name in enumerate(self.grid.heads)}
+        enough = segments_of(count * 2 >= len(self.grid.heads))
+        rows[COMMAND] = filtered(mean, self._command_taps, enough) * self._weight[:, None]
+        return rows
+
+    def _sensor(self, name: str, values: Array) -> dict[str, Array]:
+        rows = {}
+        for i, axis in enumerate(("x", "y")):
+            spikes = self.spikes[name][:, i]
+            if name == AUTOCOLLIMATOR and self._collimator_taps is not None:
+                bridged = _bridge(values[:, i], spikes)
+                white = filtered(bridged, self._collimator_taps, self._runs(name))
+            else:
+                white = values[:, i] / self.std[name] * self._kept[name][:, None]
+            white[spikes] = 0.0
+            rows[f"{name}.{axis}"] = white
+        return rows
+
+    def _runs(self, name: str) -> list[slice]:
+        """Runs of a stream without gaps."""
+        stream, kept = self._streams[name], self._kept[name]
+        breaks = np.flatnonzero(np.diff(stream.time) > 1.5 * stream.period) + 1
+        bounds = [0, *breaks.tolist(), len(stream.time)]
+        found = []
+        for start, stop in zip(bounds[:-1], bounds[1:], strict=True):
+            found += [slice(start + s.start, start + s.stop) for s in segments_of(kept[start:stop])]
+        return found
+
+    def _find_spikes(self, name: str, residual: Array, turbulence: Turbulence | None) -> NDArray[np.bool_]:
+        # The median of neighbours follows every effect that is slower than a few samples, however large.
+        apart = residual - median_filter(residual, (7, 1), mode="nearest")
+        spread = 1.4826 * np.median(np.abs(apart), axis=0)
+        return np.asarray(np.abs(apart) > SPIKE * np.maximum(spread, self.std[name]), bool)
+
+    def _head_weight(self, coarse: bool, resolution: float, omega: Mapping[str, Array]) -> Array:
+        weight = np.ones(len(self.grid.time))
+        if coarse:
+            for name in self.grid.heads:
+                resting = np.abs(omega[name]) * self.grid.period < 0.5 * resolution
+                weight[self.grid.rows[name][resting]] = STANDSTILL_WEIGHT
+        return weight
+
+    def _collimator_filter(self) -> Array | None:
+        turbulence = self._turbulence
+        if turbulence is None or turbulence.std == 0 or AUTOCOLLIMATOR not in self._streams:
+            return None
+        period = self._streams[AUTOCOLLIMATOR].period
+        floor = 2 * period * self.std[AUTOCOLLIMATOR] ** 2
+        memory = np.exp(-period / turbulence.correlation_time)
+
+        def density(frequency: Array) -> Array:
+            # Ornstein-Uhlenbeck process as sampled: an autoregression of order one.
+            turn = 1 + memory**2 - 2 * memory * np.cos(2 * np.pi * frequency * period)
+            return np.asarray(floor + 2 * period * turbulence.std**2 * (1 - memory**2) / turn, np.float64)
+
+        return whitening_taps(density, period)
+
+    def _command_filter(self) -> Array:
+        floor = 2 * self.grid.period * self.std["head"] ** 2 / len(self.grid.heads)
+        return whitening_taps(lambda frequency: self.jitter.density(frequency) + floor, self.grid.period)
+
+
+def fit_jitter(frequency: Array, power: Array, floor: float, start: Jitter) -> Jitter:
+    """Jitter whose spectrum, above a white floor, fits a periodogram (one-sided, rad^2/Hz).
+
+    The logarithm of a periodogram scatters about that of the density by the same law at all frequencies and sizes; its
+    median is used (an absolute deviation), so that the lines of a cyclic effect do not count as jitter.
+    """
+    levels = np.log(power[1:]) - np.log(np.log(2.0))
+
+    def misfit(values: Array) -> float:
+        jitter = Jitter(float(np.exp(values[0])), float(np.exp(values[1])), float(np.exp(values[2])))
+        return float(np.mean(np.abs(levels - np.log(jitter.density(frequency[1:]) + floor))))
+
+    first = np.log([start.std, start.bandwidth, start.shape])
+    found = minimize(misfit, first, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5, "maxiter": 400})
+    std, bandwidth, shape = np.exp(found.x)
+    return Jitter(float(std), float(np.clip(bandwidth, 0.1, 100.0)), float(np.clip(shape, 0.5, 4.0)))
+
+
+def _input_gaps(recording: StageRecording) -> Array:
+    """(n, 2) spans of time in which command or force were not recorded, so that nothing can be predicted."""
+    spans: list[tuple[float, float]] = []
+    for name in (COMMAND, "force"):
+        stream: Stream | None = recording.streams.get(name)
+        if stream is not None:
+            wide = np.flatnonzero(np.diff(stream.time) > 3.5 * stream.period)
+            spans += [(float(stream.time[i]), float(stream.time[i + 1])) for i in wide]
+    command = recording.streams[COMMAND]
+    spans += [(-np.inf, float(command.time[0])), (float(command.time[-1]), np.inf)]
+    return np.asarray(spans)
+
+
+def _inside(time: Array, spans: Array) -> NDArray[np.bool_]:
+    inside = np.zeros(len(time), bool)
+    for start, stop in spans:
+        inside |= (time > start) & (time < stop)
+    return inside
+
+
+def _bridge(rows: Array, missing: NDArray[np.bool_]) -> Array:
+    """Rows (n, p) with straight lines across the missing ones, for signal and signatures alike."""
+    if not missing.any() or missing.all():
+        return rows
+    good, bad = np.flatnonzero(~missing), np.flatnonzero(missing)
+    after = np.clip(np.searchsorted(good, bad), 1, len(good) - 1)
+    left, right = good[after - 1], good[after]
+    share = np.clip((bad - left) / (right - left), 0.0, 1.0)[:, None]
+    bridged = rows.copy()
+    bridged[bad] = (1 - share) * rows[left] + share * rows[right]
+    return bridged
+
+
+def spans_of(channels: Sequence[str]) -> dict[str, int]:
+    """Position of each channel."""
+    return {name: i for i, name in enumerate(channels)}

@@ -1,0 +1,83 @@
+"""The parameters of a stage description one by one, so that their stated uncertainty can be taken into account."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
+from rotary_error_monitor.errors import InputError
+
+
+@dataclass(frozen=True)
+class UncertainParameter:
+    """One number of a description that is known to `uncertainty` only.
+
+    Attributes:
+        name: dotted name with the component, such as `encoder.eccentricity[0]`.
+        uncertainty: its standard uncertainty, in the number's unit.
+        shifted: the description with that number larger by an amount.
+    """
+
+    name: str
+    uncertainty: float
+    shifted: Callable[[StageDescription, float], StageDescription]
+
+
+def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, ...]:
+    """All numbers whose uncertainty the description states.
+
+    Raises:
+        InputError: it states the uncertainty of something that it does not have.
+    """
+    found: list[UncertainParameter] = []
+    for name, uncertainty in stage.uncertainty.items():
+        if uncertainty == 0.0:
+            continue
+        section_name, _, key = name.partition(".")
+        section = getattr(stage, section_name, None)
+        attribute = "azimuths" if name == "encoder.azimuth" else key
+        if section is None and section_name == "lvdt":
+            continue
+        value = getattr(section, attribute, None)
+        if value is None:
+            raise InputError(f"uncertainty: no parameter is called '{name}'; name one such as encoder.eccentricity")
+        for path in _paths(value):
+            label = name + "".join(f"[{step}]" for step in path)
+            found.append(UncertainParameter(label, uncertainty, _shifter(section_name, attribute, path)))
+    return tuple(found)
+
+
+def _paths(value: Any) -> list[tuple[Any, ...]]:
+    """Where the numbers of a value stand; orders of harmonics are names, not numbers that could be wrong."""
+    if isinstance(value, int | float):
+        return [()]
+    if isinstance(value, AngularHarmonic):
+        return [("cos",), ("sin",)]
+    if isinstance(value, PlanarHarmonic):
+        return [(axis, part) for axis in ("x", "y") for part in (0, 1)]
+    keys = list(value) if isinstance(value, Mapping) else range(len(value))
+    return [(key, *rest) for key in keys for rest in _paths(value[key])]
+
+
+def _shifter(
+    section: str, attribute: str, path: tuple[Any, ...]
+) -> Callable[[StageDescription, float], StageDescription]:
+    def shifted(stage: StageDescription, by: float) -> StageDescription:
+        part = getattr(stage, section)
+        changed = replace(part, **{attribute: _shift(getattr(part, attribute), path, by)})
+        return replace(stage, **{section: changed})
+
+    return shifted
+
+
+def _shift(value: Any, path: tuple[Any, ...], by: float) -> Any:
+    if not path:
+        return value + by
+    step, rest = path[0], path[1:]
+    if isinstance(value, AngularHarmonic | PlanarHarmonic):
+        return replace(value, **{step: _shift(getattr(value, step), rest, by)})
+    if isinstance(value, Mapping):
+        return {**value, step: _shift(value[step], rest, by)}
+    return tuple(_shift(item, rest, by) if i == step else item for i, item in enumerate(value))
