@@ -22,7 +22,6 @@ from rotary_error_monitor.bags.messages import (
     PointStamped,
     PoseWithCovariance,
     Temperature,
-    TimeReference,
 )
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
@@ -145,20 +144,6 @@ def _pose_content(message: ros.geometry_msgs__msg__PoseWithCovarianceStamped) ->
     )
 
 
-def _time_reference(reference: TimeReference, frame: str) -> ros.sensor_msgs__msg__TimeReference:
-    header = _header(reference.stamp_ns, frame)
-    return ros.sensor_msgs__msg__TimeReference(header, _time(reference.time_ref_ns), reference.source)
-
-
-def _time_reference_content(message: ros.sensor_msgs__msg__TimeReference) -> TimeReference:
-    return TimeReference(
-        stamp_ns=_nanoseconds(message.header.stamp),
-        time_ref_ns=_nanoseconds(message.time_ref),
-        source=message.source,
-        frame=message.header.frame_id,
-    )
-
-
 # Each function takes the one type that stands beside it.
 _TO_MESSAGE: Mapping[type, Callable[[Any, str], object]] = {
     SampleBlock: _cloud,
@@ -166,12 +151,10 @@ _TO_MESSAGE: Mapping[type, Callable[[Any, str], object]] = {
     PointStamped: _point,
     Temperature: _temperature,
     PoseWithCovariance: _pose,
-    TimeReference: _time_reference,
 }
 _FROM_MESSAGE: Mapping[str, Callable[[Any], Content]] = {
     TYPES[JointState]: _joint_state_content,
     TYPES[PointStamped]: _point_content,
     TYPES[Temperature]: _temperature_content,
     TYPES[PoseWithCovariance]: _pose_content,
-    TYPES[TimeReference]: _time_reference_content,
 }

@@ -58,17 +58,7 @@ class PoseWithCovariance:
     frame: str = ""
 
 
-@dataclass(frozen=True)
-class TimeReference:
-    """Time (ns) of another clock or of another stream, `source`."""
-
-    stamp_ns: int
-    time_ref_ns: int
-    source: str
-    frame: str = ""
-
-
-Content = SampleBlock | JointState | PointStamped | Temperature | PoseWithCovariance | TimeReference
+Content = SampleBlock | JointState | PointStamped | Temperature | PoseWithCovariance
 
 TYPES: Mapping[type, str] = {
     SampleBlock: "sensor_msgs/msg/PointCloud2",
@@ -76,7 +66,6 @@ TYPES: Mapping[type, str] = {
     PointStamped: "geometry_msgs/msg/PointStamped",
     Temperature: "sensor_msgs/msg/Temperature",
     PoseWithCovariance: "geometry_msgs/msg/PoseWithCovarianceStamped",
-    TimeReference: "sensor_msgs/msg/TimeReference",
 }
 SAMPLE_BLOCK = TYPES[SampleBlock]
 

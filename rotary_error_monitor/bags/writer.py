@@ -98,6 +98,7 @@ class BagWriter:
         Raises:
             InputError: the folder exists, or a type is not known.
             OSError: the folder cannot be written.
+            RecordingStoppedError: the disk has no room for a recording.
         """
         self.folder = Path(folder)
         self.counts: Counter[str] = Counter()
@@ -117,9 +118,14 @@ class BagWriter:
         self._file = RecordFile(self.folder / self._name, Reserve(self.folder / RESERVE))
         # A file with the methods of a stream is all that the writer needs, whatever its annotation asks for.
         self._writer = Writer(self._file, CHUNK_SIZE, CompressionType.NONE)  # type: ignore[arg-type]
-        self._writer.start(profile="ros2", library=LIBRARY)
-        self._channels = self._register(definitions)
-        self._write_metadata()
+        try:
+            self._writer.start(profile="ros2", library=LIBRARY)
+            self._channels = self._register(definitions)
+            self._write_metadata()
+        except OSError:
+            self._closed = True
+            self._file.abandon()
+            raise
         self._keep_reserve()
 
     def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None) -> None:

@@ -1,0 +1,143 @@
+"""Messages as bytes: against rosbags, against ROS itself, and wrong bytes."""
+
+from __future__ import annotations
+
+import struct
+from array import array
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.stores import ros2_jazzy as ros
+
+from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.bags.messages import TYPES, Content, Decoder, JointState, encode, stamp_of
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
+
+from .conftest import START, assert_same
+
+TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def _block(count: int = 5) -> SampleBlock:
+    times = START + np.arange(count) * 1000
+    return block_from_samples(times, ["angle", "velocity"], np.arange(2.0 * count).reshape(count, 2))
+
+
+def _cloud(block: SampleBlock, **changes: object) -> bytes:
+    """Bytes of a point cloud as rosbags writes it, with some of its fields replaced."""
+    message = TYPESTORE.deserialize_cdr(encode(block, "head_a"), TYPES[SampleBlock])
+    values = {name: getattr(message, name) for name in ("header", "height", "width", "fields", "is_bigendian")}
+    values |= {name: getattr(message, name) for name in ("point_step", "row_step", "data", "is_dense")}
+    return bytes(TYPESTORE.serialize_cdr(ros.sensor_msgs__msg__PointCloud2(**(values | changes)), TYPES[SampleBlock]))
+
+
+def test_every_kind_survives_the_way_through_bytes(contents: dict[str, list[Content]]) -> None:
+    assert {type(values[0]) for values in contents.values()} == set(TYPES)
+    for values in contents.values():
+        decoder = Decoder(TYPES[type(values[0])])
+        for value in values:
+            data = encode(value)
+            assert_same(decoder.decode(data), value)
+            assert stamp_of(data) == value.stamp_ns
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    count=st.integers(1, 40),
+    names=st.lists(st.from_regex(r"[a-z_]{1,9}", fullmatch=True).filter(lambda n: n != "t"), max_size=6, unique=True),
+    frame=st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9),
+    stamp=st.integers(0, 2**31 * 1_000_000_000 - 1),
+)
+def test_blocks_are_read_as_rosbags_reads_them(count: int, names: list[str], frame: str, stamp: int) -> None:
+    # Lengths of texts move every field behind them: the walk through the bytes must keep the alignment.
+    rows = np.random.default_rng(count).normal(size=(count, 1 + len(names)))
+    data = encode(SampleBlock(stamp, ("t", *names), rows), frame)
+    message = TYPESTORE.deserialize_cdr(data, TYPES[SampleBlock])
+    assert isinstance(message, ros.sensor_msgs__msg__PointCloud2)
+    block = BlockDecoder().decode(data)
+    assert block.names == tuple(field.name for field in message.fields)
+    assert block.stamp_ns == message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == stamp
+    assert block.rows.tobytes() == message.data.tobytes() == rows.tobytes()
+    assert block.rows.flags.aligned and not np.shares_memory(block.rows, np.frombuffer(data, np.uint8))
+
+
+def test_a_decoder_follows_a_topic_that_changes_its_layout() -> None:
+    decoder = BlockDecoder()
+    short, wide = _block(3), block_from_samples(START + np.arange(4), ["a", "b", "c"], np.ones((4, 3)))
+    for block in (short, wide, _block(7), wide, short):
+        assert_same(decoder.decode(encode(block, "frame")), block)
+
+
+def test_bytes_from_ros_are_read() -> None:
+    serialization = pytest.importorskip("rclpy.serialization")
+    from sensor_msgs.msg import JointState as RosJointState
+    from sensor_msgs.msg import PointCloud2, PointField
+
+    block = _block(9)
+    cloud = PointCloud2(height=1, width=9, point_step=24, row_step=216, is_dense=True)
+    cloud.header.stamp.sec, cloud.header.stamp.nanosec = divmod(START, 10**9)
+    cloud.header.frame_id = "head_c"
+    cloud.fields = [PointField(name=n, offset=8 * i, datatype=8, count=1) for i, n in enumerate(block.names)]
+    cloud.data = array("B", block.rows.tobytes())
+    assert_same(BlockDecoder().decode(serialization.serialize_message(cloud)), block)
+    state = RosJointState(name=["X"], position=array("d", [1.5]), velocity=array("d", [-1.0]), effort=array("d", [0.0]))
+    read = Decoder(TYPES[JointState]).decode(serialization.serialize_message(state))
+    assert_same(read, JointState(0, ("X",), np.array([1.5]), np.array([-1.0]), np.array([0.0])))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_sample_that_is_not_finite_is_found(value: float) -> None:
+    block = _block()
+    block.rows[3, 2] = value
+    with pytest.raises(InputError, match=rf"sample 3 of 'velocity' is {value}"):
+        BlockDecoder().decode(encode(block))
+
+
+def test_wrong_layouts_are_refused() -> None:
+    field = ros.sensor_msgs__msg__PointField
+    float32 = [field("t", 0, 8, 1), field("angle", 8, 7, 1), field("velocity", 16, 8, 1)]
+    wrong = {
+        "height 2": _cloud(_block(), height=2),
+        "width 0": _cloud(_block(), width=0, data=np.zeros(0, np.uint8)),
+        "6 samples of 24 bytes need 144 bytes, but the message says 120": _cloud(_block(), width=6),
+        "'angle', 8, 7, 1": _cloud(_block(), fields=float32),
+        "'t' first": _cloud(_block(), fields=[]),
+        "big-endian": _cloud(_block(), is_bigendian=True),
+        "point_step 16": _cloud(_block(), point_step=16),
+        "encoding 0000": b"\0\0" + _cloud(_block())[2:],
+    }
+    for why, data in wrong.items():
+        with pytest.raises(InputError, match=why):
+            BlockDecoder().decode(data)
+        used = BlockDecoder()  # one that knows the right layout already
+        used.decode(_cloud(_block()))
+        with pytest.raises(InputError, match=why):
+            used.decode(data)
+
+
+def test_bytes_cut_anywhere_are_refused() -> None:
+    data = encode(_block(), "head_a")
+    whole = len(data) - 1  # is_dense, the last byte, is not needed
+    for length in range(whole):
+        with pytest.raises(InputError):
+            BlockDecoder().decode(data[:length])
+    state = encode(JointState(START, ("X",), np.ones(1), np.ones(1), np.ones(1)))
+    for length in range(len(state)):
+        with pytest.raises(InputError, match="JointState"):
+            Decoder(TYPES[JointState]).decode(state[:length])
+
+
+def test_the_stamp_is_read_in_both_byte_orders() -> None:
+    assert stamp_of(b"\0\1\0\0" + struct.pack("<iI", 12, 34)) == 12_000_000_034
+    assert stamp_of(b"\0\0\0\0" + struct.pack(">iI", 12, 34)) == 12_000_000_034
+    with pytest.raises(InputError, match="11 bytes holds no header"):
+        stamp_of(b"\0\1" + bytes(9))
+
+
+def test_a_type_outside_the_contract_is_refused() -> None:
+    with pytest.raises(InputError, match=r"std_msgs/msg/String; readable are geometry_msgs/msg/PointStamped"):
+        Decoder("std_msgs/msg/String")
