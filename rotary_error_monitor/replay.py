@@ -16,6 +16,7 @@ from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Wire, load_wire
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings, Correction, InputsUsed
 from rotary_error_monitor.pipeline.estimation import (
     AUTOCOLLIMATOR,
@@ -55,6 +56,17 @@ class Replay:
     status: EstimatorStatus
     damage: str | None
     repeated: bool
+
+    @property
+    def motion(self) -> ErrorMotion:
+        """The same as the core's dataclass, with zeros where not observable."""
+        observable = np.isfinite(self.error_motion)
+        return ErrorMotion(
+            self.theta,
+            np.where(observable, self.error_motion, 0.0),
+            observable,
+            np.where(np.isfinite(self.covariance), self.covariance, 0.0),
+        )
 
     def save(self, path: Path | str) -> None:
         """Write the arrays to an .npz file; `tool_offset`, `correction_stamp_ns`, `corrections` only with a machine.

@@ -1,0 +1,87 @@
+"""Radial error motion held against an LVDT on an artefact (Lou et al. 2019, Figures 13-15)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import Lvdt
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.error_motion import (
+    ErrorMotion,
+    radial_covariance_at,
+    radial_error_motion_at,
+    rotate,
+)
+from rotary_error_monitor.signals.resampling import resample
+
+MAX_GAP_NS = 20_000_000
+
+
+@dataclass(frozen=True)
+class LvdtComparison:
+    """Estimated radial error motion minus the LVDT's, at m times.
+
+    Attributes:
+        stamp_ns: (m,) timestamp (ns).
+        estimate: (m, 2) radial error motion at the LVDT's height, m.
+        reference: (m, 2) the LVDT's, its artefact's eccentricity removed, m.
+        std: (m, 2) standard deviation of the difference by propagation, m.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    estimate: NDArray[np.float64]
+    reference: NDArray[np.float64]
+    std: NDArray[np.float64]
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the difference, the larger of both components, m."""
+        return float(np.sqrt(np.mean((self.estimate - self.reference) ** 2, axis=0)).max())
+
+    @property
+    def maximum(self) -> float:
+        """Largest difference, m."""
+        return float(np.abs(self.estimate - self.reference).max())
+
+    @property
+    def inside(self) -> float:
+        """Part of the differences inside their 95 % bounds."""
+        return float(np.mean(np.abs(self.estimate - self.reference) <= 1.959964 * self.std))
+
+
+def compare_with_lvdt(
+    stamp_ns: NDArray[np.int64],
+    motion: ErrorMotion,
+    lvdt: Lvdt,
+    times_ns: NDArray[np.int64],
+    radial: NDArray[np.float64],
+    period_ns: int,
+) -> LvdtComparison:
+    """Compare at the times of the estimate where both are known.
+
+    Args:
+        stamp_ns: (n,) times of the estimate, ticks of `period_ns`.
+        motion: error motion at these times.
+        lvdt: where the LVDT stands.
+        times_ns: (k,) times of the LVDT's samples.
+        radial: (k, 2) the samples, m.
+        period_ns: distance of two estimates, ns.
+
+    Raises:
+        InputError: at no time are both known.
+    """
+    sampled = resample(times_ns, radial, stamp_ns, period_ns, MAX_GAP_NS)
+    both = sampled.valid & motion.observable[:, [0, 1, 3, 4]].all(axis=1)
+    if not both.any():
+        raise InputError("LVDT and estimate have no time in common, or radial and tilt error motion are not observable")
+    spread = radial_covariance_at(motion.covariance[both], lvdt.height)
+    noise = sampled.gain[both] * lvdt.noise**2
+    return LvdtComparison(
+        stamp_ns[both],
+        radial_error_motion_at(motion.components[both], lvdt.height),
+        sampled.values[both] - rotate(lvdt.artefact_eccentricity, motion.theta[both]),
+        np.sqrt(np.stack([spread[:, 0, 0], spread[:, 1, 1]], axis=1) + noise[:, None]),
+    )

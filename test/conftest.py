@@ -1,0 +1,41 @@
+"""Fixtures that every room's tests use."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+CASES = Path(__file__).parents[2] / "shared" / "cases"
+
+
+def case_folders(kind: str, family: str, truth: str) -> list[Path]:
+    """Folders of the gap cases in `../shared/cases/<kind>` of one family whose truth is of one kind."""
+    found = []
+    for path in sorted((CASES / kind).glob("*/truth.yaml")):
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        if (content["family"], content["kind"]) == (family, truth):
+            found.append(path.parent)
+    return found
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """A test marked `cases(kind, family, truth, most=…)` runs on each such case, and skips where there are none."""
+    marker = metafunc.definition.get_closest_marker("cases")
+    if marker is None:
+        return
+    folders = case_folders(*marker.args)[: marker.kwargs.get("most")]
+    absent = pytest.param(None, id="absent", marks=pytest.mark.skip(reason=f"no cases in {CASES / marker.args[0]}"))
+    metafunc.parametrize("case", [pytest.param(folder, id=folder.name) for folder in folders] or [absent])
+
+
+@pytest.fixture(autouse=True)
+def _no_figures_left() -> Iterator[None]:
+    """Figures that a test made are closed with it."""
+    yield
+    import sys
+
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
