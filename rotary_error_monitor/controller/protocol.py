@@ -1,0 +1,116 @@
+"""What the link and the process that started it say to one another: one JSON object a line."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, fields
+from typing import Any, TypeVar
+
+from rotary_error_monitor.errors import InputError
+
+
+@dataclass(frozen=True)
+class LinkSettings:
+    """How the link works.
+
+    Attributes:
+        period: time between two looks at the controller, s.
+        count: size of one external offset count, m and rad.
+        largest_linear: largest correction of a linear axis, m.
+        largest_rotary: largest correction of a rotary axis, rad.
+        max_age: age at which a correction is held, s.
+        pulse_timeout: how long the servo thread may stand still before the controller counts as gone, s.
+    """
+
+    period: float = 0.004
+    count: float = 1e-10
+    largest_linear: float = 5e-4
+    largest_rotary: float = 5e-3
+    max_age: float = 0.1
+    pulse_timeout: float = 0.4
+
+
+@dataclass(frozen=True)
+class Hello:
+    """The link stands: axes of the machine in the order of its joints."""
+
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class State:
+    """The machine at one time, m and rad.
+
+    Attributes:
+        stamp_ns: when, timestamp (ns).
+        positions: joints as the program commands them, without corrections.
+        velocities: their velocities, m/s and rad/s.
+        valid: whether they say where the machine is: it is on, homed, and its kinematics are known.
+        offsets: external offsets in effect, of the axes.
+        lag: largest part of an offset that is still to come, m or rad.
+        limited: soft limits clip the offsets.
+        trouble: why corrections are not followed; empty while they are.
+        refused: why the latest correction was refused; empty if it was not.
+        takeovers: how often the controller's offsets were changed by another hand.
+        correction_age: age of the correction that is followed or held, s; -1 before the first.
+    """
+
+    stamp_ns: int
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...]
+    valid: bool
+    offsets: tuple[float, ...]
+    lag: float
+    limited: bool
+    trouble: str
+    refused: str
+    takeovers: int
+    correction_age: float
+
+
+@dataclass(frozen=True)
+class End:
+    """The link ends, and why."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class CorrectionRequest:
+    """Corrections by name of the axis, m and rad; axes left out are not corrected."""
+
+    stamp_ns: int
+    corrections: dict[str, float]
+
+
+@dataclass(frozen=True)
+class ClearRequest:
+    """Take all external offsets back to zero and follow no correction until the next comes."""
+
+
+Record = Hello | State | End | CorrectionRequest | ClearRequest
+_Kind = TypeVar("_Kind", bound=Record)
+_KINDS: dict[str, type[Record]] = {kind.__name__: kind for kind in (Hello, State, End, CorrectionRequest, ClearRequest)}
+
+
+def encode(record: Record) -> bytes:
+    """One line that carries the record; numbers come back bit for bit."""
+    return json.dumps({"kind": type(record).__name__, **asdict(record)}).encode() + b"\n"
+
+
+def decode(line: bytes) -> Record:
+    """The record that a line carries.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        values: dict[str, Any] = json.loads(line)
+        kind = _KINDS[values.pop("kind")]
+        return kind(**{field.name: _hashable(values[field.name]) for field in fields(kind)})
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"no record of the controller link: {line[:200]!r} ({error!r})") from None
+
+
+def _hashable(value: Any) -> Any:  # noqa: ANN401 (any JSON value)
+    return tuple(value) if isinstance(value, list) else value
