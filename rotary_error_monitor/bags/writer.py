@@ -60,7 +60,7 @@ class BagTopic:
     qos: Qos = DEFAULT_QOS
 
 
-class RecordingStoppedError(RuntimeError):
+class RecordingStoppedError(OSError):
     """Recording ended before it was told to; the message says why, and what the bag holds."""
 
 
@@ -97,8 +97,7 @@ class BagWriter:
 
         Raises:
             InputError: the folder exists, or a type is not known.
-            OSError: the folder cannot be written.
-            RecordingStoppedError: the disk has no room for a recording.
+            OSError: the folder cannot be written, or the disk has no room for a recording.
         """
         self.folder = Path(folder)
         self.counts: Counter[str] = Counter()

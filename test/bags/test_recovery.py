@@ -1,0 +1,247 @@
+"""Recovery: a bag cut off at any byte gives every message that lies before the cut, to every reader."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import struct
+from pathlib import Path
+
+import pytest
+from mcap.opcode import Opcode
+from mcap.records import Channel
+from mcap.writer import CompressionType, Writer
+
+from rotary_error_monitor.bags.messages import TYPES, Content, Temperature, encode
+from rotary_error_monitor.bags.metadata import channel_profiles, type_definition
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.bags.recovery import recover
+from rotary_error_monitor.bags.writer import BagTopic, BagWriter, write_messages
+from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.errors import InputError
+
+from .conftest import START, read_by_mcap, read_by_rosbags
+
+TOPICS = [BagTopic(f"/t/{name}", TYPES[Temperature]) for name in "ab"]
+COUNT = 24
+PER_CHUNK = 5
+
+
+def _message(number: int) -> bytes:
+    return encode(Temperature(START + number, 1000.0 + number))
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Small bag of several chunks."""
+    with BagWriter(tmp_path / "bag", TOPICS) as writer:
+        for number in range(COUNT):
+            writer.write(TOPICS[number % 2].name, _message(number), START + number)
+            if number % PER_CHUNK == PER_CHUNK - 1:
+                writer.flush()
+    return tmp_path / "bag"
+
+
+def _file(bag: Path) -> Path:
+    (file,) = bag.glob("*.mcap")
+    return file
+
+
+def _records(content: bytes) -> list[tuple[int, int, int]]:
+    """Opcode, start and end of each record outside of chunks."""
+    found, position = [], 8
+    while position < len(content) - 8:
+        opcode, length = struct.unpack_from("<BQ", content, position)
+        found.append((opcode, position, position + 9 + length))
+        position += 9 + length
+    return found
+
+
+def _interesting(content: bytes) -> list[int]:
+    """Lengths around every border: of records, their heads, messages in chunks; and some in between."""
+    borders = {0, 8, len(content) - 8, len(content)}
+    for opcode, start, end in _records(content):
+        borders |= {start, start + 1, start + 9, end}
+        if opcode == Opcode.CHUNK:
+            borders |= {start + 9 + 40, start + 9 + 40 + 9}
+    for number in range(COUNT):
+        start = content.index(_message(number))
+        borders |= {start - 31, start - 22, start, start + len(_message(number))}
+    lengths = {border + step for border in borders for step in (-1, 0, 1)} | set(range(3, len(content), 211))
+    return sorted(length for length in lengths if 0 <= length < len(content))
+
+
+def _numbers(bag: Path) -> list[int]:
+    return sorted(
+        int(content.temperature) - 1000
+        for values in BagReader(bag).read().values()
+        for content in values
+        if isinstance(content, Temperature)
+    )
+
+
+def test_a_file_cut_anywhere_gives_all_before_the_cut(bag: Path) -> None:
+    file = _file(bag)
+    content = file.read_bytes()
+    ends = [content.index(_message(number)) + len(_message(number)) for number in range(COUNT)]
+    for length in _interesting(content):
+        file.write_bytes(content[:length])
+        expected = [number for number, end in enumerate(ends) if end <= length]
+        reader = BagReader(file)
+        assert reader.damage is not None and f"readable are {len(expected)} messages" in reader.damage, length
+        assert _numbers(file) == expected, length
+
+
+def test_a_recovered_file_is_read_by_every_reader(bag: Path) -> None:
+    file = _file(bag)
+    content = file.read_bytes()
+    metadata = (bag / "metadata.yaml").read_bytes()
+    whole = read_by_rosbags(bag)
+    assert len(whole) == COUNT
+    for length in _interesting(content)[::13]:
+        file.write_bytes(content[:length])
+        (bag / "metadata.yaml").write_bytes(metadata)
+        expected = _numbers(bag)
+        assert expected == _numbers(file), length
+        report = recover(bag)
+        assert (report.counts.total(), report.rewritten) == (len(expected), (file.name,)), length
+        assert read_by_rosbags(bag) == read_by_mcap(bag), length
+        assert [row for row in whole if row[1] - START in expected] == read_by_rosbags(bag), length
+        assert BagReader(bag).damage is None
+        assert recover(bag).rewritten == ()
+        assert sorted(path.name for path in bag.iterdir()) == [file.name, "metadata.yaml"]
+
+
+def test_a_whole_bag_is_left_as_it_is(bag: Path) -> None:
+    before = {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in bag.iterdir()}
+    report = recover(bag)
+    assert str(report) == f"{bag}: the bag is whole, {COUNT} messages"
+    assert {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in bag.iterdir()} == before
+
+
+@pytest.mark.parametrize("text", [None, "", "{]", "rosbag2_bagfile_information: {version: 9}\n"])
+def test_metadata_is_made_good(bag: Path, text: str | None) -> None:
+    expected = (bag / "metadata.yaml").read_text()
+    (bag / "metadata.yaml").unlink()
+    if text is not None:
+        (bag / "metadata.yaml").write_text(text)
+    assert len(_numbers(bag)) == COUNT  # it is not needed to read the bag here
+    assert recover(bag).rewritten == ()
+    assert (bag / "metadata.yaml").read_text() == expected
+
+
+def test_metadata_of_the_start_is_made_good(tmp_path: Path) -> None:
+    # Killed after the index was written, before the final metadata.yaml was.
+    with BagWriter(tmp_path / "bag", TOPICS) as writer:
+        shutil.copy(tmp_path / "bag" / "metadata.yaml", tmp_path / "early.yaml")
+        writer.write("/t/a", _message(0), START)
+    (tmp_path / "early.yaml").replace(tmp_path / "bag" / "metadata.yaml")
+    assert BagReader(tmp_path / "bag").damage is None and _numbers(tmp_path / "bag") == [0]
+    recover(tmp_path / "bag")
+    assert len(read_by_rosbags(tmp_path / "bag")) == 1
+
+
+def test_a_damaged_chunk_costs_its_own_messages_alone(bag: Path) -> None:
+    file = _file(bag)
+    content = bytearray(file.read_bytes())
+    content[content.index(_message(PER_CHUNK + 2)) + 20] ^= 0xFF
+    file.write_bytes(content)
+    left = [number for number in range(COUNT) if number // PER_CHUNK != 1]
+    report = recover(bag)
+    assert (report.damaged, report.rewritten) == (1, (file.name,))
+    assert "1 damaged record" in str(report)
+    assert _numbers(bag) == left and len(read_by_mcap(bag)) == len(read_by_rosbags(bag)) == len(left)
+
+
+def test_blocks_that_never_reached_the_disk_end_the_file(bag: Path) -> None:
+    file = _file(bag)
+    content = file.read_bytes()
+    chunk = [start for opcode, start, _ in _records(content) if opcode == Opcode.CHUNK][2]
+    file.write_bytes(content[:chunk] + bytes(5000))
+    report = recover(bag)
+    assert report.lost == 5000 and "without 5000 bytes at the end" in str(report)
+    assert _numbers(bag) == list(range(2 * PER_CHUNK))
+    assert len(read_by_rosbags(bag)) == 2 * PER_CHUNK
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_bags_of_other_recorders_are_recovered(tmp_path: Path, compression: CompressionType) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for part in range(2):
+        writer = Writer(str(folder / f"bag_{part}.mcap"), chunk_size=400, compression=compression)
+        writer.start("ros2")
+        schema = writer.register_schema(TYPES[Temperature], "ros2msg", type_definition(TYPES[Temperature]).encode())
+        unknown = writer.register_schema("my_msgs/msg/Own", "ros2msg", b"float64 value\n")
+        for number in range(COUNT):
+            channel = writer.register_channel(f"/t/{number % 3}", "cdr", schema) if number < 3 else 1 + number % 3
+            writer.add_message(channel, START + 100 * part + number, _message(number), START)
+        channel = writer.register_channel("/own", "cdr", unknown, {"offered_qos_profiles": ""})
+        writer.add_message(channel, START + 100 * part + COUNT, b"\0\1\0\0" + bytes(8), START)
+        writer.finish()  # type: ignore[no-untyped-call]
+    last = folder / "bag_1.mcap"
+    content = last.read_bytes()
+    chunks = [start for opcode, start, _ in _records(content) if opcode == Opcode.CHUNK]
+    last.write_bytes(content[: chunks[3] + 200])
+    expected = sum(topic.count for topic in BagReader(folder).topics.values())
+    assert expected > COUNT + 3 * 3
+    report = recover(last)  # the file names its bag
+    assert report.rewritten == ("bag_1.mcap",) and report.counts.total() == expected
+    rows = read_by_rosbags(folder)
+    assert len(rows) == expected and {topic for topic, *_ in rows} == {"/t/0", "/t/1", "/t/2", "/own"}
+
+
+def test_recovery_keeps_the_quality_of_service(tmp_path: Path, contents: dict[str, list[Content]]) -> None:
+    folder = tmp_path / "bag"
+    write_messages(folder, contents, load_wire())
+    expected = (folder / "metadata.yaml").read_text()
+    file = _file(folder)
+    content = file.read_bytes()
+    cut = next(start for opcode, start, _ in _records(content) if opcode == Opcode.DATA_END)
+    file.write_bytes(content[:cut])
+    recover(folder)
+    assert (folder / "metadata.yaml").read_text() == expected
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{]", "depth: 5"])
+def test_an_unreadable_quality_of_service_is_none(text: str) -> None:
+    channel = Channel(id=1, topic="/t", message_encoding="cdr", metadata={"offered_qos_profiles": text}, schema_id=1)
+    assert channel_profiles(channel) == []
+
+
+def test_an_interrupted_recovery_leaves_the_old_file(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = _file(bag)
+    content = file.read_bytes()[:-100]
+    file.write_bytes(content)
+    calls = itertools.count()
+
+    def fail(_: int) -> None:
+        next(calls)
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(OSError, match="Input/output error"):
+        recover(bag)
+    assert next(calls) == 1 and file.read_bytes() == content
+    assert sorted(path.name for path in bag.iterdir()) == [file.name, "metadata.yaml"]
+    monkeypatch.undo()
+    assert recover(bag).counts.total() == COUNT
+
+
+def test_a_disk_without_room_is_said(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = _file(bag)
+    file.write_bytes(file.read_bytes()[:-100])
+    usage = shutil.disk_usage(bag)._replace(free=1000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(
+        InputError, match=rf"bag_0\.mcap: recovery writes a copy of {file.stat().st_size} bytes, .* 1000"
+    ):
+        recover(bag)
+
+
+def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no mcap file to recover"):
+        recover(tmp_path)
+    (tmp_path / "text.mcap").write_text("this is a text")
+    with pytest.raises(InputError, match=r"text\.mcap: no mcap file"):
+        recover(tmp_path)
