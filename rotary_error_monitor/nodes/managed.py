@@ -9,7 +9,9 @@ with, `conditions()` which says how it fares, and `release()` where something mu
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, ClassVar
@@ -25,16 +27,17 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.timer import Timer
 from rclpy.utilities import ok, try_shutdown
 
+from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import Topic, Wire, load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages, parameters
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, diagnostic_array
 from rotary_error_monitor.nodes.parameters import Setting, cell_settings
-from rotary_error_monitor.nodes.timing import AlignedTimer
+from rotary_error_monitor.nodes.worker import NotByExecutor, Worker
+from rotary_error_monitor.signals.blocks import SampleBlock
 
 BAD_INPUT = 2
 
@@ -51,6 +54,7 @@ class ManagedNode(LifecycleNode):
         stage: description of the rotary stage, from `open()` on.
         wire: the contract for the heads of that stage.
         active: whether the life cycle state is active; messages are handled only then.
+        crash: what ended the node from within; it is a fault of the program.
     """
 
     settings: ClassVar[tuple[Setting, ...]] = ()
@@ -79,9 +83,12 @@ class ManagedNode(LifecycleNode):
         self.stage: StageDescription
         self.wire: Wire
         self._settings = (AUTOSTART, *cell_settings("stage"), *self.settings)
+        self.crash: Exception | None = None
         self._failure: InputError | None = None
         self._refusals: dict[str, int] = {}
         self._entities: list[Callable[[], object]] = []
+        self._worker = Worker(self.context, self.now_ns, self._fail)
+        self._busy = threading.RLock()  # callbacks of the worker and of the executor take turns
         self._configured = False
         self._diagnostics: Publisher | None = None
         parameters.declare(self, self._settings)
@@ -124,6 +131,11 @@ class ManagedNode(LifecycleNode):
         """Call back with each message of a contract's topic while the node is active; `raw` gives serialised bytes."""
         self.listen(topic.name, messages.message_class(topic.type), profile(topic), callback, raw=raw)
 
+    def listen_to_blocks(self, topic: Topic, callback: Callable[[SampleBlock], None]) -> None:
+        """The same for sample blocks, without building a message: they come thousands of times a second."""
+        decoder = BlockDecoder()
+        self.listen_to(topic, lambda data: callback(decoder.decode(data)), raw=True)
+
     def listen(
         self,
         name: str,
@@ -136,37 +148,62 @@ class ManagedNode(LifecycleNode):
         """The same for a topic outside the contract, such as that of a third-party driver."""
 
         def guarded(message: messages.Message) -> None:
-            if not self.active:
-                return
-            try:
-                callback(message)
-            except InputError as error:
-                self.refuse(name, error)
+            self._handle(name, callback, message)
 
         subscription = self.create_subscription(
-            kind, name, guarded, qos, raw=raw, qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE)
+            kind,
+            name,
+            guarded,
+            qos,
+            callback_group=NotByExecutor(),
+            raw=raw,
+            qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
         )
+        self._worker.serve(subscription)
         self._entities.append(partial(self.destroy_subscription, subscription))
 
-    def serve(self, kind: type[Any], name: str, callback: Callable[[Any, Any], Any]) -> None:
+    def serve(
+        self, kind: type[Any], name: str, callback: Callable[[messages.Message, messages.Message], messages.Message]
+    ) -> None:
         """Answer a service; `name` is relative to the node, such as `~/reset`."""
-        service = self.create_service(kind, name, callback)
+
+        def guarded(request: messages.Message, response: messages.Message) -> messages.Message:
+            with self._busy:
+                return callback(request, response)
+
+        service = self.create_service(kind, name, guarded)
         self._entities.append(partial(self.destroy_service, service))
 
     def at_each(self, period_ns: int, callback: Callable[[int], None]) -> None:
         """Call back, while active, at each multiple of `period_ns` of the node's clock, with that instant (ns)."""
+        self._worker.at_each(period_ns, partial(self._handle, self.hardware or self.get_name(), callback))
 
-        def guarded(due_ns: int) -> None:
-            if self.active:
-                callback(due_ns)
-
-        self._entities.append(AlignedTimer(self, period_ns, guarded).destroy)
+    def every(self, period: float, callback: Callable[[], None]) -> None:
+        """Call back every `period` s of real time, in any state: a halted `/clock` or a pause must not hide."""
+        timer = self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._entities.append(partial(self.destroy_timer, timer))
 
     def refuse(self, source: str, error: InputError) -> None:
         """Take note of input that cannot be used: counted, shown in the diagnostics, logged at most once a second."""
         self._refusals[source] = self._refusals.get(source, 0) + 1
         self._failure = error
         self.get_logger().error(f"{source}: {error}", throttle_duration_sec=1.0)
+
+    def _handle(self, source: str, callback: Callable[[Any], None], argument: messages.Message) -> None:
+        """Call a callback of the node while it is active; wrong input is refused, anything else is a fault."""
+        with self._busy:
+            if not self.active:
+                return
+            try:
+                callback(argument)
+            except InputError as error:
+                self.refuse(source, error)
+
+    def _fail(self, error: Exception) -> None:
+        """End the process: the worker met an error that is not the user's."""
+        if self.context.ok():
+            self.crash = error
+            self.context.shutdown()
 
     # Life cycle.
 
@@ -198,6 +235,7 @@ class ManagedNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         self._failure = None
         self._configured = True
+        self._worker.start()
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -228,6 +266,7 @@ class ManagedNode(LifecycleNode):
     def _close(self) -> None:
         self.active = False
         self._configured = False
+        self._worker.stop()
         self.release()
         for destroy in reversed(self._entities):
             destroy()
@@ -243,20 +282,18 @@ class ManagedNode(LifecycleNode):
         return SetParametersResult(successful=True)
 
     def _open_diagnostics(self) -> None:
-        """Diagnostics flow in every state once configured, by a clock of their own: a halted `/clock` must not hide."""
+        """Diagnostics flow in every state once configured."""
         topic = self.wire.topic("diagnostics")
         publisher = self.create_publisher(messages.message_class(topic.type), topic.name, profile(topic))
-        timer: Timer = self.create_timer(
-            _DIAGNOSTICS_PERIOD,
-            lambda: publisher.publish(self.diagnose()),
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
-        )
         self._entities.append(partial(self.destroy_publisher, publisher))
-        self._entities.append(partial(self.destroy_timer, timer))
+        self.every(_DIAGNOSTICS_PERIOD, lambda: publisher.publish(self.diagnose()))
 
     def diagnose(self) -> messages.Message:
         """The message for `/diagnostics`: the life cycle, the node's conditions, and what had to be refused."""
-        now_ns = self.now_ns()
+        with self._busy:
+            return self._diagnose(self.now_ns())
+
+    def _diagnose(self, now_ns: int) -> messages.Message:
         state = Condition("state", Level.OK, "active") if self.active else Condition("state", Level.WARN, "inactive")
         conditions = [state, *self.conditions(now_ns)]
         for source, count in self._refusals.items():
@@ -290,6 +327,8 @@ def run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None = None
     """
     node: ManagedNode | None = None
     initialised = False
+    # rclpy's handler ends the context; a KeyboardInterrupt on top of that could strike while things are put away.
+    signal.signal(signal.SIGINT, lambda *_: None)
     try:
         rclpy.init(args=None if args is None else list(args))
         initialised = True
@@ -298,7 +337,9 @@ def run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None = None
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
+        if node is not None and node.crash is not None:
+            raise node.crash from None
         return 0
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)

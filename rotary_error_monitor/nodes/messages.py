@@ -6,6 +6,7 @@ Sample blocks travel as `sensor_msgs/PointCloud2` with packed little-endian FLOA
 
 from __future__ import annotations
 
+import functools
 import importlib
 import math
 from array import array
@@ -81,16 +82,21 @@ def block_to_message(block: SampleBlock, frame: str) -> PointCloud2:
         header=header(block.stamp_ns, frame),
         height=1,
         width=count,
-        fields=[
-            PointField(name=name, offset=_DOUBLE * index, datatype=PointField.FLOAT64, count=1)
-            for index, name in enumerate(block.names)
-        ],
+        fields=_fields(block.names),
         is_bigendian=False,
         point_step=_DOUBLE * width,
         row_step=_DOUBLE * width * count,
         data=data,
         is_dense=True,
     )
+
+
+@functools.cache
+def _fields(names: tuple[str, ...]) -> list[PointField]:
+    return [
+        PointField(name=name, offset=_DOUBLE * index, datatype=PointField.FLOAT64, count=1)
+        for index, name in enumerate(names)
+    ]
 
 
 def block_from_message(message: PointCloud2) -> SampleBlock:

@@ -17,7 +17,7 @@ from rotary_error_monitor.errors import InputError
 ParameterValue: TypeAlias = Any
 """Value of a parameter; which type, its declaration says."""
 
-Value = bool | int | float | str | list[str] | list[float]
+Value = bool | int | float | str | list[int] | list[float]
 
 _KINDS = {
     bool: "true or false",

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from rotary_error_monitor.description.wire import Topic
-from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
@@ -90,7 +89,7 @@ class SensorNode(ManagedNode):
         source = self.sources[name](self)
         self._sender = BlockSender(self, topic, source, period_ns, (people, self.human_message))
         if isinstance(source, Polled):
-            self.at_each(round(NANOSECONDS / self.setting("poll_rate")), self._poll(source, name))
+            self.at_each(round(NANOSECONDS / self.setting("poll_rate")), lambda _: source.poll(self.now_ns()))
 
     @abstractmethod
     def topics(self) -> tuple[Topic, Topic]:
@@ -107,15 +106,6 @@ class SensorNode(ManagedNode):
     def conditions(self, now_ns: int) -> list[Condition]:
         """The stream that goes out."""
         return [self._sender.watch.report(now_ns)]
-
-    def _poll(self, source: Polled, name: str) -> Callable[[int], None]:
-        def poll(_: int) -> None:
-            try:
-                source.poll(self.now_ns())
-            except InputError as error:
-                self.refuse(name, error)
-
-        return poll
 
 
 def mock_settings(node: ManagedNode) -> MockSettings:

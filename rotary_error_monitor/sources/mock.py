@@ -9,9 +9,10 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.plant.environment import Forces, intermittent_forces
 from rotary_error_monitor.plant.motion import reversing_motion
 from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
-from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
 
 _DAY = 86_400 * NANOSECONDS
+_AHEAD = NANOSECONDS // 10
 
 
 @dataclass(frozen=True)
@@ -51,15 +52,29 @@ def mock_stage(stage: StageDescription, settings: MockSettings) -> StagePlant:
 
 
 class MockSource:
-    """Samples of one stream of the mock stage."""
+    """Samples of one stream of the mock stage.
+
+    The plant knows the future as well as the past, so samples are made in spans of time ahead of their need: one call
+    for many samples costs hardly more than one for a few.
+    """
 
     def __init__(self, plant: StagePlant, stream: str) -> None:
         """Samples of `stream`, such as `head_a`, `autocollimator`, `lvdt`, `command`, `force`, `temperature`."""
         self._plant = plant
         self._stream = stream
+        self._first = 0
+        self._ahead: SampleBlock | None = None
 
     def take(self, since_ns: int, until_ns: int) -> SampleBlock | None:
         """Block of the samples from `since_ns` to before `until_ns`."""
         first = self._plant.index_at(self._stream, since_ns)
-        count = self._plant.index_at(self._stream, until_ns) - first
-        return self._plant.samples(self._stream, first, count) if count > 0 else None
+        last = self._plant.index_at(self._stream, until_ns)
+        if first >= last:
+            return None
+        ahead = self._ahead
+        if ahead is None or first < self._first or last > self._first + len(ahead.rows):
+            span = self._plant.index_at(self._stream, since_ns + _AHEAD) - first
+            ahead = self._ahead = self._plant.samples(self._stream, first, max(span, last - first))
+            self._first = first
+        part = slice(first - self._first, last - self._first)
+        return block_from_samples(ahead.times_ns[part], ahead.names[1:], ahead.rows[part, 1:])

@@ -82,7 +82,7 @@ class Cell:
             if process.exit_code is None:
                 process.send(signal.SIGINT)
         for process in self._processes:
-            problems += _end(process)
+            problems += _end(process, self._is_up(process))
         self._stack.close()
         if problems and error is None:
             raise AssertionError("\n".join(problems))
@@ -216,6 +216,9 @@ class Cell:
     def _note_diagnostics(self, message: DiagnosticArray) -> None:
         self._statuses.update({status.name: status for status in message.status})
 
+    def _is_up(self, process: NodeProcess) -> bool:
+        return any(name.startswith(f"{process.name}: ") for name in self._statuses)
+
     def _report(self) -> str:
         lines = [f"  {name}: {status.message}" for name, status in sorted(self._statuses.items())]
         lines += [f"  output of {process.name}:\n{process.output}" for process in self._processes]
@@ -226,15 +229,15 @@ def _dotted(parameters: Mapping[str, object]) -> dict[str, object]:
     return {name.replace("__", "."): value for name, value in parameters.items()}
 
 
-def _end(process: NodeProcess) -> list[str]:
-    """End a process for good; what was wrong with its end, if anything."""
+def _end(process: NodeProcess, up: bool) -> list[str]:
+    """End a process for good; what was wrong with its end, if anything: before it is up it may just break off."""
     surprising = process.exit_code is not None and not process.expected
     try:
         code = process.stop()
     except TimeoutError as error:
         return [str(error)]
     else:
-        if surprising or code not in (0, -signal.SIGKILL):
+        if surprising or code not in (0, -signal.SIGKILL, 0 if up else -signal.SIGINT):
             return [f"{process.name} ended with exit code {code}; it wrote:\n{process.output}"]
         return []
     finally:
