@@ -56,6 +56,7 @@ setup(
             "ros-jazzy-common-interfaces>=5.3.5,<5.4",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4.2,<8.5",
             "ros-jazzy-domain-coordinator>=0.12,<0.13",
+            "ros-jazzy-domain-coordinator>=0.12,<0.13",
         ],
         "test": [
             "pytest>=8,<10",

@@ -7,11 +7,11 @@ import sys
 from collections.abc import Sequence
 
 from rotary_error_monitor import __version__
-from rotary_error_monitor.commands import replay
+from rotary_error_monitor.commands import recover, replay, run, wire
 from rotary_error_monitor.errors import InputError
 
 BAD_INPUT = 2
-COMMANDS = (replay,)
+COMMANDS = (run, replay, recover, wire)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,0 +1,58 @@
+"""`rotary_error_monitor run`: a whole machine cell on mock sensors."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.errors import InputError
+
+OUT_OF_BOUNDS = 1
+SHORTEST = 9.0
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Describe the command's arguments."""
+    parser = subparsers.add_parser(
+        "run",
+        help="run a machine cell on mock sensors, record and replay it, print what it reached",
+        description="Exit code 0 where every figure is within its bound, 1 where one is not.",
+    )
+    parser.add_argument("--duration", type=float, default=30.0, help="of the recording, s (default 30)")
+    parser.add_argument("--machine", default="xyzac_trt", help="machine YAML, or the name of one that ships")
+    parser.add_argument("--stage", type=Path, help="stage YAML (default: config/stage.yaml)")
+    parser.add_argument("--seed", type=int, default=1, help="of the mock stage")
+    parser.add_argument("--rate", type=float, default=10_000.0, help="samples a second of heads and autocollimator")
+    parser.add_argument("--folder", type=Path, help="new folder for the recording (default: runs/<date>_<time>)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run, replay, print; the exit code says whether all figures are within their bounds."""
+    # plotting-free and ROS-free commands must start fast: the cell is imported only where it is run
+    from rotary_error_monitor.scenario import mock_cell, mock_cell_figures
+
+    if not arguments.duration >= SHORTEST:
+        raise InputError(f"--duration is {arguments.duration} s; {SHORTEST} s are needed for three heights of the LVDT")
+    folder = arguments.folder or Path("runs") / datetime.now(UTC).strftime("%Y%m%d_%H%M%S")
+    if folder.exists():
+        raise InputError(f"--folder {folder} exists already; give a new one, a recording is never overwritten")
+    folder.mkdir(parents=True)
+    stage, machine = load_stage(arguments.stage), load_machine(arguments.machine)
+    cell = mock_cell.MockCell(
+        folder, arguments.duration, arguments.machine, arguments.stage, arguments.seed, arguments.rate
+    )
+    print("Simulated: the stage, its sensors and the machine. Real: nodes, DDS, recording, everything computed.")
+    try:
+        recording = mock_cell.record(cell)
+    except RuntimeError as error:
+        print(f"rotary_error_monitor: {error}", file=sys.stderr)
+        return OUT_OF_BOUNDS
+    rows = mock_cell_figures.figures(cell, recording, stage, machine)
+    print(mock_cell_figures.table(rows))
+    print(f"bag: {recording.bag}")
+    return 0 if all(row.ok for row in rows) else OUT_OF_BOUNDS

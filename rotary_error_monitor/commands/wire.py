@@ -1,0 +1,19 @@
+"""`rotary_error_monitor wire`: the wire contract as a table."""
+
+from __future__ import annotations
+
+import argparse
+
+from rotary_error_monitor.description.wire import load_wire, markdown_table
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Describe the command's arguments."""
+    parser = subparsers.add_parser("wire", help="print the topics, types, fields, units and QoS as a Markdown table")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the table."""
+    print(markdown_table(load_wire(None)), end="")
+    return 0

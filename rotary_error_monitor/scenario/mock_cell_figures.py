@@ -1,0 +1,219 @@
+"""What a run of the mock cell shows: accuracy against the true stage and machine, samples lost, latencies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.bags.messages import Decoder, JointState
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.wire import Topic, Wire, load_wire
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compare_with_lvdt
+from rotary_error_monitor.plant.machine import MachinePlant, make_poses
+from rotary_error_monitor.plant.stage import StagePlant
+from rotary_error_monitor.replay import Replay, replay_bag
+from rotary_error_monitor.scenario.mock_cell import SPEEDS, MockCell, Recording
+from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.sources.mock import MockSettings, mock_stage
+from rotary_error_monitor.sources.mock_machine import MachineMotion
+
+SETTLING_NS = 500_000_000
+"""Left out after the start and after each setting of the LVDT: processes find one another, the probe comes to rest."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure and its bound.
+
+    Attributes:
+        name: what was measured, with its unit.
+        value: the figure.
+        bound: largest value that is right; None where there is none.
+        digits: digits after the point.
+    """
+
+    name: str
+    value: float
+    bound: float | None = None
+    digits: int = 3
+
+    @property
+    def ok(self) -> bool:
+        """Whether the figure is finite and within its bound."""
+        return bool(np.isfinite(self.value)) and (self.bound is None or self.value <= self.bound)
+
+
+def figures(cell: MockCell, recording: Recording, stage: StageDescription, machine: MachineDescription) -> list[Row]:
+    """All figures of a run.
+
+    Raises:
+        InputError: the bag lacks a topic that every cell has.
+    """
+    reader = BagReader(recording.bag)
+    wire = load_wire(tuple(stage.encoder.azimuths))
+    replayed = replay_bag(recording.bag, stage, machine)
+    plant = mock_stage(stage, MockSettings(cell.seed, recording.epoch_ns, SPEEDS, True, cell.rate))
+    return [
+        *_accuracy(recording, reader, wire, stage, replayed),
+        *_offsets(recording, reader, wire, machine, plant),
+        *_repetition(reader, wire, replayed),
+        *_losses(reader, wire),
+        *_latencies(reader, wire),
+        Row(
+            "processes that did not end with exit code 0",
+            sum(code != 0 for code in recording.exit_codes.values()),
+            0,
+            0,
+        ),
+    ]
+
+
+def lvdt_comparisons(
+    recording: Recording, reader: BagReader, wire: Wire, stage: StageDescription, replayed: Replay
+) -> Iterator[tuple[float, LvdtComparison]]:
+    """Comparison with the LVDT at each height at which it stood.
+
+    Raises:
+        InputError: the stage has no LVDT, or the bag lacks its samples.
+    """
+    if stage.lvdt is None:
+        raise InputError("the stage has no section 'lvdt'")
+    times, radial = _samples(reader, wire.topic("lvdt_samples"))
+    period = int(np.diff(replayed.stamp_ns).min())
+    motion = replayed.motion
+    for height, begin_ns, end_ns in recording.heights:
+        there = (times >= begin_ns + SETTLING_NS) & (times < end_ns)
+        when = (replayed.stamp_ns >= begin_ns + SETTLING_NS) & (replayed.stamp_ns < end_ns)
+        part = ErrorMotion(
+            motion.theta[when], motion.components[when], motion.observable[when], motion.covariance[when]
+        )
+        lvdt = replace(stage.lvdt, height=height)
+        yield height, compare_with_lvdt(replayed.stamp_ns[when], part, lvdt, times[there], radial[there], period)
+
+
+def _accuracy(
+    recording: Recording, reader: BagReader, wire: Wire, stage: StageDescription, replayed: Replay
+) -> Iterator[Row]:
+    for height, found in lvdt_comparisons(recording, reader, wire, stage, replayed):
+        name = f"radial error motion at h = {height * 1e3:.0f} mm"
+        yield Row(f"{name}: peak to peak, µm", float(np.ptp(found.reference, axis=0).max()) * 1e6)
+        yield Row(f"{name}: RMS against LVDT, µm", found.rms * 1e6, 0.10)
+        yield Row(f"{name}: maximum against LVDT, µm", found.maximum * 1e6, 0.5)
+        yield Row(f"{name}: outside their 95 % bounds, %", 100 * (1 - found.inside), 7.0, 1)
+
+
+def _offsets(
+    recording: Recording, reader: BagReader, wire: Wire, machine: MachineDescription, plant: StagePlant
+) -> Iterator[Row]:
+    """True tool offset without correction, and with the correction that was in force at each time."""
+    stamps, arrived, values = _corrections(reader, wire.topic("axis_corrections"), machine)
+    late = stamps > stamps[0] + SETTLING_NS
+    in_force = np.searchsorted(arrived, stamps[late], side="right") - 1
+    motion = MachineMotion(machine, plant)
+    states = [motion.at(int(stamp)) for stamp in stamps[late]]
+    positions = np.array([[axis.position for axis in state] for state in states])
+    directions = np.sign([[axis.velocity for axis in state] for state in states])
+    scene = plant.scene((stamps[late] - recording.epoch_ns) * 1e-9)
+    live = scene.error_motion.copy()
+    live[:, 2] = np.nan  # no sensor sees axial motion: true is what the description says
+    true = MachinePlant(machine)
+    poses = make_poses(machine, positions, directions, scene.warming + machine.reference_temperature)
+    before = true.tool_offset(poses, monitored=live)
+    after = true.tool_offset(poses, values[in_force], live)
+    for name, part, unit in (("position", slice(0, 3), "µm"), ("tool axis", slice(3, 5), "µrad")):
+        was, now = (np.sqrt((offset[:, part] ** 2).sum(axis=1).mean()) * 1e6 for offset in (before, after))
+        yield Row(f"tool offset, {name}, before correction: RMS, {unit}", float(was))
+        yield Row(f"tool offset, {name}, after correction: RMS, {unit}", float(now), 0.05 * float(was))
+
+
+def _repetition(reader: BagReader, wire: Wire, replayed: Replay) -> Iterator[Row]:
+    """Published numbers that the replay does not give again bit for bit."""
+    assert replayed.tool_offset is not None
+    for key, columns, again in (
+        ("error_motion_samples", ("theta",), replayed.theta[:, None]),
+        ("tool_offset_samples", ("x", "y", "z", "a", "b", "c"), replayed.tool_offset),
+    ):
+        topic = wire.topic(key)
+        times, values = _samples(reader, topic, columns)
+        index = np.clip(np.searchsorted(replayed.stamp_ns, times), 0, len(replayed.stamp_ns) - 1)
+        same = (replayed.stamp_ns[index] == times) & (again[index] == values).all(axis=1)
+        yield Row(f"{topic.name}: published numbers that a replay does not repeat", float((~same).sum()), 0, 0)
+
+
+def _losses(reader: BagReader, wire: Wire) -> Iterator[Row]:
+    """Samples missing between the first and the last of each fast stream."""
+    lost = 0
+    for topic in wire:
+        if topic.is_sample_block and topic.key != "lvdt_samples" and topic.name in reader.topics:
+            times, _ = _samples(reader, topic)
+            if len(times) > 2:
+                steps = np.diff(times)
+                lost += int(np.rint(steps / np.median(steps) - 1).sum())
+    yield Row("samples lost, all streams", lost, 0, 0)
+
+
+def _latencies(reader: BagReader, wire: Wire) -> Iterator[Row]:
+    """Age of the latest sample in a block when the recorder had it."""
+    for key, bound in (("error_motion_samples", None), ("tool_offset_samples", None)):
+        topic = wire.topic(key)
+        ages = np.array(list(_ages(reader, topic)))
+        if len(ages) == 0:
+            raise InputError(f"{reader.path}: no message on {topic.name}")
+        for part in (50, 99):
+            yield Row(
+                f"{topic.name}: age at the recorder, p{part}, ms", float(np.percentile(ages, part)) * 1e3, bound, 1
+            )
+
+
+def _ages(reader: BagReader, topic: Topic) -> Iterator[float]:
+    decoder = Decoder(topic.type)
+    for message in reader.messages([topic.name]):
+        block = decoder.decode(message.data)
+        assert isinstance(block, SampleBlock)
+        yield (message.log_time_ns - int(block.times_ns[-1])) * 1e-9
+
+
+def _samples(
+    reader: BagReader, topic: Topic, columns: tuple[str, ...] | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    reader.check_topics([topic.name])
+    blocks = reader.read_blocks([topic.name])[topic.name]
+    names = columns or topic.columns
+    times = np.concatenate([block.times_ns for block in blocks])
+    return times, np.concatenate([block.columns(names) for block in blocks])
+
+
+def _corrections(
+    reader: BagReader, topic: Topic, machine: MachineDescription
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Stamp, time of arrival at the recorder, and values in the order of the machine's axes."""
+    reader.check_topics([topic.name])
+    decoder = Decoder(topic.type)
+    stamps, arrived, values = [], [], []
+    for message in reader.messages([topic.name]):
+        state = decoder.decode(message.data)
+        assert isinstance(state, JointState)
+        told = dict(zip(state.names, state.position.tolist(), strict=True))
+        stamps.append(state.stamp_ns)
+        arrived.append(message.log_time_ns)
+        values.append([told[letter] for letter in machine.letters])
+    return np.array(stamps), np.array(arrived), np.array(values)
+
+
+def table(rows: list[Row]) -> str:
+    """The figures as text, a line each."""
+    width = max(len(row.name) for row in rows)
+    lines = []
+    for row in rows:
+        bound = (
+            "" if row.bound is None else f"  at most {row.bound:.{row.digits}f}  {'ok' if row.ok else 'OUT OF BOUNDS'}"
+        )
+        lines.append(f"{row.name:<{width}}  {row.value:>10.{row.digits}f}{bound}")
+    return "\n".join(lines)
