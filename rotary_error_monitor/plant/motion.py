@@ -67,7 +67,7 @@ class Motion:
         index = np.minimum(np.searchsorted(self._starts, within, side="right") - 1, len(self.segments) - 1)
         before, change, ramp = self._before[index], self._change[index], self._ramps[index]
         passed = within - self._starts[index]
-        u = np.minimum(np.divide(passed, ramp, out=np.ones_like(passed), where=ramp > 0), 1)
+        u = np.minimum(np.divide(passed, ramp, out=np.ones_like(passed), where=ramp > 1e-9), 1)
         cube = u * u * u
         velocity = before + change * cube * (10 + u * (6 * u - 15))
         risen = ramp * cube * u * (2.5 + u * (u - 3)) + np.maximum(passed - ramp, 0)

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from scipy.special import ndtri
 
 _COUNTER = 4  # Philox gives four 64-bit words per count
@@ -54,16 +53,16 @@ class Noise:
 class Turbulence:
     """Slow noise of standard deviation 1 with the autocorrelation `exp(-|lag| / correlation_time)`, a function of time.
 
-    A first-order autoregressive sequence stands on a grid of 1/32 of the correlation time, computed in whole aligned
+    A first-order autoregressive sequence stands on a grid of 1/128 of the correlation time, computed in whole aligned
     runs so that no value depends on what else was asked for; between grid points it is interpolated linearly.
     """
 
     noise: Noise
     correlation_time: float
 
-    _PER_CORRELATION = 32
-    _RUN = 64
-    _WARM_UP = 12 * _PER_CORRELATION  # what came earlier has faded to exp(-12)
+    _PER_CORRELATION = 128
+    _RUN = 256
+    _WARM_UP = 10 * _PER_CORRELATION  # what came earlier has faded to exp(-10)
 
     def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) values at the ascending times (n,) in s."""
@@ -72,9 +71,12 @@ class Turbulence:
         first, last = int(cell[0]) // self._RUN, (int(cell[-1]) + 1) // self._RUN
         grid = np.concatenate([self._run(index) for index in range(first, last + 1)])
         before = grid[cell - first * self._RUN]
-        return before + (place - cell) * (grid[cell - first * self._RUN + 1] - before)
+        after = grid[cell - first * self._RUN + 1]
+        return np.asarray(before + (place - cell) * (after - before), dtype=np.float64)
 
     def _run(self, index: int) -> NDArray[np.float64]:
+        from scipy.signal import lfilter  # loads for a second or two, and most stages have no turbulence
+
         decay = np.exp(-1 / self._PER_CORRELATION)
         drive = self.noise.normal(index * self._RUN - self._WARM_UP, self._WARM_UP + self._RUN)
         return np.asarray(lfilter([np.sqrt(1 - decay**2)], [1, -decay], drive)[self._WARM_UP :], dtype=np.float64)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
@@ -43,4 +44,5 @@ def test_turbulence_is_a_function_of_time() -> None:
     time = np.linspace(-2, 30, 5000)
     whole = air.at(time)
     np.testing.assert_array_equal(np.concatenate([air.at(time[:1]), air.at(time[1:77]), air.at(time[77:])]), whole)
-    assert np.abs(np.diff(whole)).max() < 0.5  # slow against its standard deviation of 1
+    expected = np.sqrt(2 * (1 - np.exp(-(time[1] - time[0]) / 0.3)))  # of the Ornstein-Uhlenbeck process
+    assert np.diff(whole).std() == pytest.approx(expected, rel=0.1)

@@ -1,0 +1,254 @@
+"""Gap cases in memory: a recording of the true stage or machine, the twin that goes with it, and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.stage import StageDescription, Turbulence
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.draws import ARCSEC, DURATION, draw_fault, draw_stage, machine_faults, stage_faults
+from rotary_error_monitor.plant.environment import Forces, Temperature, intermittent_forces
+from rotary_error_monitor.plant.faults import Named
+from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses
+from rotary_error_monitor.plant.motion import random_motion, reversing_motion
+from rotary_error_monitor.plant.noise import Noise
+from rotary_error_monitor.plant.roughness import (
+    MACHINE_UNCERTAINTY,
+    STAGE_UNCERTAINTY,
+    add_spikes,
+    lose_blocks,
+    vary_machine,
+    vary_stage,
+)
+from rotary_error_monitor.plant.stage import FIELDS, HEAD, HEAD_FIELDS, Fault, StagePlant
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
+
+Kind = Literal["null", "single", "pair", "unknown"]
+EPOCH_NS = 1_763_700_000 * NANOSECONDS
+BLOCK = 100  # samples
+TRACKER_NOISE = 1.5e-6  # m
+FORCED = frozenset({"load_compliance", "loaded_gear_mesh", "stiffening_bearing"})
+AMOUNT: Mapping[Kind, int] = {"null": 0, "single": 1, "pair": 2, "unknown": 1}
+STEADY = ("command", "temperature")  # streams that lose nothing
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the twin does not know.
+
+    Attributes:
+        family: stage or machine.
+        kind: how many effects, or that none of the vocabulary is at work.
+        faults: all that was done, also what no vocabulary names.
+        snr: how much each channel, topic + `.` + field, is moved: root of the summed squares over the noise.
+    """
+
+    family: Literal["stage", "machine"]
+    kind: Kind
+    faults: tuple[Named, ...]
+    snr: Mapping[str, float]
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Content of a truth file; effects that no vocabulary names are left out."""
+        named = [] if self.kind == "unknown" else self.faults
+        effects = [{"effect": f.name, "location": f.location, "parameters": f.parameters} for f in named]
+        return {"family": self.family, "kind": self.kind, "effects": effects, "snr": dict(self.snr)}
+
+
+@dataclass(frozen=True)
+class StageCase:
+    """Recording of a stage: blocks of each stream by its name, in order of time."""
+
+    twin: StageDescription
+    blocks: Mapping[str, Sequence[SampleBlock]]
+    truth: Truth
+    plant: StagePlant
+
+
+@dataclass(frozen=True)
+class MachineCase:
+    """Recording of a machine: n static poses.
+
+    Attributes:
+        stamps_ns: (n,) timestamp (ns) of each pose.
+        poses: what the axes were told, and the true warming.
+        probe: (n, 3) measured tool tip minus where it should be, in the workpiece frame, m.
+        temperature: (n,) measured, °C.
+    """
+
+    twin: MachineDescription
+    stamps_ns: NDArray[np.int64]
+    poses: Poses
+    probe: NDArray[np.float64]
+    temperature: NDArray[np.float64]
+    truth: Truth
+
+
+def make_stage_case(
+    seed: int,
+    kind: Kind = "single",
+    effects: Sequence[str] | None = None,
+    snr: tuple[float, float] = (60.0, 600.0),
+    rough: bool = False,
+    duration: float = DURATION,
+) -> StageCase:
+    """Case of a stage from a seed.
+
+    Args:
+        seed: everything that is drawn depends on it alone.
+        kind: null, single, pair, or unknown (a fault that no vocabulary names).
+        effects: names of the faults; None draws them.
+        snr: each fault is made as large as a drawn number from this range (see `Truth.snr`, over all channels).
+        rough: as on a shop floor: uncertain twin, spikes, lost blocks, turbulence, sometimes no LVDT or force.
+        duration: s.
+
+    Raises:
+        InputError: an effect is none of a stage, or there are not as many as the kind says.
+    """
+    draw = Noise(seed, "case").generator()
+    names = _names(kind, effects, stage_faults, draw)
+    twin, sensors = draw_stage(draw), set(FIELDS)
+    if rough:
+        twin = _rough_twin(twin)
+        sensors -= (
+            {"lvdt"} if draw.random() < 0.3 and not any(n.startswith(("lvdt", "probe")) for n in names) else set()
+        )
+        sensors -= {"force"} if draw.random() < 0.25 and not FORCED & set(names) else set()
+    true = vary_stage(twin, twin.uncertainty, draw) if rough else twin
+    plain = StagePlant(
+        true,
+        seed,
+        EPOCH_NS,
+        random_motion(seed, duration, segments=max(4, round(duration / 7))) if rough else reversing_motion(),
+        intermittent_forces(seed, duration) if "force" in sensors else Forces(),
+        Temperature(rise=float(draw.uniform(1.5, 4.0)), settling=float(draw.uniform(10, 20))),
+    )
+    plain = replace(plain, clocks={name: c for name, c in plain.clocks.items() if name in sensors or HEAD in name})
+    faults = tuple(_sized_fault(plain, name, draw, snr, duration) for name in names)
+    plant = replace(plain, faults=tuple(fault for fault in faults if isinstance(fault, Fault)))
+    blocks = {stream: _record(plant, stream, duration, rough, draw) for stream in plant.streams}
+    twin = twin if "lvdt" in sensors else replace(twin, lvdt=None)
+    return StageCase(twin, blocks, Truth("stage", kind, faults, stage_snr(plain, plant, duration)), plant)
+
+
+def make_machine_case(
+    machine: MachineDescription,
+    seed: int,
+    kind: Kind = "single",
+    effects: Sequence[str] | None = None,
+    snr: tuple[float, float] = (20.0, 200.0),
+    rough: bool = False,
+) -> MachineCase:
+    """Case of the five-axis machine `machine`, which is the twin, from a seed; other arguments as for a stage.
+
+    Raises:
+        InputError: an effect is none of a machine, or there are not as many as the kind says.
+    """
+    draw = Noise(seed, "case").generator()
+    names = _names(kind, effects, machine_faults, draw)
+    count = 160 if rough else 240
+    low, high = (0.95 * np.array(limits) for limits in zip(*(axis.travel for axis in machine.axes), strict=True))
+    warming = 3.0 * -np.expm1(-np.arange(count) / (count / 4))
+    poses = Poses(draw.uniform(low, high, (count, len(low))), draw.choice([-1.0, 1.0], (count, len(low))), warming)
+    twin = replace(machine, uncertainty=MACHINE_UNCERTAINTY) if rough else replace(machine, uncertainty={})
+    varied = vary_machine(machine, MACHINE_UNCERTAINTY, draw) if rough else ()
+    plain = MachinePlant(machine, varied).tool_offset(poses)[:, :3]
+
+    def moved(faults: Sequence[Named]) -> NDArray[np.float64]:
+        added = tuple(fault for fault in faults if isinstance(fault, MachineFault))
+        return MachinePlant(machine, (*varied, *added)).tool_offset(poses)[:, :3]
+
+    faults = []
+    for name in names:
+        fault, target = draw_fault(name, draw), _target(draw, snr)
+        for _ in range(2):  # not quite in proportion
+            fault = fault.scaled(target / float(np.linalg.norm((moved([fault]) - plain) / TRACKER_NOISE)))
+        faults.append(fault)
+    true = moved(faults)
+    probe = true + TRACKER_NOISE * draw.normal(size=true.shape)
+    if rough:
+        outlying = draw.random(count) < 0.02
+        probe[outlying] += draw.normal(size=(int(outlying.sum()), 3)) * 50e-6
+    ratios = {"/machine/tool_probe": float(np.linalg.norm((true - plain) / TRACKER_NOISE))}
+    temperature = machine.reference_temperature + warming + 0.02 * draw.normal(size=count)
+    stamps = EPOCH_NS + 20 * NANOSECONDS * np.arange(count, dtype=np.int64)
+    return MachineCase(twin, stamps, poses, probe, temperature, Truth("machine", kind, tuple(faults), ratios))
+
+
+def stage_snr(plain: StagePlant, plant: StagePlant, duration: float = DURATION, every: int = 1) -> dict[str, float]:
+    """How much each channel of `plant` differs from that of `plain`, noise left out, over the noise.
+
+    Root of the summed squares over all samples; `every` takes only every so many samples and scales the sum up.
+    """
+    ratios = {}
+    for stream in plain.streams:
+        if stream not in ("command", "force", "temperature"):
+            time = _times(plain, stream, duration)[::every]
+            moved = (plant.signal(stream, time) - plain.signal(stream, time)) / _noise(plain.stage, stream)
+            names = HEAD_FIELDS if HEAD in stream else FIELDS[stream]
+            for name, column in zip(names, moved.T, strict=True):
+                ratios[f"/stage/{stream}/samples.{name}"] = float(np.linalg.norm(column) * np.sqrt(every))
+    return ratios
+
+
+def _names(
+    kind: Kind, effects: Sequence[str] | None, known: Callable[[bool], tuple[str, ...]], draw: np.random.Generator
+) -> tuple[str, ...]:
+    allowed, count = known(kind != "unknown"), AMOUNT[kind]
+    names = tuple(draw.choice(allowed, count, replace=False).tolist() if effects is None else effects)
+    if set(names) - set(allowed) or len(names) != count:
+        told = ", ".join(names) or "none"
+        raise InputError(f"a case of kind {kind} takes {count} effects of {', '.join(allowed)}; got {told}")
+    return names
+
+
+def _rough_twin(stage: StageDescription) -> StageDescription:
+    air = replace(stage.autocollimator, turbulence=Turbulence(0.08 * ARCSEC, 0.3))
+    return replace(stage, autocollimator=air, uncertainty=STAGE_UNCERTAINTY)
+
+
+def _target(draw: np.random.Generator, snr: tuple[float, float]) -> float:
+    return float(np.exp(draw.uniform(*np.log(snr))))
+
+
+def _sized_fault(
+    plain: StagePlant, name: str, draw: np.random.Generator, snr: tuple[float, float], duration: float
+) -> Named:
+    fault, target = draw_fault(name, draw, tuple(plain.stage.encoder.azimuths), duration), _target(draw, snr)
+    for _ in range(2):  # not quite in proportion
+        assert isinstance(fault, Fault)
+        moved = stage_snr(plain, replace(plain, faults=(fault,)), duration, every=7)
+        fault = fault.scaled(target / float(np.linalg.norm(list(moved.values()))))
+    return fault
+
+
+def _times(plant: StagePlant, stream: str, duration: float) -> NDArray[np.float64]:
+    clock = plant.clocks[stream]
+    return np.asarray(clock.times_ns(0, clock.index_at(round(duration * NANOSECONDS))) * 1e-9, dtype=np.float64)
+
+
+def _noise(stage: StageDescription, stream: str) -> float:
+    if stream == "lvdt":
+        return stage.lvdt.noise if stage.lvdt else np.inf
+    instrument = stage.autocollimator if stream == "autocollimator" else stage.encoder
+    return float(np.hypot(instrument.noise, instrument.resolution / np.sqrt(12)))
+
+
+def _record(
+    plant: StagePlant, stream: str, duration: float, rough: bool, draw: np.random.Generator
+) -> list[SampleBlock]:
+    count = len(_times(plant, stream, duration))
+    starts = range(0, count, BLOCK)
+    whole = plant.samples(stream, 0, count)
+    times, names, values = whole.times_ns, whole.names[1:], whole.rows[:, 1:]
+    blocks = [block_from_samples(times[i : i + BLOCK], names, values[i : i + BLOCK]) for i in starts]
+    if rough and stream in ("autocollimator", "lvdt"):
+        chance, size = Noise(plant.seed, f"spikes_{stream}"), _noise(plant.stage, stream)
+        blocks = [add_spikes(block, size, chance, first) for block, first in zip(blocks, starts, strict=True)]
+    return lose_blocks(blocks, draw) if rough and stream not in STEADY else blocks

@@ -1,0 +1,104 @@
+"""Cases: seeded, complete, as large as told, and rough where they are told to be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.cases import AMOUNT, Kind, make_machine_case, make_stage_case
+from rotary_error_monitor.plant.draws import machine_faults, stage_faults
+
+
+@pytest.mark.parametrize("kind", AMOUNT)
+def test_stage_case_holds_what_its_kind_says_and_comes_again_from_its_seed(kind: Kind) -> None:
+    case, again = (make_stage_case(12, kind, duration=40) for _ in range(2))
+    assert case.truth == again.truth
+    assert len(case.truth.faults) == AMOUNT[kind]
+    mapping = case.truth.as_mapping()
+    assert len(mapping["effects"]) == (0 if kind == "unknown" else AMOUNT[kind])
+    known = stage_faults(kind != "unknown")
+    assert all(fault.name in known for fault in case.truth.faults)
+    for stream, blocks in case.blocks.items():
+        for block, other in zip(blocks, again.blocks[stream], strict=True):
+            np.testing.assert_array_equal(block.rows, other.rows)
+    assert (max(case.truth.snr.values()) > 0) == (kind != "null")
+    assert make_stage_case(13, kind).truth.faults != case.truth.faults or kind == "null"
+
+
+def test_streams_have_rates_and_blocks_of_a_usual_recording() -> None:
+    case = make_stage_case(1, "null")
+    counts = {stream: sum(len(block.rows) for block in blocks) for stream, blocks in case.blocks.items()}
+    assert counts.pop("autocollimator") == 16_000
+    assert (counts.pop("force"), counts.pop("temperature")) == (4_000, 200)
+    assert set(counts) == {"head_a", "head_b", "head_c", "head_d", "lvdt", "command"}
+    assert set(counts.values()) == {10_000}
+    for blocks in case.blocks.values():
+        times = np.concatenate([block.times_ns for block in blocks])
+        assert (np.diff(times) > 0).all()
+        assert max(len(block.rows) for block in blocks) == 100
+
+
+@pytest.mark.parametrize("name", ["disc_eccentricity", "autocollimator_gain", "following_error", "spindle_radial"])
+def test_fault_is_as_large_as_told(name: str) -> None:
+    snr = make_stage_case(5, "single", [name], snr=(150.0, 150.0)).truth.snr
+    assert np.linalg.norm(list(snr.values())) == pytest.approx(150, rel=0.05)
+
+
+def test_clean_recording_without_fault_differs_from_the_plant_by_noise_only() -> None:
+    case = make_stage_case(2, "null")
+    assert case.twin == case.plant.description
+    stage, blocks = case.twin, case.blocks["autocollimator"]
+    noise = np.concatenate(
+        [
+            block.rows[:, 1:] - case.plant.signal("autocollimator", (block.times_ns - case.plant.epoch_ns) * 1e-9)
+            for block in blocks
+        ]
+    )
+    assert noise.std() == pytest.approx(stage.autocollimator.noise * np.sqrt(1 + 1 / 12), rel=0.03)
+
+
+def test_rough_cases_have_an_uncertain_twin_spikes_lost_blocks_and_missing_sensors() -> None:
+    cases = [make_stage_case(seed, "null", rough=True, duration=20) for seed in range(12)]
+    assert 0 < sum("lvdt" not in case.blocks for case in cases) < 12
+    assert 0 < sum("force" not in case.blocks for case in cases) < 12
+    lost = [50 - len(case.blocks["head_a"]) for case in cases]
+    assert set(lost) == {0, 1, 2}
+    for case in cases:
+        assert (case.twin.lvdt is None) == ("lvdt" not in case.blocks)
+        assert case.twin.autocollimator.turbulence is not None
+        assert len(case.blocks["command"]) == 50
+        shift = np.subtract(case.plant.description.encoder.eccentricity, case.twin.encoder.eccentricity)
+        assert 0 < np.abs(shift).max() < 5 * case.twin.uncertainty["encoder.eccentricity"]
+    spikes = 0
+    for case in cases:
+        for block in case.blocks["autocollimator"]:
+            seen = case.plant.signal("autocollimator", (block.times_ns - case.plant.epoch_ns) * 1e-9)
+            spikes += int((np.abs(block.rows[:, 1:] - seen).max(axis=1) > 9 * case.twin.autocollimator.noise).sum())
+    assert 0.001 < spikes / (12 * 8000) < 0.003
+
+
+def test_force_is_there_where_the_fault_needs_it() -> None:
+    for seed in range(8):
+        case = make_stage_case(seed, "single", ["load_compliance"], rough=True, duration=20)
+        assert "force" in case.blocks
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_machine_case_is_seeded_and_as_large_as_told(rough: bool) -> None:
+    machine = load_machine("pan2013")
+    one, two = (make_machine_case(machine, 4, "pair", rough=rough, snr=(80.0, 80.0)) for _ in range(2))
+    np.testing.assert_array_equal(one.probe, two.probe)
+    assert {fault.name for fault in one.truth.faults} <= set(machine_faults())
+    assert len(one.probe) == (160 if rough else 240)
+    single = make_machine_case(machine, 4, "single", ["squareness"], snr=(80.0, 80.0), rough=rough)
+    assert single.truth.snr["/machine/tool_probe"] == pytest.approx(80, rel=0.01)
+    assert bool(one.twin.uncertainty) == rough
+
+
+def test_wrong_effects_are_refused() -> None:
+    with pytest.raises(InputError, match=r"a case of kind single takes 1 effects of .*got squareness"):
+        make_stage_case(1, "single", ["squareness"])
+    with pytest.raises(InputError, match=r"a case of kind pair takes 2 effects .*got unbalance"):
+        make_stage_case(1, "pair", ["unbalance"])
