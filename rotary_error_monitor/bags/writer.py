@@ -26,7 +26,7 @@ from rotary_error_monitor.description.wire import Qos, Wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import SampleBlock
 
-CHUNK_SIZE = 1 << 14
+CHUNK_SIZE = 1 << 16  # what a kill may cost is bounded by time, not by this; larger chunks read faster
 LIBRARY = "rotary_error_monitor"
 RESERVE = ".reserve"
 DEFAULT_QOS = Qos("reliable", "volatile", 10)

@@ -169,7 +169,7 @@ def test_a_file_that_may_not_grow_keeps_what_was_written(tmp_path: Path) -> None
     assert "recording stopped: File too large; what was written is kept" in said and "recover it" in said
     kept = _numbers(folder)
     assert kept == list(range(len(kept)))
-    assert int(number) - len(kept) < 200  # no more than the chunk that did not fit
+    assert int(number) - len(kept) < 500  # no more than the chunk that did not fit
     recover(folder)
     assert _numbers(folder) == kept and len(read_by_rosbags(folder)) == len(read_by_mcap(folder)) == len(kept)
 
