@@ -35,6 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run, replay, print; the exit code says whether all figures are within their bounds."""
     # plotting-free and ROS-free commands must start fast: the cell is imported only where it is run
     from rotary_error_monitor.scenario import mock_cell, mock_cell_figures
+    from rotary_error_monitor.scenario.mock_cell_picture import draw_cell
 
     if not arguments.duration >= SHORTEST:
         raise InputError(f"--duration is {arguments.duration} s; {SHORTEST} s are needed for three heights of the LVDT")
@@ -52,7 +53,9 @@ def run(arguments: argparse.Namespace) -> int:
     except RuntimeError as error:
         print(f"rotary_error_monitor: {error}", file=sys.stderr)
         return OUT_OF_BOUNDS
-    rows = mock_cell_figures.figures(cell, recording, stage, machine)
-    print(mock_cell_figures.table(rows))
-    print(f"bag: {recording.bag}")
-    return 0 if all(row.ok for row in rows) else OUT_OF_BOUNDS
+    result = mock_cell_figures.figures(cell, recording, stage, machine)
+    print(mock_cell_figures.table(result.rows))
+    picture = folder / "cell.png"
+    draw_cell(result, recording.epoch_ns, picture)
+    print(f"bag: {recording.bag}\npicture: {picture}")
+    return 0 if result.ok else OUT_OF_BOUNDS

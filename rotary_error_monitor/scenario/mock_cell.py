@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Never
 
+import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -143,6 +145,6 @@ def _progress(duration: float, quiet: bool) -> Iterator[tqdm[Never]]:
         yield progress
 
 
-def seconds(stamp_ns: int, epoch_ns: int) -> float:
-    """Time (s) since the mock stage began."""
-    return (stamp_ns - epoch_ns) / NANOSECONDS
+def seconds(stamp_ns: NDArray[np.int64], epoch_ns: int) -> NDArray[np.float64]:
+    """(n,) time (s) since the mock stage began."""
+    return np.asarray((stamp_ns - epoch_ns) / NANOSECONDS, np.float64)

@@ -50,7 +50,43 @@ class Row:
         return bool(np.isfinite(self.value)) and (self.bound is None or self.value <= self.bound)
 
 
-def figures(cell: MockCell, recording: Recording, stage: StageDescription, machine: MachineDescription) -> list[Row]:
+@dataclass(frozen=True)
+class TrueOffsets:
+    """Tool offset of the true machine at n times, without correction and with the one in force.
+
+    Attributes:
+        stamp_ns: (n,) timestamp (ns).
+        before, after: (n, 6) x y z (m) a b c (rad).
+    """
+
+    stamp_ns: NDArray[np.int64]
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What a run showed.
+
+    Attributes:
+        rows: figures with their bounds.
+        comparisons: with the LVDT, by its height (m).
+        offsets: of the tool.
+        force: (k, 3) time after the mock stage's start (s) and external force x, y (N).
+    """
+
+    rows: list[Row]
+    comparisons: dict[float, LvdtComparison]
+    offsets: TrueOffsets
+    force: NDArray[np.float64]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every figure is within its bound."""
+        return all(row.ok for row in self.rows)
+
+
+def figures(cell: MockCell, recording: Recording, stage: StageDescription, machine: MachineDescription) -> CellResult:
     """All figures of a run.
 
     Raises:
@@ -60,9 +96,11 @@ def figures(cell: MockCell, recording: Recording, stage: StageDescription, machi
     wire = load_wire(tuple(stage.encoder.azimuths))
     replayed = replay_bag(recording.bag, stage, machine)
     plant = mock_stage(stage, MockSettings(cell.seed, recording.epoch_ns, SPEEDS, True, cell.rate))
-    return [
-        *_accuracy(recording, reader, wire, stage, replayed),
-        *_offsets(recording, reader, wire, machine, plant),
+    comparisons = dict(lvdt_comparisons(recording, reader, wire, stage, replayed))
+    offsets = true_offsets(recording, reader, wire, machine, plant)
+    rows = [
+        *_accuracy(comparisons),
+        *_offset_rows(offsets),
         *_repetition(reader, wire, replayed),
         *_losses(reader, wire),
         *_latencies(reader, wire),
@@ -73,6 +111,8 @@ def figures(cell: MockCell, recording: Recording, stage: StageDescription, machi
             0,
         ),
     ]
+    times, force = _samples(reader, wire.topic("force_samples"))
+    return CellResult(rows, comparisons, offsets, np.column_stack([(times - recording.epoch_ns) * 1e-9, force]))
 
 
 def lvdt_comparisons(
@@ -98,10 +138,8 @@ def lvdt_comparisons(
         yield height, compare_with_lvdt(replayed.stamp_ns[when], part, lvdt, times[there], radial[there], period)
 
 
-def _accuracy(
-    recording: Recording, reader: BagReader, wire: Wire, stage: StageDescription, replayed: Replay
-) -> Iterator[Row]:
-    for height, found in lvdt_comparisons(recording, reader, wire, stage, replayed):
+def _accuracy(comparisons: dict[float, LvdtComparison]) -> Iterator[Row]:
+    for height, found in comparisons.items():
         name = f"radial error motion at h = {height * 1e3:.0f} mm"
         yield Row(f"{name}: peak to peak, µm", float(np.ptp(found.reference, axis=0).max()) * 1e6)
         yield Row(f"{name}: RMS against LVDT, µm", found.rms * 1e6, 0.10)
@@ -109,9 +147,9 @@ def _accuracy(
         yield Row(f"{name}: outside their 95 % bounds, %", 100 * (1 - found.inside), 7.0, 1)
 
 
-def _offsets(
+def true_offsets(
     recording: Recording, reader: BagReader, wire: Wire, machine: MachineDescription, plant: StagePlant
-) -> Iterator[Row]:
+) -> TrueOffsets:
     """True tool offset without correction, and with the correction that was in force at each time."""
     stamps, arrived, values = _corrections(reader, wire.topic("axis_corrections"), machine)
     late = stamps > stamps[0] + SETTLING_NS
@@ -126,9 +164,14 @@ def _offsets(
     true = MachinePlant(machine)
     poses = make_poses(machine, positions, directions, scene.warming + machine.reference_temperature)
     before = true.tool_offset(poses, monitored=live)
-    after = true.tool_offset(poses, values[in_force], live)
+    return TrueOffsets(stamps[late], before, true.tool_offset(poses, values[in_force], live))
+
+
+def _offset_rows(offsets: TrueOffsets) -> Iterator[Row]:
     for name, part, unit in (("position", slice(0, 3), "µm"), ("tool axis", slice(3, 5), "µrad")):
-        was, now = (np.sqrt((offset[:, part] ** 2).sum(axis=1).mean()) * 1e6 for offset in (before, after))
+        was, now = (
+            np.sqrt((offset[:, part] ** 2).sum(axis=1).mean()) * 1e6 for offset in (offsets.before, offsets.after)
+        )
         yield Row(f"tool offset, {name}, before correction: RMS, {unit}", float(was))
         yield Row(f"tool offset, {name}, after correction: RMS, {unit}", float(now), 0.05 * float(was))
 
