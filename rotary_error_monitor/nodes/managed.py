@@ -54,6 +54,7 @@ class ManagedNode(LifecycleNode):
         stage: description of the rotary stage, from `open()` on.
         wire: the contract for the heads of that stage.
         active: whether the life cycle state is active; messages are handled only then.
+        busy: held by whatever callback runs; take it in callbacks of `every`.
         crash: what ended the node from within; it is a fault of the program.
     """
 
@@ -88,7 +89,7 @@ class ManagedNode(LifecycleNode):
         self._refusals: dict[str, int] = {}
         self._entities: list[Callable[[], object]] = []
         self._worker = Worker(self.context, self.now_ns, self._fail)
-        self._busy = threading.RLock()  # callbacks of the worker and of the executor take turns
+        self.busy = threading.RLock()  # callbacks of the worker and of the executor take turns
         self._configured = False
         self._diagnostics: Publisher | None = None
         parameters.declare(self, self._settings)
@@ -168,7 +169,7 @@ class ManagedNode(LifecycleNode):
         """Answer a service; `name` is relative to the node, such as `~/reset`."""
 
         def guarded(request: messages.Message, response: messages.Message) -> messages.Message:
-            with self._busy:
+            with self.busy:
                 return callback(request, response)
 
         service = self.create_service(kind, name, guarded)
@@ -191,7 +192,7 @@ class ManagedNode(LifecycleNode):
 
     def _handle(self, source: str, callback: Callable[[Any], None], argument: messages.Message) -> None:
         """Call a callback of the node while it is active; wrong input is refused, anything else is a fault."""
-        with self._busy:
+        with self.busy:
             if not self.active:
                 return
             try:
@@ -290,7 +291,7 @@ class ManagedNode(LifecycleNode):
 
     def diagnose(self) -> messages.Message:
         """The message for `/diagnostics`: the life cycle, the node's conditions, and what had to be refused."""
-        with self._busy:
+        with self.busy:
             return self._diagnose(self.now_ns())
 
     def _diagnose(self, now_ns: int) -> messages.Message:

@@ -10,7 +10,7 @@ import functools
 import importlib
 import math
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -133,8 +133,8 @@ def joint_state_message(
     stamp_ns: int,
     frame: str,
     names: Sequence[str],
-    positions: Sequence[float],
-    velocities: Sequence[float] | None = None,
+    positions: Iterable[float],
+    velocities: Iterable[float] | None = None,
 ) -> JointState:
     """Joint state in m and rad; velocity and effort are always filled, with zeros where unknown.
 
@@ -163,6 +163,23 @@ def joint_position(message: JointState, joint: str) -> float:
             f"expected a position of joint {joint!r}"
         )
     return float(message.position[message.name.index(joint)])
+
+
+def joint_motion(message: JointState) -> tuple[dict[str, float], dict[str, float]]:
+    """Positions (m, rad) and velocities (m/s, rad/s) by joint; without velocities the second is empty.
+
+    Raises:
+        InputError: there is not one position for each name, or a number is not finite.
+    """
+    names, positions, velocities = list(message.name), list(message.position), list(message.velocity)
+    if len(positions) != len(names) or len(velocities) not in (0, len(names)):
+        raise InputError(
+            f"a joint state holds {len(names)} names, {len(positions)} positions, {len(velocities)} velocities; "
+            "expected as many of each (velocities may be left out)"
+        )
+    if not all(map(math.isfinite, [*positions, *velocities])):
+        raise InputError(f"a joint state holds positions {positions}, velocities {velocities}; all must be finite")
+    return dict(zip(names, positions, strict=True)), dict(zip(names, velocities, strict=False))
 
 
 def measured_ns(stamped: Header) -> int:

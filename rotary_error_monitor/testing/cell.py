@@ -233,7 +233,7 @@ def _end(process: NodeProcess, up: bool) -> list[str]:
     """End a process for good; what was wrong with its end, if anything: before it is up it may just break off."""
     surprising = process.exit_code is not None and not process.expected
     try:
-        code = process.stop()
+        code = process.wait()
     except TimeoutError as error:
         return [str(error)]
     else:

@@ -72,14 +72,20 @@ class NodeProcess:
         """
         if self.exit_code is None:
             self.send(number)
+        return self.wait(deadline)
+
+    def wait(self, deadline: float = _PATIENCE) -> int:
+        """Wait for its end; give its exit code.
+
+        Raises:
+            TimeoutError: it did not end within `deadline` s and was killed.
+        """
         try:
             return self._process.wait(deadline)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-            raise TimeoutError(
-                f"{self.name} did not end within {deadline} s of {number.name}; it wrote:\n{self.output}"
-            ) from None
+            raise TimeoutError(f"{self.name} did not end within {deadline} s; it wrote:\n{self.output}") from None
 
     def close(self) -> None:
         """Kill it if it still runs, and forget its output."""
