@@ -94,7 +94,7 @@ def make_stage_case(
     seed: int,
     kind: Kind = "single",
     effects: Sequence[str] | None = None,
-    snr: tuple[float, float] = (60.0, 600.0),
+    snr: tuple[float, float] | None = None,
     rough: bool = False,
     duration: float = DURATION,
 ) -> StageCase:
@@ -104,12 +104,14 @@ def make_stage_case(
         seed: everything that is drawn depends on it alone.
         kind: null, single, pair, or unknown (a fault that no vocabulary names).
         effects: names of the faults; None draws them.
-        snr: each fault is made as large as a drawn number from this range (see `Truth.snr`, over all channels).
+        snr: each fault is made as large as a drawn number from this range (see `Truth.snr`, over all channels); None
+            takes 60 to 600, and 300 to 3000 where the uncertain twin hides more.
         rough: as on a shop floor: uncertain twin, spikes, lost blocks, turbulence, sometimes no LVDT or force.
         duration: s.
 
     Raises:
-        InputError: an effect is none of a stage, or there are not as many as the kind says.
+        InputError: an effect is none of a stage, there are not as many as the kind says, or one does not show in so
+            short a recording.
     """
     draw = Noise(seed, "case").generator()
     names = _names(kind, effects, stage_faults, draw)
@@ -130,7 +132,8 @@ def make_stage_case(
         Temperature(rise=float(draw.uniform(1.5, 4.0)), settling=float(draw.uniform(10, 20))),
     )
     plain = replace(plain, clocks={name: c for name, c in plain.clocks.items() if name in sensors or HEAD in name})
-    faults = tuple(_sized_fault(plain, name, draw, snr, duration) for name in names)
+    size = snr or ((300.0, 3000.0) if rough else (60.0, 600.0))
+    faults = tuple(_stage_fault(plain, name, draw, size, duration) for name in names)
     plant = replace(plain, faults=tuple(fault for fault in faults if isinstance(fault, Fault)))
     blocks = {stream: _record(plant, stream, duration, rough, draw) for stream in plant.streams}
     twin = twin if "lvdt" in sensors else replace(twin, lvdt=None)
@@ -142,13 +145,15 @@ def make_machine_case(
     seed: int,
     kind: Kind = "single",
     effects: Sequence[str] | None = None,
-    snr: tuple[float, float] = (20.0, 200.0),
+    snr: tuple[float, float] | None = None,
     rough: bool = False,
 ) -> MachineCase:
-    """Case of the five-axis machine `machine`, which is the twin, from a seed; other arguments as for a stage.
+    """Case of the five-axis machine `machine`, which is the twin, from a seed.
+
+    Arguments as for a stage, but that `snr` None takes 20 to 200, and 60 to 300 in rough cases.
 
     Raises:
-        InputError: an effect is none of a machine, or there are not as many as the kind says.
+        InputError: an effect is none of a machine, there are not as many as the kind says, or one does not show.
     """
     draw = Noise(seed, "case").generator()
     names = _names(kind, effects, machine_faults, draw)
@@ -164,12 +169,11 @@ def make_machine_case(
         added = tuple(fault for fault in faults if isinstance(fault, MachineFault))
         return MachinePlant(machine, (*varied, *added)).tool_offset(poses)[:, :3]
 
-    faults = []
-    for name in names:
-        fault, target = draw_fault(name, draw), _target(draw, snr)
-        for _ in range(2):  # not quite in proportion
-            fault = fault.scaled(target / float(np.linalg.norm((moved([fault]) - plain) / TRACKER_NOISE)))
-        faults.append(fault)
+    def response(fault: Named) -> float:
+        return float(np.linalg.norm((moved([fault]) - plain) / TRACKER_NOISE))
+
+    size = snr or ((60.0, 300.0) if rough else (20.0, 200.0))
+    faults = tuple(_sized(draw_fault(name, draw), draw, size, response) for name in names)
     true = moved(faults)
     probe = true + TRACKER_NOISE * draw.normal(size=true.shape)
     if rough:
@@ -178,7 +182,7 @@ def make_machine_case(
     ratios = {"/machine/tool_probe": float(np.linalg.norm((true - plain) / TRACKER_NOISE))}
     temperature = machine.reference_temperature + warming + 0.02 * draw.normal(size=count)
     stamps = EPOCH_NS + 20 * NANOSECONDS * np.arange(count, dtype=np.int64)
-    return MachineCase(twin, stamps, poses, probe, temperature, Truth("machine", kind, tuple(faults), ratios))
+    return MachineCase(twin, stamps, poses, probe, temperature, Truth("machine", kind, faults, ratios))
 
 
 def stage_snr(plain: StagePlant, plant: StagePlant, duration: float = DURATION, every: int = 1) -> dict[str, float]:
@@ -213,19 +217,28 @@ def _rough_twin(stage: StageDescription) -> StageDescription:
     return replace(stage, autocollimator=air, uncertainty=STAGE_UNCERTAINTY)
 
 
-def _target(draw: np.random.Generator, snr: tuple[float, float]) -> float:
-    return float(np.exp(draw.uniform(*np.log(snr))))
+def _sized(
+    fault: Named, draw: np.random.Generator, snr: tuple[float, float], response: Callable[[Named], float]
+) -> Named:
+    """The fault as large as a number drawn from `snr`."""
+    target = float(np.exp(draw.uniform(*np.log(snr))))
+    for _ in range(2):  # not quite in proportion
+        moved = response(fault)
+        if moved == 0:
+            raise InputError(f"{fault} does not show in this recording; make it longer or take another seed")
+        fault = fault.scaled(target / moved)
+    return fault
 
 
-def _sized_fault(
+def _stage_fault(
     plain: StagePlant, name: str, draw: np.random.Generator, snr: tuple[float, float], duration: float
 ) -> Named:
-    fault, target = draw_fault(name, draw, tuple(plain.stage.encoder.azimuths), duration), _target(draw, snr)
-    for _ in range(2):  # not quite in proportion
+    def response(fault: Named) -> float:
         assert isinstance(fault, Fault)
         moved = stage_snr(plain, replace(plain, faults=(fault,)), duration, every=7)
-        fault = fault.scaled(target / float(np.linalg.norm(list(moved.values()))))
-    return fault
+        return float(np.linalg.norm(list(moved.values())))
+
+    return _sized(draw_fault(name, draw, tuple(plain.stage.encoder.azimuths), duration), draw, snr, response)
 
 
 def _times(plant: StagePlant, stream: str, duration: float) -> NDArray[np.float64]:

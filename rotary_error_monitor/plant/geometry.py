@@ -36,11 +36,6 @@ class Turns:
         return powers[order]
 
 
-def as_plane(vectors: NDArray[np.float64]) -> Plane:
-    """Complex numbers (n,) of vectors (n, 2)."""
-    return np.ascontiguousarray(vectors).view(np.complex128)[:, 0]
-
-
 def as_columns(plane: Plane) -> NDArray[np.float64]:
     """Vectors (n, 2) of complex numbers (n,)."""
     return np.ascontiguousarray(plane).view(np.float64).reshape(-1, 2)

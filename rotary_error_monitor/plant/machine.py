@@ -102,10 +102,6 @@ class MachinePlant:
         rotation = (actual.rotation * should.rotation.inv()).as_rotvec()
         return np.hstack([actual.shift - should.shift, rotation])
 
-    def tool_pose(self, poses: Poses) -> Placement:
-        """Where the tool should be, in the workpiece frame: every error zero."""
-        return self._chain(self.description, poses, None, None)
-
     def _chain(
         self,
         machine: MachineDescription,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.cases import AMOUNT, Kind, make_machine_case, make_stage_case
-from rotary_error_monitor.plant.draws import machine_faults, stage_faults
+from rotary_error_monitor.plant.draws import draw_machine, machine_faults, stage_faults
 
 
 @pytest.mark.parametrize("kind", AMOUNT)
@@ -97,8 +99,26 @@ def test_machine_case_is_seeded_and_as_large_as_told(rough: bool) -> None:
     assert bool(one.twin.uncertainty) == rough
 
 
+def test_drawn_machines_have_usual_errors_and_no_slope_in_straightness() -> None:
+    machine = load_machine("pan2013")
+    drawn, other = (draw_machine(machine, np.random.default_rng(seed)) for seed in (1, 2))
+    assert drawn.errors != other.errors
+    assert len(drawn.errors) == 30
+    assert drawn.errors["EYX"].poly[1] == 0 != drawn.errors["EXX"].poly[1]
+    case = make_machine_case(drawn, 1, "null")
+    assert 1e-6 < case.probe.std() < 1e-3
+    assert case.truth.snr == {"/machine/tool_probe": 0.0}
+
+
 def test_wrong_effects_are_refused() -> None:
     with pytest.raises(InputError, match=r"a case of kind single takes 1 effects of .*got squareness"):
         make_stage_case(1, "single", ["squareness"])
     with pytest.raises(InputError, match=r"a case of kind pair takes 2 effects .*got unbalance"):
         make_stage_case(1, "pair", ["unbalance"])
+
+
+def test_effect_that_cannot_show_is_refused() -> None:
+    machine = load_machine("pan2013")
+    stuck = replace(machine, axes=tuple(replace(axis, travel=(-1e-300, 1e-300)) for axis in machine.axes))
+    with pytest.raises(InputError, match="does not show in this recording"):
+        make_machine_case(stuck, 1, "single", ["axis_scale"])
