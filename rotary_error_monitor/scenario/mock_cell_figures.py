@@ -19,7 +19,7 @@ from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compa
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.replay import Replay, replay_bag
-from rotary_error_monitor.scenario.mock_cell import SPEEDS, MockCell, Recording
+from rotary_error_monitor.scenario.mock_cell import SPEEDS, MockCell, Recording, seconds
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
@@ -112,7 +112,7 @@ def figures(cell: MockCell, recording: Recording, stage: StageDescription, machi
         ),
     ]
     times, force = _samples(reader, wire.topic("force_samples"))
-    return CellResult(rows, comparisons, offsets, np.column_stack([(times - recording.epoch_ns) * 1e-9, force]))
+    return CellResult(rows, comparisons, offsets, np.column_stack([seconds(times, recording.epoch_ns), force]))
 
 
 def lvdt_comparisons(
@@ -158,7 +158,7 @@ def true_offsets(
     states = [motion.at(int(stamp)) for stamp in stamps[late]]
     positions = np.array([[axis.position for axis in state] for state in states])
     directions = np.sign([[axis.velocity for axis in state] for state in states])
-    scene = plant.scene((stamps[late] - recording.epoch_ns) * 1e-9)
+    scene = plant.scene(seconds(stamps[late], recording.epoch_ns))
     live = scene.error_motion.copy()
     live[:, 2] = np.nan  # no sensor sees axial motion: true is what the description says
     true = MachinePlant(machine)
@@ -169,11 +169,13 @@ def true_offsets(
 
 def _offset_rows(offsets: TrueOffsets) -> Iterator[Row]:
     for name, part, unit in (("position", slice(0, 3), "µm"), ("tool axis", slice(3, 5), "µrad")):
-        was, now = (
-            np.sqrt((offset[:, part] ** 2).sum(axis=1).mean()) * 1e6 for offset in (offsets.before, offsets.after)
-        )
-        yield Row(f"tool offset, {name}, before correction: RMS, {unit}", float(was))
-        yield Row(f"tool offset, {name}, after correction: RMS, {unit}", float(now), 0.05 * float(was))
+        was, now = (_rms(offset[:, part]) * 1e6 for offset in (offsets.before, offsets.after))
+        yield Row(f"tool offset, {name}, before correction: RMS, {unit}", was)
+        yield Row(f"tool offset, {name}, after correction: RMS, {unit}", now, 0.05 * was)
+
+
+def _rms(vectors: NDArray[np.float64]) -> float:
+    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
 def _repetition(reader: BagReader, wire: Wire, replayed: Replay) -> Iterator[Row]:
