@@ -14,10 +14,6 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.transforms import Array
 
 
-SMALLEST_REACH = 1e-300
-"""Keeps a step in no time from a division by zero."""
-
-
 class Level(enum.IntEnum):
     """What became of a wanted correction, the worst last."""
 
@@ -152,11 +148,11 @@ def limit_corrections(
     if count == 0:
         return LimitedCorrections(asked.copy(), np.zeros(0, dtype=np.int64), state)
 
-    finite = np.isfinite(asked).all(axis=1)
+    finite: NDArray[np.bool_] = np.all(np.isfinite(asked), axis=1)
     use = finite if usable is None else finite & usable
     size = np.abs(np.where(use[:, None], asked, 0.0))
-    over = (size > limits.error).any(axis=1)
-    latched: NDArray[np.bool_] = np.logical_or(np.logical_or.accumulate(over), state.latched)
+    over: NDArray[np.bool_] = np.any(size > limits.error, axis=1)
+    latched = np.logical_or.accumulate(over | np.bool_(state.latched))
     follow = use & ~latched
     reach = limits.rate * np.minimum(interval, limits.longest_interval)[:, None]
     corrections, shortened = _follow(np.array(state.applied), np.where(use[:, None], asked, 0.0), follow, reach)
@@ -170,7 +166,7 @@ def limit_corrections(
         first = int(np.argmax(over))
         axis = int(np.argmax(size[first] > limits.error))
         reason = (
-            f"correction {asked[first, axis]:.3e} of axis {limits.letters[axis]} at timestamp {int(times_ns[first])} ns "
+            f"correction {asked[first, axis]:.3e} of axis {limits.letters[axis]} at {int(times_ns[first])} ns "
             f"is beyond the error limit {limits.error[axis]:.3e}"
         )
     new = CorrectionState(tuple(corrections[-1].tolist()), int(times_ns[-1]), bool(latched[-1]), reason)
@@ -188,8 +184,9 @@ def _follow(start: Array, wanted: Array, follow: NDArray[np.bool_], reach: Array
     for pose in range(len(wanted)):
         if follow[pose]:
             step = wanted[pose] - applied
-            ratio = np.max(np.abs(step) / np.maximum(reach[pose], SMALLEST_REACH))
-            shortened[pose] = ratio > 1.0
-            applied = applied + step / ratio if ratio > 1.0 else wanted[pose]
+            fast = np.abs(step) > reach[pose]
+            shortened[pose] = fast.any()
+            fraction = np.min(reach[pose][fast] / np.abs(step[fast])) if shortened[pose] else 1.0
+            applied = applied + fraction * step if shortened[pose] else wanted[pose]
         corrections[pose] = applied
     return corrections, shortened

@@ -1,4 +1,4 @@
-"""The machine by other means: pytransform3d's SE(3), one pose at a time, straight from the description."""
+"""The machine by other means: pytransform3d's SE(3), straight from the description, body by body."""
 
 from __future__ import annotations
 
@@ -7,89 +7,95 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pytransform3d.rotations import compact_axis_angle_from_matrix, matrix_from_compact_axis_angle
-from pytransform3d.transformations import concat, invert_transform, transform_from
+from pytransform3d.batch_rotations import matrices_from_compact_axis_angles
+from pytransform3d.trajectories import concat_many_to_many
+from scipy.spatial.transform import Rotation
 
 from rotary_error_monitor.description.machine import DIRECTIONS, ErrorComponent, MachineDescription
 
 Array = NDArray[np.float64]
 
 
-def matrix(shift: Array, rotation: Array) -> Array:
-    """(4, 4) by pytransform3d, which multiplies in the opposite order of reading only in `concat`."""
-    return transform_from(matrix_from_compact_axis_angle(rotation), shift)
+def matrices(shift: Array, rotation: Array) -> Array:
+    """(n, 4, 4) from shifts and rotation vectors (n, 3)."""
+    result = np.tile(np.eye(4), (len(shift), 1, 1))
+    result[:, :3, :3] = matrices_from_compact_axis_angles(rotation)
+    result[:, :3, 3] = shift
+    return result
 
 
-def component(error: ErrorComponent, position: float, travel: tuple[float, float], direction: float) -> float:
+def component(error: ErrorComponent, position: Array, travel: tuple[float, float], direction: Array) -> Array:
+    """(n,) one error component at positions and directions (n,)."""
     u = np.interp(position, travel, (-1.0, 1.0))
-    value = float(np.polyval(error.poly[::-1], u)) if error.poly else 0.0
+    value = np.polyval(error.poly[::-1], u) if error.poly else np.zeros(len(position))
     for wave in error.harmonic:
-        value += wave.cos * np.cos(wave.order * position) + wave.sin * np.sin(wave.order * position)
+        value = value + wave.cos * np.cos(wave.order * position) + wave.sin * np.sin(wave.order * position)
     if error.table is not None:
         forward = np.interp(position, error.table.positions, error.table.forward)
         backward = np.interp(position, error.table.positions, error.table.backward)
-        value += {1.0: forward, -1.0: backward, 0.0: (forward + backward) / 2}[direction]
-    return float(value)
+        mean = (forward + backward) / 2
+        value = value + np.select([direction > 0, direction < 0], [forward, backward], mean)
+    return value
 
 
 def place(
     machine: MachineDescription,
     name: str,
-    pose: dict[str, tuple[float, float]],
-    dt: float,
+    poses: dict[str, tuple[Array, Array]],
+    dt: Array,
     live: Array | None,
     *,
     ideal: bool,
 ) -> Array:
-    """(4, 4) of a body in the base: the product of Tp dTp Ts dTs from the base to it."""
+    """(n, 4, 4) of a body in the base: the product of Tp dTp Ts dTs from the base to it."""
     if name == "base":
-        return np.eye(4)
+        return np.tile(np.eye(4), (len(dt), 1, 1))
     body = machine.body(name)
-    parts = [matrix(np.array(body.pose.shift), np.array(body.pose.rotation))]
-    if not ideal:
-        parts.append(matrix(np.array(body.location_error.shift), np.array(body.location_error.rotation)))
+    fixed = [body.pose] if ideal else [body.pose, body.location_error]
+    parts = [matrices(np.tile(f.shift, (len(dt), 1)), np.tile(f.rotation, (len(dt), 1))) for f in fixed]
     if body.axis:
         axis = machine.axis(body.axis)
-        position, direction = pose[axis.letter]
-        along = np.array(axis.direction)
+        position, direction = poses[axis.letter]
         linear = axis.kind == "linear"
-        motion = matrix(along * position * linear, along * position * (not linear))
-        errors = np.array(
+        along = np.outer(position, axis.direction)
+        motion = matrices(along * linear, along * (not linear))
+        errors = np.stack(
             [
                 component(machine.errors.get(f"E{d}{axis.letter}", ErrorComponent()), position, axis.travel, direction)
                 for d in DIRECTIONS
-            ]
+            ],
+            axis=1,
         )
-        errors[slice(0, 3) if linear else slice(3, 6)] += along * (
-            axis.expansion * dt * position - axis.reversal / 2 * direction
+        errors[:, slice(0, 3) if linear else slice(3, 6)] += np.outer(
+            axis.expansion * dt * position - axis.reversal / 2 * direction, axis.direction
         )
         if ideal:
             parts.append(motion)
         elif axis.letter == machine.monitored and live is not None:
-            parts += [matrix(live[:3], live[3:]), motion]  # in the stator's frame: before the motion
+            parts += [matrices(live[:, :3], live[:, 3:]), motion]  # in the stator's frame: before the motion
         else:
-            parts += [motion, matrix(errors[:3], errors[3:])]
-    above = place(machine, body.parent, pose, dt, live, ideal=ideal)
+            parts += [motion, matrices(errors[:, :3], errors[:, 3:])]
+    above = place(machine, body.parent, poses, dt, live, ideal=ideal)
     for part in parts:
-        above = concat(part, above)
+        above = concat_many_to_many(part, above)
     return above
 
 
 @pytest.fixture
 def independent_offset() -> Callable[..., Array]:
-    """(6,) offset of one pose: positions and directions (m,), temperature above reference, live components (6,)."""
+    """(n, 6) offsets at positions and directions (n, m), temperatures above reference (n,), live components (n, 6)."""
 
     def offset(
-        machine: MachineDescription, positions: Array, directions: Array, dt: float = 0.0, live: Array | None = None
+        machine: MachineDescription, positions: Array, directions: Array, dt: Array, live: Array | None = None
     ) -> Array:
-        pose = dict(zip(machine.letters, zip(positions, directions, strict=True), strict=True))
+        poses = dict(zip(machine.letters, zip(positions.T, directions.T, strict=True), strict=True))
         seen = []
         for ideal in (False, True):
             tool, workpiece = (
-                place(machine, name, pose, dt, live, ideal=ideal) for name in (machine.tool, machine.workpiece)
+                place(machine, name, poses, dt, live, ideal=ideal) for name in (machine.tool, machine.workpiece)
             )
-            seen.append(invert_transform(workpiece) @ tool)
-        turned = compact_axis_angle_from_matrix(seen[0][:3, :3] @ seen[1][:3, :3].T)
-        return np.concatenate([seen[0][:3, 3] - seen[1][:3, 3], turned])
+            seen.append(concat_many_to_many(tool, np.linalg.inv(workpiece)))
+        turned = Rotation.from_matrix(seen[0][:, :3, :3]) * Rotation.from_matrix(seen[1][:, :3, :3]).inv()
+        return np.concatenate([seen[0][:, :3, 3] - seen[1][:, :3, 3], turned.as_rotvec()], axis=1)
 
     return offset

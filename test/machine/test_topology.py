@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.machine import Body, load_machine
 from rotary_error_monitor.machine.topology import branches, low_order_array
 
 TABLE = Path(__file__).parents[1] / "reference" / "pan2013_table1.yaml"
@@ -37,3 +38,11 @@ def test_branches_run_from_base_to_tool_and_workpiece() -> None:
     tool, workpiece = branches(load_machine("xyzac_trt"))
     assert [body.name for body in tool] == ["saddle", "carriage", "ram", "tool"]
     assert [body.name for body in workpiece] == ["trunnion", "table", "workpiece"]
+
+
+def test_what_carries_both_is_left_out() -> None:
+    machine = load_machine("xyzac_trt")
+    bodies = (Body("bed", "base"), *(replace(b, parent=b.parent.replace("base", "bed")) for b in machine.bodies))
+    assert branches(replace(machine, bodies=bodies)) == tuple(
+        tuple(replace(b, parent=b.parent.replace("base", "bed")) for b in branch) for branch in branches(machine)
+    )
