@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from scipy.special import ndtri
 
 _COUNTER = 4  # Philox gives four 64-bit words per count
 _MANTISSA = 2.0**-53
+_PER_CORRELATION = 128  # grid points of turbulence per correlation time
+_RUN = 256  # grid points computed at once
+_WARM_UP = 10 * _PER_CORRELATION  # what came earlier has faded to exp(-10)
 
 
 @dataclass(frozen=True)
@@ -60,23 +63,20 @@ class Turbulence:
     noise: Noise
     correlation_time: float
 
-    _PER_CORRELATION = 128
-    _RUN = 256
-    _WARM_UP = 10 * _PER_CORRELATION  # what came earlier has faded to exp(-10)
-
     def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) values at the ascending times (n,) in s."""
-        place = time * (self._PER_CORRELATION / self.correlation_time)
+        place = time * (_PER_CORRELATION / self.correlation_time)
         cell = np.floor(place).astype(np.int64)
-        first, last = int(cell[0]) // self._RUN, (int(cell[-1]) + 1) // self._RUN
-        grid = np.concatenate([self._run(index) for index in range(first, last + 1)])
-        before = grid[cell - first * self._RUN]
-        after = grid[cell - first * self._RUN + 1]
+        first, last = int(cell[0]) // _RUN, (int(cell[-1]) + 1) // _RUN
+        grid = np.concatenate([_run(self.noise, index) for index in range(first, last + 1)])
+        before = grid[cell - first * _RUN]
+        after = grid[cell - first * _RUN + 1]
         return np.asarray(before + (place - cell) * (after - before), dtype=np.float64)
 
-    def _run(self, index: int) -> NDArray[np.float64]:
-        from scipy.signal import lfilter  # loads for a second or two, and most stages have no turbulence
 
-        decay = np.exp(-1 / self._PER_CORRELATION)
-        drive = self.noise.normal(index * self._RUN - self._WARM_UP, self._WARM_UP + self._RUN)
-        return np.asarray(lfilter([np.sqrt(1 - decay**2)], [1, -decay], drive)[self._WARM_UP :], dtype=np.float64)
+@lru_cache(maxsize=16)
+def _run(noise: Noise, index: int) -> NDArray[np.float64]:
+    """Run `index` of the grid; kept, because live blocks are much shorter than a run."""
+    decay = np.exp(-1 / _PER_CORRELATION)
+    drive = noise.normal(index * _RUN - _WARM_UP, _WARM_UP + _RUN)
+    return np.asarray(lfilter([np.sqrt(1 - decay**2)], [1, -decay], drive)[_WARM_UP:], dtype=np.float64)

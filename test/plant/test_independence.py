@@ -14,7 +14,18 @@ import rotary_error_monitor.plant
 PLANT = Path(rotary_error_monitor.plant.__file__).parent
 FILES = sorted(PLANT.rglob("*.py"))
 OWN = ("description", "signals", "errors", "plant")
-FOREIGN = ("__future__", "collections", "dataclasses", "functools", "hashlib", "math", "typing", "numpy", "scipy")
+FOREIGN = (
+    "__future__",
+    "abc",
+    "collections",
+    "dataclasses",
+    "functools",
+    "hashlib",
+    "math",
+    "typing",
+    "numpy",
+    "scipy",
+)
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PLANT)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ class AxisFault(Named, MachineFault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ComponentFault(AxisFault):
+class ComponentFault(AxisFault, ABC):
     """A fault that adds to one error component of one axis."""
 
     @property
@@ -39,9 +40,9 @@ class ComponentFault(AxisFault):
         errors[:, DIRECTIONS.index(self.component[1])] += added
         return errors
 
+    @abstractmethod
     def added(self, q: Reals, u: Reals, direction: Reals, warming: Reals) -> Reals:
         """(n,) what is added at position `q`, scaled to the travel `u`, reached in `direction`, at `warming`."""
-        raise TypeError(f"{type(self).__name__} does not say what it adds")
 
 
 def _located(machine: MachineDescription, body: str, shift: Vector, rotation: Vector) -> MachineDescription:
