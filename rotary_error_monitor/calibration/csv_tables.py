@@ -1,0 +1,146 @@
+"""Tables of measurements as comma-separated text: a header that names columns with their units, one row a reading.
+
+Lines that begin with # are comments. Numbers have decimal points. Every error names file and line.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.errors import InputError
+
+Array = NDArray[np.float64]
+
+SCALES = {
+    "m": 1.0,
+    "mm": 1e-3,
+    "um": 1e-6,
+    "nm": 1e-9,
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "urad": 1e-6,
+    "deg": math.pi / 180,
+    "arcsec": math.pi / 648000,
+    "degC": 1.0,
+}
+"""Factor from the unit at the end of a column's name to SI (temperatures stay in °C)."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column that a table may have.
+
+    Attributes:
+        name: such as deviation_um; the part after the last underscore is the unit, if it is one.
+        largest: absolute value, in SI, above which the unit must be wrong.
+        text: True for words instead of numbers.
+    """
+
+    name: str
+    largest: float = math.inf
+    text: bool = False
+
+    @property
+    def scale(self) -> float:
+        """Factor to SI."""
+        return SCALES.get(self.name.rpartition("_")[2], 1.0) if "_" in self.name else 1.0
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of a file.
+
+    Attributes:
+        path: the file.
+        numbers: (n,) values by column, SI.
+        words: n texts by column.
+        lines: (n,) line of each row, the first line of the file being 1.
+    """
+
+    path: Path
+    numbers: Mapping[str, Array]
+    words: Mapping[str, tuple[str, ...]]
+    lines: NDArray[np.int64]
+
+    def error(self, row: int, problem: str) -> InputError:
+        """An error that says where in the file it is."""
+        return InputError(f"{self.path}:{self.lines[row]}: {problem}")
+
+
+def read_table(path: Path | str, choices: Sequence[Sequence[Column]]) -> Table:
+    """Table with one of the given sets of columns, in any order.
+
+    Raises:
+        InputError: no such file, an empty one, a header that fits no choice, a row with too few or too many values, or a
+            value that is no finite number or too large for its unit.
+    """
+    path = Path(path)
+    rows = _rows(path)
+    expected = " or ".join(",".join(column.name for column in columns) for columns in choices)
+    if not rows:
+        raise InputError(f"{path}:1: the file is empty; expected a header {expected} and rows below it")
+    line, header = rows[0][0], [name.strip() for name in rows[0][1]]
+    columns = next((c for c in choices if {column.name for column in c} == set(header)), None)
+    if columns is None or len(set(header)) != len(header):
+        raise InputError(f"{path}:{line}: header {','.join(header)}; expected {expected}")
+    if len(rows) == 1:
+        raise InputError(f"{path}:{line}: a header and no row below it; expected one row for each reading")
+    for number, values in rows[1:]:
+        if len(values) != len(header):
+            hint = "; write decimal points, not commas" if len(values) > len(header) else ""
+            raise InputError(f"{path}:{number}: {len(values)} values where the header has {len(header)}{hint}")
+    lines = np.array([number for number, _ in rows[1:]], dtype=np.int64)
+    cells = {name: [values[k].strip() for _, values in rows[1:]] for k, name in enumerate(header)}
+    return Table(
+        path=path,
+        numbers={c.name: _numbers(path, lines, c, cells[c.name]) for c in columns if not c.text},
+        words={c.name: tuple(cells[c.name]) for c in columns if c.text},
+        lines=lines,
+    )
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Line number and values of each row that is neither empty nor a comment."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); give the path of a CSV file") from error
+    numbered = [(number, line) for number, line in enumerate(text.splitlines(), start=1)]
+    kept = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+    return [(number, values) for (number, _), values in zip(kept, csv.reader(line for _, line in kept), strict=True)]
+
+
+def _numbers(path: Path, lines: NDArray[np.int64], column: Column, cells: list[str]) -> Array:
+    try:
+        values = np.array(cells, dtype=np.float64)
+    except ValueError:
+        for line, cell in zip(lines, cells, strict=True):
+            _check_number(f"{path}:{line}", column.name, cell)
+        raise
+    values = values * column.scale
+    for wrong, problem in (
+        (~np.isfinite(values), "is no finite number; drop that reading"),
+        (np.abs(values) > column.largest, f"is beyond ±{column.largest / column.scale:g}: is it in another unit?"),
+    ):
+        if np.any(wrong):
+            at = int(np.argmax(wrong))
+            raise InputError(f"{path}:{lines[at]}: {column.name} {cells[at]} {problem}")
+    return values
+
+
+def _check_number(where: str, name: str, cell: str) -> None:
+    try:
+        float(cell)
+    except ValueError:
+        hint = "is empty; drop that reading" if not cell else "is no number"
+        if re.fullmatch(r"[+-]?\d+,\d*", cell):
+            hint = "has a decimal comma; write a point"
+        raise InputError(f"{where}: {name} '{cell}' {hint}") from None

@@ -1,0 +1,238 @@
+"""Measurements from CSV files and bags, into the arrays that metrology and identification take.
+
+Headers (columns in any order):
+    positioning, linear  target_mm,direction,cycle,deviation_um    or reading_mm instead of deviation_um
+    positioning, rotary  target_deg,direction,cycle,deviation_arcsec    or reading_deg
+    straightness         segment,run,direction,position_mm,reading_um
+    tracker              feature,distance_mm,elevation_deg,azimuth_deg
+    poses                X_mm,Y_mm,…,C_deg,…,temperature_degC,dx_um,dy_um,dz_um; directions as X_direction, … if known
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.bags.messages import Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.calibration.csv_tables import Column, Table, read_table
+from rotary_error_monitor.calibration.identification import ProbedPoses
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.positioning import PositioningRuns, estimate_deviations
+from rotary_error_monitor.metrology.straightness import Run
+
+Array = NDArray[np.float64]
+
+LENGTH = 100.0
+"""Longest axis, m."""
+
+ANGLE = 100 * 2 * math.pi
+LINEAR_ERROR = 1e-3
+ANGULAR_ERROR = math.radians(0.5)
+LEAST_GAP = 5.0
+"""Steps this much longer than the median step are gaps."""
+
+JOINT_STATES, TOOL_PROBE, TEMPERATURE = "/machine/joint_states", "/machine/tool_probe", "/machine/temperature"
+
+
+def read_positioning(path: Path | str, *, rotary: bool) -> PositioningRuns:
+    """Bidirectional runs of one axis from a CSV file; targets that a cycle did not visit become NaN.
+
+    Raises:
+        InputError: what `read_table` raises, a direction other than 1 and -1, or a run whose targets do not go one way.
+    """
+    common = [Column("direction"), Column("cycle")]
+    if rotary:
+        target = Column("target_deg", ANGLE)
+        measured = [Column("deviation_arcsec", ANGULAR_ERROR), Column("reading_deg", ANGLE)]
+    else:
+        target = Column("target_mm", LENGTH)
+        measured = [Column("deviation_um", LINEAR_ERROR), Column("reading_mm", LENGTH)]
+    table = read_table(path, [[target, *common, column] for column in measured])
+    targets = table.numbers[target.name]
+    if measured[0].name in table.numbers:
+        deviations = table.numbers[measured[0].name]
+    else:
+        deviations = estimate_deviations(targets, table.numbers[measured[1].name], rotary=rotary)
+        _check_size(table, deviations, measured[0])
+    _check_runs(table, targets, target)
+    values = np.unique(targets)
+    cycles = np.unique(table.numbers["cycle"])
+    place = np.searchsorted(values, targets), np.searchsorted(cycles, table.numbers["cycle"])
+    filled = {}
+    for sign in (1, -1):
+        rows = table.numbers["direction"] == sign
+        filled[sign] = np.full((len(values), len(cycles)), np.nan)
+        filled[sign][place[0][rows], place[1][rows]] = deviations[rows]
+    if not np.any(table.numbers["direction"] == 1):
+        raise table.error(0, "no forward run (direction 1)")
+    backward = filled[-1] if np.any(table.numbers["direction"] == -1) else None
+    try:
+        return PositioningRuns(values, filled[1], backward, rotary)
+    except InputError as error:
+        raise InputError(f"{table.path}:{table.lines[-1]}: in the table that ends here, {error}") from error
+
+
+def _check_size(table: Table, deviations: Array, column: Column) -> None:
+    wrong = np.abs(deviations) > column.largest
+    if np.any(wrong):
+        row = int(np.argmax(wrong))
+        size = f"{deviations[row] / column.scale:g} {column.name.rpartition('_')[2]}"
+        raise table.error(row, f"the reading is {size} off its target: are both in the unit of the header?")
+
+
+def _check_runs(table: Table, targets: Array, column: Column) -> None:
+    """Each run (cycle and direction) visits ascending or descending targets, each once."""
+    last: dict[tuple[float, float], tuple[float, int]] = {}
+    for row, (direction, cycle, target) in enumerate(
+        zip(table.numbers["direction"], table.numbers["cycle"], targets, strict=True)
+    ):
+        if direction not in (1, -1):
+            raise table.error(row, f"direction {direction:g}; expected 1 (approached in positive direction) or -1")
+        before = last.get((cycle, direction))
+        last[cycle, direction] = target, row
+        if before is None:
+            continue
+        name, shown = f"cycle {cycle:g}, direction {direction:+g}", (before[0] / column.scale, target / column.scale)
+        if target == before[0]:
+            raise table.error(row, f"target {shown[1]:g} comes twice in {name}; first on line {table.lines[before[1]]}")
+        if (target - before[0]) * direction < 0:
+            raise table.error(
+                row, f"{name}: target {shown[1]:g} after {shown[0]:g}; are the rows sorted and directions unmixed?"
+            )
+
+
+def read_straightness(path: Path | str) -> dict[str, list[Run]]:
+    """Runs by segment, in the order of the file, from a CSV file.
+
+    Raises:
+        InputError: what `read_table` raises, a run that does not go one way, or a gap in one.
+    """
+    columns = [
+        Column("segment", text=True),
+        Column("run", text=True),
+        Column("direction"),
+        Column("position_mm", LENGTH),
+        Column("reading_um", LINEAR_ERROR),
+    ]
+    table = read_table(path, [columns])
+    groups: dict[tuple[str, str], list[int]] = {}
+    for row, key in enumerate(zip(table.words["segment"], table.words["run"], strict=True)):
+        groups.setdefault(key, []).append(row)
+    segments: dict[str, list[Run]] = {}
+    for (segment, run), rows in groups.items():
+        positions = table.numbers["position_mm"][rows]
+        directions = table.numbers["direction"][rows]
+        _check_pass(table, rows, positions, directions, f"segment {segment}, run {run}")
+        readings = table.numbers["reading_um"][rows]
+        segments.setdefault(segment, []).append(Run(positions, readings, int(directions[0])))
+    return segments
+
+
+def _check_pass(table: Table, rows: list[int], positions: Array, directions: Array, name: str) -> None:
+    for k, direction in enumerate(directions):
+        if direction not in (1, -1) or direction != directions[0]:
+            raise table.error(rows[k], f"{name}: direction {direction:g}; expected 1 or -1, the same in all of a run")
+    steps = np.diff(positions) * directions[0]
+    if np.any(steps <= 0):
+        at = int(np.argmax(steps <= 0))
+        raise table.error(
+            rows[at + 1],
+            f"{name}: position {positions[at + 1] * 1e3:g} mm after {positions[at] * 1e3:g} mm does not go on in "
+            f"direction {directions[0]:+g}",
+        )
+    if len(steps) > 2 and steps.max() > LEAST_GAP * np.median(steps):
+        at = int(np.argmax(steps))
+        raise table.error(
+            rows[at + 1],
+            f"{name}: a gap of {steps[at] * 1e3:g} mm before this sample, {np.median(steps) * 1e3:g} mm is usual",
+        )
+
+
+def read_tracker(path: Path | str) -> dict[str, tuple[Array, Array, Array]]:
+    """Distance (m), elevation and azimuth (rad) of each feature's readings, in the order of the file.
+
+    Raises:
+        InputError: what `read_table` raises.
+    """
+    columns = [
+        Column("feature", text=True),
+        Column("distance_mm", LENGTH),
+        Column("elevation_deg", math.pi / 2),
+        Column("azimuth_deg", 2 * math.pi),
+    ]
+    table = read_table(path, [columns])
+    features = np.array(table.words["feature"])
+    names = list(dict.fromkeys(table.words["feature"]))
+    values = [table.numbers[column.name] for column in columns[1:]]
+    return {
+        name: (values[0][features == name], values[1][features == name], values[2][features == name]) for name in names
+    }
+
+
+def read_probed_poses(path: Path | str, machine: MachineDescription, noise: float) -> ProbedPoses:
+    """Poses and the tool's deviation at each, from a bag (a folder or an mcap file) or a CSV file.
+
+    `noise` is the standard deviation of one component of a deviation, m.
+
+    Raises:
+        InputError: the file or bag cannot be read, lacks an axis of the machine, or has poses without a probe.
+    """
+    path = Path(path)
+    return _poses_of_table(path, machine, noise) if path.suffix == ".csv" else _poses_of_bag(path, machine, noise)
+
+
+def _poses_of_table(path: Path, machine: MachineDescription, noise: float) -> ProbedPoses:
+    axes = [
+        Column(f"{a.letter}_mm", LENGTH) if a.kind == "linear" else Column(f"{a.letter}_deg", ANGLE)
+        for a in machine.axes
+    ]
+    rest = [Column("temperature_degC", 200.0), *(Column(f"d{letter}_um", 10 * LINEAR_ERROR) for letter in "xyz")]
+    ways = [Column(f"{letter}_direction") for letter in machine.letters]
+    table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]])
+    count = len(table.lines)
+    known = ways[0].name in table.numbers
+    return ProbedPoses(
+        positions=np.stack([table.numbers[column.name] for column in axes], axis=1),
+        direction=np.stack([table.numbers[c.name] for c in ways], axis=1) if known else np.zeros((count, len(axes))),
+        temperature=table.numbers["temperature_degC"],
+        deviations=np.stack([table.numbers[column.name] for column in rest[1:]], axis=1),
+        noise=noise,
+    )
+
+
+def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> ProbedPoses:
+    reader = BagReader(path)
+    reader.check_topics([JOINT_STATES, TOOL_PROBE])
+    names = [name for name in (JOINT_STATES, TOOL_PROBE, TEMPERATURE) if name in reader.topics]
+    contents = reader.read(names)
+    joints = {content.stamp_ns: content for content in contents[JOINT_STATES]}
+    warmth = {content.stamp_ns: content for content in contents.get(TEMPERATURE, [])}
+    rows: list[tuple[Array, Array, float, Array]] = []
+    for probe in contents[TOOL_PROBE]:
+        assert isinstance(probe, PointStamped)
+        position, direction = _axes_of(joints.get(probe.stamp_ns), machine, f"{path}: probe at {probe.stamp_ns} ns")
+        rows.append((position, direction, _warmth(warmth.get(probe.stamp_ns), machine), probe.point))
+    positions, directions, temperatures, deviations = (np.array(column) for column in zip(*rows, strict=True))
+    return ProbedPoses(positions, directions, temperatures, deviations, noise)
+
+
+def _axes_of(state: Content | None, machine: MachineDescription, where: str) -> tuple[Array, Array]:
+    if not isinstance(state, JointState):
+        raise InputError(f"{where}: no {JOINT_STATES} with the same stamp")
+    missing = [letter for letter in machine.letters if letter not in state.names]
+    if missing:
+        raise InputError(
+            f"{where}: no position of axis {', '.join(missing)}; the joint state names {', '.join(state.names)}"
+        )
+    order = [state.names.index(letter) for letter in machine.letters]
+    direction = np.sign(state.velocity[order]) if len(state.velocity) else np.zeros(len(order))
+    return state.position[order], direction
+
+
+def _warmth(content: Content | None, machine: MachineDescription) -> float:
+    return content.temperature if isinstance(content, Temperature) else machine.reference_temperature

@@ -1,0 +1,99 @@
+"""Is this calibration good? A number, a sentence, and good or not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotary_error_monitor.calibration.identification import (
+    HeldOutCheck,
+    Identification,
+    ProbedPoses,
+    choose_further_poses,
+    estimate_jacobian,
+    parameter_scales,
+    rank_with_longer_tool,
+)
+from rotary_error_monitor.calibration.volume import Limits, sample_volume
+
+SAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a calibration is good.
+
+    Attributes:
+        good: it predicts held-out poses, and the tool anywhere in the volume to `required`.
+        uncertainty: standard uncertainty of the predicted tool position in the working volume, root mean square, m.
+        largest: the same at its worst pose, m.
+        required: what `uncertainty` is held against, m.
+        sentence: the verdict in words.
+        further_poses: axis positions that would add most, in the order of the machine's axes, m or rad.
+        rank_with_longer_tool: combinations that the same poses see with a second tool that is 100 mm longer.
+    """
+
+    good: bool
+    uncertainty: float
+    largest: float
+    required: float
+    sentence: str
+    further_poses: tuple[tuple[float, ...], ...]
+    rank_with_longer_tool: int
+
+
+def judge_calibration(
+    identification: Identification,
+    held_out: HeldOutCheck,
+    poses: ProbedPoses,
+    *,
+    required: float,
+    limits: Limits | None = None,
+) -> Verdict:
+    """The verdict on an identified machine, which a held-out check and the poses it came from go with.
+
+    What the poses did not see counts with the typical size of an error: it is harmless where it moves the tool tip as
+    little in the working volume as it did at the poses, and shows in the number where not. `required` is the largest
+    standard uncertainty of the predicted tool position, m; `limits` is the working volume by axis letter, by default
+    the whole travel.
+
+    Raises:
+        InputError: limits that do not fit the machine.
+    """
+    machine = identification.machine
+    volume = sample_volume(machine, SAMPLES, limits)
+    planned = ProbedPoses(
+        volume,
+        np.zeros_like(volume),
+        np.full(SAMPLES, machine.reference_temperature),
+        np.zeros((SAMPLES, 3)),
+        poses.noise,
+    )
+    jacobian = estimate_jacobian(machine, identification.parameters, planned).reshape(SAMPLES, 3, -1)
+    hidden = identification.hidden * parameter_scales(identification.parameters)
+    covariance = identification.covariance + hidden.T @ hidden
+    variance = np.trace(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2), axis1=1, axis2=2)
+    uncertainty, largest = math.sqrt(float(variance.mean())), math.sqrt(float(variance.max()))
+    predicts = held_out.ratio <= held_out.limit
+    good = predicts and uncertainty <= required
+    number = (
+        f"it predicts the tool in the working volume to {uncertainty * 1e6:.2f} µm "
+        f"(at worst {largest * 1e6:.2f} µm, required {required * 1e6:.2f} µm)"
+    )
+    check = (
+        f"on {held_out.count} held-out poses it errs by {held_out.ratio:.2f} times what noise and uncertainty explain"
+    )
+    sentence = f"The calibration is {'good' if good else 'not good'}: {number}, and {check}"
+    sentence += "." if predicts else f", more than the {held_out.limit:.2f} of a model that holds all errors."
+    further = volume[choose_further_poses(identification, volume, poses)]
+    return Verdict(
+        good,
+        uncertainty,
+        largest,
+        required,
+        sentence,
+        tuple(tuple(float(value) for value in pose) for pose in further),
+        rank_with_longer_tool(identification, poses),
+    )

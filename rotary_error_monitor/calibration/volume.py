@@ -1,0 +1,136 @@
+"""What the errors of a machine do in its working volume: map of the tool offset, and what each error costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from rotary_error_monitor.calibration.parameters import without_errors
+from rotary_error_monitor.description.machine import Displacement, MachineDescription
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.error_model import predict_tool_offset
+from rotary_error_monitor.machine.kinematics import arrange_machine
+
+Array = NDArray[np.float64]
+Limits = Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class VolumetricMap:
+    """Tool offset over a grid of two axes, the others held.
+
+    Attributes:
+        axes: letters of the two axes.
+        first, second: (n,), (m,) their positions, m or rad.
+        position_error: (n, m) length of the offset's shift, m.
+        orientation_error: (n, m) angle of its rotation, rad.
+    """
+
+    axes: tuple[str, str]
+    first: Array
+    second: Array
+    position_error: Array
+    orientation_error: Array
+
+
+@dataclass(frozen=True)
+class ErrorCost:
+    """What one error does to the tool if it were alone, over the working volume.
+
+    Attributes:
+        name: such as EXX, ECC, squareness and location of a body, reversal of an axis.
+        position_rms, position_largest: length of the tool's shift, m.
+        orientation_rms: angle, rad.
+    """
+
+    name: str
+    position_rms: float
+    position_largest: float
+    orientation_rms: float
+
+
+def sample_volume(machine: MachineDescription, count: int, limits: Limits | None = None) -> Array:
+    """(count, axes) poses that fill the working volume evenly (a Halton sequence), the same at every call.
+
+    `limits` narrows the travel of axes by letter, m or rad.
+
+    Raises:
+        InputError: limits of an axis that the machine has not, or beyond its travel.
+    """
+    low, high = _bounds(machine, limits)
+    points = qmc.Halton(len(machine.axes), scramble=False).random(count)
+    return np.asarray(low + points * (high - low), dtype=np.float64)
+
+
+def estimate_volumetric_map(
+    machine: MachineDescription, axes: tuple[str, str], *, held: Mapping[str, float] | None = None, count: int = 41
+) -> VolumetricMap:
+    """Tool offset over two axes' whole travel, the other axes held at `held` or in the middle of their travel.
+
+    Raises:
+        InputError: the machine lacks one of the axes.
+    """
+    numbers = [machine.letters.index(machine.axis(letter).letter) for letter in axes]
+    lines = [np.linspace(*machine.axis(letter).travel, count) for letter in axes]
+    pose = np.array([(held or {}).get(axis.letter, 0.5 * sum(axis.travel)) for axis in machine.axes])
+    poses = np.tile(pose, (count * count, 1))
+    poses[:, numbers[0]], poses[:, numbers[1]] = (grid.ravel() for grid in np.meshgrid(*lines, indexing="ij"))
+    offset = predict_tool_offset(arrange_machine(machine), poses)
+    shape = (count, count)
+    return VolumetricMap(
+        axes,
+        lines[0],
+        lines[1],
+        np.linalg.norm(offset[:, :3], axis=1).reshape(shape),
+        np.linalg.norm(offset[:, 3:], axis=1).reshape(shape),
+    )
+
+
+def rank_errors(
+    machine: MachineDescription, *, count: int = 500, limits: Limits | None = None
+) -> tuple[ErrorCost, ...]:
+    """Each error alone on the otherwise ideal machine, most costly first; errors of all kinds that the machine has.
+
+    Raises:
+        InputError: limits that do not fit the machine.
+    """
+    poses = sample_volume(machine, count, limits)
+    # Reversal needs a direction: half of the poses are reached from each side.
+    direction = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)[:, None] * np.ones(len(machine.axes))
+    found = []
+    for name, alone in _each_error(machine):
+        offset = predict_tool_offset(arrange_machine(alone), poses, direction=direction)
+        shift, turn = np.linalg.norm(offset[:, :3], axis=1), np.linalg.norm(offset[:, 3:], axis=1)
+        found.append(
+            ErrorCost(name, float(np.sqrt(np.mean(shift**2))), float(shift.max()), float(np.sqrt(np.mean(turn**2))))
+        )
+    return tuple(sorted(found, key=lambda cost: -cost.position_rms))
+
+
+def _each_error(machine: MachineDescription) -> list[tuple[str, MachineDescription]]:
+    ideal = without_errors(machine)
+    alone = [(name, replace(ideal, errors={name: component})) for name, component in machine.errors.items()]
+    for body in machine.bodies:
+        if body.location_error != Displacement():
+            alone.append((f"location of {body.name}", ideal.with_location_error(body.name, body.location_error)))
+    for axis in machine.axes:
+        if axis.reversal:
+            alone.append((f"reversal of {axis.letter}", ideal.with_axis(axis.letter, reversal=axis.reversal)))
+    return alone
+
+
+def _bounds(machine: MachineDescription, limits: Limits | None) -> tuple[Array, Array]:
+    bounds = {axis.letter: axis.travel for axis in machine.axes}
+    for letter, (low, high) in (limits or {}).items():
+        lowest, highest = machine.axis(letter).travel
+        if not lowest <= low < high <= highest:
+            raise InputError(
+                f"working volume {letter} {low:g} to {high:g} is not within its travel {lowest:g} to {highest:g}"
+            )
+        bounds[letter] = (low, high)
+    table = np.array([bounds[letter] for letter in machine.letters])
+    return table[:, 0], table[:, 1]
