@@ -46,7 +46,7 @@ setup(
         "jsonschema>=4.10,<5",
         "matplotlib>=3.6,<4",
         "tqdm>=4.60,<5",
-        "rosbags>=0.10,<0.12",
+        "rosbags>=0.11.8,<0.12",
         "mcap>=1.5,<2",
     ],
     extras_require={
