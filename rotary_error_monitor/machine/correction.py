@@ -32,12 +32,14 @@ class AxisCorrections:
         position_spanned: (n,) the linear axes reach every offset of the tool tip.
         direction_spanned: (n,) the rotary axes reach every direction of the tool axis; where they do not (a singular
             pose, fewer than two rotary axes), the direction is corrected only as far as they do.
+        offset: (n, 6) offset without corrections, the same as by `predict_tool_offset`.
     """
 
     corrections: Array
     converged: NDArray[np.bool_]
     position_spanned: NDArray[np.bool_]
     direction_spanned: NDArray[np.bool_]
+    offset: Array
 
 
 @dataclass(frozen=True)
@@ -91,11 +93,15 @@ def solve_axis_corrections(
     rotary = _orthogonal(turning, cross(rotation, ideal[:, 2, None]), least_reach)
     linear = _orthogonal(moving, shift, least_reach)
 
+    def seen(positions: Array) -> Array:
+        moved = poses._replace(positions=positions)
+        return stand(model, positions, actual_errors(model, moved)).tool_in_workpiece()
+
+    actual = seen(poses.positions)
+    offset = offset_between(actual, ideal)
     delta = np.zeros_like(poses.positions)
     active = np.ones(delta.shape[1], dtype=bool)
     for _ in range(MOST_STEPS):
-        moved = poses._replace(positions=poses.positions + delta)
-        actual = stand(model, moved.positions, actual_errors(model, moved)).tool_in_workpiece()
         away = actual[:, 3] - ideal[:, 3]
         step = np.zeros_like(delta)
         for axis, turn in zip(turning, rotary.null(actual[:, 2] - ideal[:, 2]), strict=True):
@@ -107,7 +113,9 @@ def solve_axis_corrections(
         active &= (np.abs(step) > LAST_STEP).any(axis=0)
         if not active.any():
             break
-    return AxisCorrections(np.ascontiguousarray(delta.T), ~active, linear.rank == 3, rotary.rank == 2)
+        actual = seen(poses.positions + delta)
+    corrections = np.ascontiguousarray(delta.T)
+    return AxisCorrections(corrections, ~active, linear.rank == 3, rotary.rank == 2, offset)
 
 
 def remaining_offset(

@@ -49,6 +49,7 @@ def test_nothing_is_left_where_the_axes_span_the_error(name: str) -> None:
 
     assert solved.converged.all()
     assert solved.position_spanned.all()
+    np.testing.assert_array_equal(solved.offset, before)
     assert np.abs(left[:, :3]).max() <= 1e-9
     spanned = solved.direction_spanned
     np.testing.assert_array_equal(spanned, np.abs(np.sin(q[:, machine.letters.index("A")])) > 0.02)
