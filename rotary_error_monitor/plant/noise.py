@@ -77,6 +77,8 @@ class Turbulence:
 @lru_cache(maxsize=16)
 def _run(noise: Noise, index: int) -> NDArray[np.float64]:
     """Run `index` of the grid; kept, because live blocks are much shorter than a run."""
+    from scipy.signal import lfilter  # loads for a second or two, and most stages have no turbulence
+
     decay = np.exp(-1 / _PER_CORRELATION)
     drive = noise.normal(index * _RUN - _WARM_UP, _WARM_UP + _RUN)
     return np.asarray(lfilter([np.sqrt(1 - decay**2)], [1, -decay], drive)[_WARM_UP:], dtype=np.float64)
