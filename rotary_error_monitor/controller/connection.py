@@ -1,4 +1,4 @@
-"""The other side of the link: starts it, hands over what it says, and passes corrections on."""
+"""The other side of a program beside LinuxCNC: starts it, hands over what it says, and passes records on."""
 
 from __future__ import annotations
 
@@ -9,35 +9,36 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 
-from rotary_error_monitor.controller import link
+from rotary_error_monitor.controller import link, observer
 from rotary_error_monitor.controller.modules import SYSTEM_PYTHON, system_environment, system_program
-from rotary_error_monitor.controller.protocol import End, LinkSettings, Record, decode, encode
+from rotary_error_monitor.controller.protocol import End, LinkSettings, ObserverSettings, Record, decode, encode
 from rotary_error_monitor.errors import InputError
 
+_PROGRAMS = {LinkSettings: link.__name__, ObserverSettings: observer.__name__}
 _PATIENCE = 0.5
 _LAST_LINES = 5
 
 
 class Connection:
-    """One run of the link; its records arrive on a thread of their own.
+    """One run of the link or the observer; its records arrive on a thread of their own.
 
     Attributes:
-        dropped: how many records the link did not take in time.
+        dropped: how many records it did not take in time.
     """
 
     def __init__(
         self,
-        settings: LinkSettings,
+        settings: LinkSettings | ObserverSettings,
         receive: Callable[[Record], None],
         *,
         enter: Sequence[str] = (),
         environment: Mapping[str, str] | None = None,
         python: str = SYSTEM_PYTHON,
     ) -> None:
-        """Start the link.
+        """Start the program to which the settings belong.
 
         Args:
-            settings: how it works.
+            settings: how it works; those of the link start the link, those of the observer an observer.
             receive: takes each record, on another thread; the last one is always an `End`.
             enter: command that runs what follows it where the LinuxCNC runs (`nsenter …`); empty for here.
             environment: variables in place of this process's own.
@@ -48,7 +49,7 @@ class Connection:
         """
         self.dropped = 0
         self._receive = receive
-        command = [*enter, *system_program(link.__name__, python), json.dumps(asdict(settings))]
+        command = [*enter, *system_program(_PROGRAMS[type(settings)], python), json.dumps(asdict(settings))]
         try:
             self._process = subprocess.Popen(
                 command,
@@ -62,11 +63,11 @@ class Connection:
             raise InputError(f"cannot run {command[0]}: {error.strerror}") from error
         assert self._process.stdin is not None
         os.set_blocking(self._process.stdin.fileno(), False)
-        self._thread = threading.Thread(target=self._listen, name="controller link")
+        self._thread = threading.Thread(target=self._listen, name="controller")
         self._thread.start()
 
     def send(self, record: Record) -> None:
-        """Pass a record on; one that the link does not take at once is dropped, as the next one is newer."""
+        """Pass a record on; one that the program does not take at once is dropped, as the next one is newer."""
         assert self._process.stdin is not None
         line = encode(record)
         try:
@@ -78,7 +79,7 @@ class Connection:
             pass  # its end is on the way, with the reason
 
     def close(self) -> None:
-        """End the link, which leaves the external offsets as they are."""
+        """End the program; the link leaves the external offsets as they are."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:
@@ -104,5 +105,7 @@ class Connection:
         self._process.stderr.close()
         code = self._process.wait()
         if not ended:
-            what = f"the controller link ended with exit code {code}" + (f": {' | '.join(said)}" if said else "")
+            what = f"the program beside LinuxCNC ended with exit code {code}" + (
+                f": {' | '.join(said)}" if said else ""
+            )
             self._receive(End(what if code else ""))

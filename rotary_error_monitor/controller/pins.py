@@ -59,8 +59,8 @@ class MachinePins:
         names: letters of its axes, in the order of its joints.
     """
 
-    def __init__(self, hal: Hal, names: Sequence[str], units: Units, count: float) -> None:
-        """The pins of a machine with the axes `names`; one count is `count` m or rad.
+    def __init__(self, hal: Hal, names: Sequence[str], units: Units) -> None:
+        """The pins of a machine with the axes `names`.
 
         Raises:
             InputError: the machine has joints that its axes do not explain.
@@ -78,10 +78,9 @@ class MachinePins:
         self._joints = tuple(f"joint.{index}" for index in range(joints))
         self._units = tuple(units.of(name) for name in self.names)
         self._per_metre = units.per_metre
-        self._count = count
 
-    def enable(self) -> None:
-        """Let the controller take up counts of the size that was asked for.
+    def enable(self, count: float) -> None:
+        """Let the controller take up counts of `count` m or rad.
 
         The scale goes first: it counts for changes from then on. Offsets that are enabled already stay so, since
         enabling anew would zero the controller's number and leave the motors where they are.
@@ -91,7 +90,7 @@ class MachinePins:
         """
         for axis, unit in zip(self._axes, self._units, strict=True):
             self._set(f"{axis}.eoffset-clear", "0")
-            self._set(f"{axis}.eoffset-scale", repr(self._count * unit))
+            self._set(f"{axis}.eoffset-scale", repr(count * unit))
             if not self._hal.get_value(f"{axis}.eoffset-enable"):
                 self._set(f"{axis}.eoffset-enable", "1")
 

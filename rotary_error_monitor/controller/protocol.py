@@ -1,10 +1,10 @@
-"""What the link and the process that started it say to one another: one JSON object a line."""
+"""What the programs beside LinuxCNC and whoever started them say to one another: one JSON object a line."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, fields
-from typing import Any, TypeVar
+from typing import Any, get_args
 
 from rotary_error_monitor.errors import InputError
 
@@ -28,6 +28,13 @@ class LinkSettings:
     largest_rotary: float = 5e-3
     max_age: float = 0.1
     pulse_timeout: float = 0.4
+
+
+@dataclass(frozen=True)
+class ObserverSettings:
+    """How the observer works: time between two observations, s."""
+
+    period: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,21 @@ class State:
 
 
 @dataclass(frozen=True)
+class Observation:
+    """What the controller makes of program and offsets, m and rad.
+
+    Attributes:
+        stamp_ns: when, timestamp (ns).
+        axes: axes as the program commands them, without offsets.
+        joints: joints as the drives are commanded, with offsets.
+    """
+
+    stamp_ns: int
+    axes: tuple[float, ...]
+    joints: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class End:
     """The link ends, and why."""
 
@@ -88,9 +110,8 @@ class ClearRequest:
     """Take all external offsets back to zero and follow no correction until the next comes."""
 
 
-Record = Hello | State | End | CorrectionRequest | ClearRequest
-_Kind = TypeVar("_Kind", bound=Record)
-_KINDS: dict[str, type[Record]] = {kind.__name__: kind for kind in (Hello, State, End, CorrectionRequest, ClearRequest)}
+Record = Hello | State | Observation | End | CorrectionRequest | ClearRequest
+_KINDS: dict[str, type[Record]] = {kind.__name__: kind for kind in get_args(Record)}
 
 
 def encode(record: Record) -> bytes:
@@ -109,7 +130,7 @@ def decode(line: bytes) -> Record:
         kind = _KINDS[values.pop("kind")]
         return kind(**{field.name: _hashable(values[field.name]) for field in fields(kind)})
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"no record of the controller link: {line[:200]!r} ({error!r})") from None
+        raise InputError(f"no record: {line[:200]!r} ({error!r})") from None
 
 
 def _hashable(value: Any) -> Any:  # noqa: ANN401 (any JSON value)
