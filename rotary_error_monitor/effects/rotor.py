@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -17,6 +17,12 @@ Array = NDArray[np.float64]
 HEAD = "head"
 AUTOCOLLIMATOR = "autocollimator"
 LVDT = "lvdt"
+
+_SMALL_TURN = 1e-4
+"""Phase, rad, up to which a second-order expansion of a harmonic errs by less than 1e-12."""
+
+_KEPT_TABLES = 6
+"""Tables of harmonics that a state keeps: those of the description itself come first and are used over and over."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +52,35 @@ class RotorState:
     lines: int
     observed: Array | None = None
     _harmonics: dict[float, tuple[Array, Array]] = field(default_factory=dict, repr=False, compare=False)
+    _unturned: tuple[RotorState, float] | None = field(default=None, repr=False, compare=False)
+    _tables: dict[tuple[int, ...], Array] = field(default_factory=dict, repr=False, compare=False)
 
     def harmonic(self, order: float) -> tuple[Array, Array]:
         """Cosine and sine of `order * theta`, kept because many effects share them."""
         if order not in self._harmonics:
-            angle = order * self.theta
-            self._harmonics[order] = np.cos(angle), np.sin(angle)
+            self._harmonics[order] = self._evaluated(order)
         return self._harmonics[order]
+
+    def _evaluated(self, order: float) -> tuple[Array, Array]:
+        if self._unturned is not None:
+            before, ahead = self._unturned
+            if abs(order) * ahead < _SMALL_TURN:
+                cos, sin = before.harmonic(order)
+                small = order * (self.theta - before.theta)
+                shrunk = 1 - 0.5 * np.square(small)
+                return shrunk * cos - small * sin, shrunk * sin + small * cos
+        angle = order * self.theta
+        return np.cos(angle), np.sin(angle)
+
+    def planar(self, coefficients: Mapping[int, tuple[float, float, float, float]]) -> Array:
+        """(n, 2) sum of plane harmonics given as order: (x cos, x sin, y cos, y sin)."""
+        orders = tuple(coefficients)
+        if orders not in self._tables:
+            table = np.stack([wave for order in orders for wave in self.harmonic(order)], axis=1)
+            if len(self._tables) >= _KEPT_TABLES:
+                return table @ _planar_weights(coefficients)
+            self._tables[orders] = table
+        return np.asarray(self._tables[orders] @ _planar_weights(coefficients), np.float64)
 
     def turned(self, vector: Array | tuple[float, float]) -> Array:
         """(n, 2) a vector fixed on the rotor, in the base: `Rz(theta) @ vector`."""
@@ -61,7 +89,12 @@ class RotorState:
 
     def rotated(self, by: Array) -> RotorState:
         """The same instants with the true rotation ahead of this one by `by` (n,) rad."""
-        return replace(self, theta=self.theta + by, _harmonics={})
+        most = float(np.max(np.abs(by), initial=0.0))
+        return replace(self, theta=self.theta + by, _harmonics={}, _tables={}, _unturned=(self, most))
+
+
+def _planar_weights(coefficients: Mapping[int, tuple[float, float, float, float]]) -> Array:
+    return np.array([row for xc, xs, yc, ys in coefficients.values() for row in ((xc, yc), (xs, ys))])
 
 
 class StageEffect(Effect):

@@ -22,6 +22,25 @@ Rows = dict[str, Array]
 
 
 @dataclass(frozen=True)
+class Finding:
+    """Outcome of one test for structure.
+
+    Attributes:
+        channel: channel of rows.
+        kind: what was looked for.
+        log_chance: natural logarithm of the chance of this under noise.
+        excess: power above noise in rows' units, as far as the test measures it.
+        pattern: what was found, in words.
+    """
+
+    channel: str
+    kind: str
+    log_chance: float
+    excess: float
+    pattern: str
+
+
+@dataclass(frozen=True)
 class Candidate:
     """An effect at a place as a possible cause, not yet sized.
 
@@ -102,3 +121,13 @@ class Problem(Protocol):
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
         """Possible causes, with orders, moments and periods searched in what is left (`rest`, white rows (m, 1))."""
+
+    def structure(self, rest: Rows) -> list[Finding]:
+        """Tests of what is left against every kind of structure, each with the chance of it under noise."""
+
+    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+        """Estimate again what of the noise is estimated from the recording, the causes taken out.
+
+        Called when structure is found; the noise is looked at only where that could be the noise itself. Says whether
+        the rows have changed by it.
+        """

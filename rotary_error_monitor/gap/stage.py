@@ -12,8 +12,9 @@ from scipy.signal import welch
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Effect, Role
 from rotary_error_monitor.effects.rotor import StageEffect
-from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Rows
+from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows
 from rotary_error_monitor.gap.stage_search import StageSearch
+from rotary_error_monitor.gap.structure import Track, find_structure
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise, fit_jitter
@@ -23,6 +24,15 @@ SHORTEST_BLOCK = 1.0
 """Blocks are at least this long, s: many correlation times of jitter and turbulence, so that they are independent."""
 
 MOST_BLOCKS = 64
+
+FEWEST_ROWS = 100
+"""Rows of a channel below which its structure is not looked at."""
+
+SAME_SPECTRUM = 0.05
+"""Mean difference of two spectra, as a logarithm, that is within the scatter of an estimate from 40 s."""
+
+SUSPICIOUS = -6.0
+"""Logarithm of the chance below which structure in the command's channel makes its spectrum worth another look."""
 
 _DERIVATIVE_STEP = 1e-3
 """Step of numerical derivatives in usual sizes: far above rounding, far below curvature."""
@@ -111,6 +121,45 @@ class StageProblem:
         """Every effect at every place, orders and moments as found in what is left."""
         return self._search.candidates(rest)
 
+    def tracks(self, rest: Rows) -> list[Track]:
+        """White rows with what they may depend on, for tests of structure; rows of little weight are left out."""
+        found = []
+        for channel, rows in rest.items():
+            expected = self.expected(channel)
+            used = expected > 0.5 * float(expected.max(initial=0.0))
+            if np.count_nonzero(used) < FEWEST_ROWS:
+                continue
+            time = self.times(channel)
+            labels = np.zeros(len(time), np.intp)
+            for label, part in zip(self.conditions.labels, self.conditions.slices(time), strict=True):
+                labels[part] = label
+            angle = np.asarray(self.twin.inputs.command(time[used]), np.float64)
+            white = rows[used, 0] / np.sqrt(expected[used])
+            found.append(Track(channel, white, time[used], angle, labels[used], self.conditions.names))
+        return found
+
+    def structure(self, rest: Rows) -> list[Finding]:
+        """Tests of each channel against orders, lines, places and times."""
+        return [finding for track in self.tracks(rest) for finding in find_structure(track)]
+
+    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+        """Estimate the jitter's spectrum again with the causes taken out, where the command's channel shows structure.
+
+        Says whether the spectrum differs beyond its own scatter.
+        """
+        worst = min((f.log_chance for f in findings if f.channel == COMMAND), default=0.0)
+        if worst > SUSPICIOUS:
+            return False
+        jitter = self._estimate_jitter(self._raw_residual(causes))
+        frequency = np.linspace(0.5, 40.0, 80)
+        floor = self.noise.command_floor
+        ratio = (jitter.density(frequency) + floor) / (self.noise.jitter.density(frequency) + floor)
+        if float(np.mean(np.abs(np.log(ratio)))) < SAME_SPECTRUM:
+            return False
+        self.noise.with_jitter(jitter)
+        self._expected = {}
+        return True
+
     def describe(self, effect: Effect) -> StageDescription:
         """Description that an effect asks its locations of."""
         return self.stage
@@ -139,12 +188,13 @@ class StageProblem:
         mean, enough = self.noise.shared({name: raw[name][:, :, None] for name in grid.heads})
         basis = self._search.motion_basis(grid.time)
         shared = mean[:, 0].copy()
+        basis = np.column_stack([basis, self._search.line_basis(grid.time[enough], shared[enough], grid.time)])
         fitted, *_ = np.linalg.lstsq(basis[enough], shared[enough], rcond=None)
         shared[enough] -= basis[enough] @ fitted
         shared[~enough] = 0.0
         length = min(2000, len(shared))
         frequency, power = welch(shared, 1 / grid.period, nperseg=length)
-        floor = 2 * grid.period * self.noise.std["head"] ** 2 / len(grid.heads)
+        floor = self.noise.command_floor
         # Welch's mean of many periodograms scatters little, so its median is nearly its mean.
         return fit_jitter(frequency[1:], power[1:] * np.log(2.0), floor, Jitter())
 

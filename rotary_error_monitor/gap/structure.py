@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.gap.problem import Array, Finding
 
 MODELLED_ORDERS = 16
 """Orders looked for under each condition."""
@@ -22,25 +22,6 @@ MODELLED_ORDERS = 16
 LINE_ORDERS = 200
 PLACES = 180
 SECONDS = 0.5
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Outcome of one test.
-
-    Attributes:
-        channel: channel of rows.
-        kind: `orders`, `line`, `frequency`, `place` or `time`.
-        log_chance: natural logarithm of the chance of this under noise.
-        excess: power above noise in rows' units, as far as the test measures it.
-        pattern: what was found, in words.
-    """
-
-    channel: str
-    kind: str
-    log_chance: float
-    excess: float
-    pattern: str
 
 
 @dataclass(frozen=True)
@@ -94,7 +75,11 @@ def _orders(track: Track) -> Finding:
 
 
 def _wave_table(angle: Array, orders: int, first: int = 0) -> Array:
-    turns = np.exp(1j * np.outer(angle, np.arange(first, orders + 1)))
+    turns = np.empty((len(angle), orders + 1 - first), complex)
+    turns[:, 0] = np.exp(1j * first * angle)
+    step = np.exp(1j * angle)
+    for column in range(1, turns.shape[1]):
+        np.multiply(turns[:, column - 1], step, out=turns[:, column])
     return np.concatenate([turns.real, turns.imag[:, 1 if first == 0 else 0 :]], axis=1)
 
 

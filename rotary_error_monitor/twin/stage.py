@@ -148,12 +148,13 @@ _Acting = Sequence[tuple[Cause, StageEffect]]
 
 
 def _harmonics(rows: Sequence[PlanarHarmonic], state: RotorState) -> Array:
-    total = np.zeros((len(state.theta), 2))
+    if not rows:
+        return np.zeros((len(state.theta), 2))
+    sums: dict[int, tuple[float, float, float, float]] = {}
     for row in rows:
-        cos, sin = state.harmonic(row.order)
-        total[:, 0] += row.x[0] * cos + row.x[1] * sin
-        total[:, 1] += row.y[0] * cos + row.y[1] * sin
-    return total
+        old = sums.get(row.order, (0.0, 0.0, 0.0, 0.0))
+        sums[row.order] = (old[0] + row.x[0], old[1] + row.x[1], old[2] + row.y[0], old[3] + row.y[1])
+    return state.planar(sums)
 
 
 def _radial(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:

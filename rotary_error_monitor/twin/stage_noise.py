@@ -25,7 +25,7 @@ from scipy.optimize import minimize
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, LVDT
 from rotary_error_monitor.twin.recording import StageRecording, Stream
-from rotary_error_monitor.twin.whitening import filtered, segments_of, whitening_taps
+from rotary_error_monitor.twin.whitening import Whitener, drift_predictor, predictor, segments_of
 
 Array = NDArray[np.float64]
 
@@ -130,13 +130,18 @@ class StageNoise:
         self.spikes = {name: self._find_spikes(name, residual[name], collimator.turbulence) for name in self._sensors}
         self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
         self._turbulence = collimator.turbulence
-        self._collimator_taps = self._collimator_filter()
-        self._command_taps = self._command_filter()
+        self._collimator_whitener = self._collimator_filter()
+        self._command_whitener = self._command_filter()
 
     def with_jitter(self, jitter: Jitter) -> None:
         """Take another spectrum of the jitter."""
         self.jitter = jitter
-        self._command_taps = self._command_filter()
+        self._command_whitener = self._command_filter()
+
+    @property
+    def command_floor(self) -> float:
+        """One-sided density of the readings' noise in the mean of all heads, rad^2/Hz."""
+        return 2 * self.grid.period * self.std["head"] ** 2 / len(self.grid.heads)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -180,7 +185,7 @@ class StageNoise:
         expected = {name: present[:, i] * share for i, name in enumerate(self.grid.heads)}
         ones = np.ones((len(self.grid.time), 1))
         enough = segments_of(count * 2 >= len(self.grid.heads))
-        expected[COMMAND] = (filtered(ones, self._command_taps, enough)[:, 0] != 0) * weight
+        expected[COMMAND] = (self._command_whitener.apply(ones, enough)[:, 0] != 0) * weight
         for name in self._sensors:
             ones = np.ones((len(self._streams[name].time), 2, 1))
             for channel, rows in self._sensor(name, ones).items():
@@ -219,16 +224,16 @@ class StageNoise:
         table *= (present * (self._weight * (count > 1))[:, None])[:, :, None] / self.std["head"]
         rows = {name: table[:, i] for i, name in enumerate(self.grid.heads)}
         enough = segments_of(count * 2 >= len(self.grid.heads))
-        rows[COMMAND] = filtered(mean, self._command_taps, enough) * self._weight[:, None]
+        rows[COMMAND] = self._command_whitener.apply(mean, enough) * self._weight[:, None]
         return rows
 
     def _sensor(self, name: str, values: Array) -> dict[str, Array]:
         rows = {}
         for i, axis in enumerate(("x", "y")):
             spikes = self.spikes[name][:, i]
-            if name == AUTOCOLLIMATOR and self._collimator_taps is not None:
+            if name == AUTOCOLLIMATOR and self._collimator_whitener is not None:
                 bridged = _bridge(values[:, i], spikes)
-                white = filtered(bridged, self._collimator_taps, self._runs(name))
+                white = self._collimator_whitener.apply(bridged, self._runs(name))
             else:
                 white = values[:, i] / self.std[name] * self._kept[name][:, None]
             white[spikes] = 0.0
@@ -259,24 +264,16 @@ class StageNoise:
                 weight[self.grid.rows[name][resting]] = STANDSTILL_WEIGHT
         return weight
 
-    def _collimator_filter(self) -> Array | None:
+    def _collimator_filter(self) -> Whitener | None:
         turbulence = self._turbulence
         if turbulence is None or turbulence.std == 0 or AUTOCOLLIMATOR not in self._streams:
             return None
         period = self._streams[AUTOCOLLIMATOR].period
-        floor = 2 * period * self.std[AUTOCOLLIMATOR] ** 2
-        memory = np.exp(-period / turbulence.correlation_time)
+        return drift_predictor(turbulence.std, turbulence.correlation_time, self.std[AUTOCOLLIMATOR], period)
 
-        def density(frequency: Array) -> Array:
-            # Ornstein-Uhlenbeck process as sampled: an autoregression of order one.
-            turn = 1 + memory**2 - 2 * memory * np.cos(2 * np.pi * frequency * period)
-            return np.asarray(floor + 2 * period * turbulence.std**2 * (1 - memory**2) / turn, np.float64)
-
-        return whitening_taps(density, period)
-
-    def _command_filter(self) -> Array:
-        floor = 2 * self.grid.period * self.std["head"] ** 2 / len(self.grid.heads)
-        return whitening_taps(lambda frequency: self.jitter.density(frequency) + floor, self.grid.period)
+    def _command_filter(self) -> Whitener:
+        floor = self.command_floor
+        return predictor(lambda frequency: self.jitter.density(frequency) + floor, self.grid.period)
 
 
 def fit_jitter(frequency: Array, power: Array, floor: float, start: Jitter) -> Jitter:

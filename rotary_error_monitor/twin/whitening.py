@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import oaconvolve
+from scipy.signal import lfilter, oaconvolve
 
 Array = NDArray[np.float64]
 
@@ -32,26 +33,59 @@ def whitening_taps(density: Callable[[Array], Array], period: float, taps: int =
     return np.fft.irfft(np.exp(np.fft.rfft(cepstrum)), length)[:taps]
 
 
-def warm_up(taps: Array) -> int:
-    """Samples after which a filter started from nothing has all but 1 % of its memory."""
-    energy = np.cumsum(taps[::-1] ** 2)[::-1] / np.sum(taps**2)
-    return int(np.argmax(energy < 1e-4)) if (energy < 1e-4).any() else len(taps)
+@dataclass(frozen=True)
+class Whitener:
+    """A causal filter: feed-forward `taps` and, for an autoregressive part, `feedback` (first entry 1).
 
-
-def filtered(rows: Array, taps: Array, segments: list[slice]) -> Array:
-    """Rows (n, …) filtered along the first axis, each segment on its own; the filter's start-up is set to zero.
-
-    The start-up is left out because a filter that has not seen the noise before cannot predict it.
+    Attributes:
+        start_up: samples after which a filter started from nothing has all but 1 % of its memory.
     """
-    result = np.zeros_like(rows)
-    skip = warm_up(taps)
-    shape = (-1, *(1,) * (rows.ndim - 1))
-    for segment in segments:
-        part = rows[segment]
-        if len(part) > skip:
-            result[segment] = oaconvolve(part, taps.reshape(shape), axes=0)[: len(part)]
-            result[segment][:skip] = 0.0
-    return result
+
+    taps: Array
+    feedback: Array
+    start_up: int
+
+    def apply(self, rows: Array, segments: list[slice]) -> Array:
+        """Rows (n, …) filtered along the first axis, each segment on its own; the filter's start-up is set to zero.
+
+        The start-up is left out because a filter that has not seen the noise before cannot predict it.
+        """
+        result = np.zeros_like(rows)
+        for segment in segments:
+            part = rows[segment]
+            if len(part) > self.start_up:
+                result[segment] = self._convolve(part)
+                result[segment][: self.start_up] = 0.0
+        return result
+
+    def _convolve(self, part: Array) -> Array:
+        if len(self.feedback) > 1:
+            return np.asarray(lfilter(self.taps, self.feedback, part, axis=0), np.float64)
+        taps = self.taps.reshape(-1, *(1,) * (part.ndim - 1))
+        return np.asarray(oaconvolve(part, taps, axes=0)[: len(part)], np.float64)
+
+
+def predictor(density: Callable[[Array], Array], period: float) -> Whitener:
+    """Whitener of noise with any smooth spectrum."""
+    taps = whitening_taps(density, period)
+    energy = np.cumsum(taps[::-1] ** 2)[::-1] / np.sum(taps**2)
+    start_up = int(np.argmax(energy < 1e-4)) if (energy < 1e-4).any() else len(taps)
+    return Whitener(taps[: max(2 * start_up, 8)], np.ones(1), start_up)
+
+
+def drift_predictor(std: float, correlation_time: float, white: float, period: float) -> Whitener:
+    """Whitener of an Ornstein-Uhlenbeck process of that size and correlation time plus white noise of size `white`.
+
+    As sampled the sum is an ARMA(1, 1) process `x_t = m x_(t-1) + e_t - c e_(t-1)`: its innovations follow from matching
+    variance and first covariance of `x_t - m x_(t-1)` (Box and Jenkins, Time Series Analysis, chapter 3.4).
+    """
+    memory = float(np.exp(-period / correlation_time))
+    variance = std**2 * (1 - memory**2) + white**2 * (1 + memory**2)
+    half = variance / (2 * memory * white**2)
+    forget = half - np.sqrt(half**2 - 1)
+    innovation = np.sqrt(memory * white**2 / forget)
+    start_up = int(np.ceil(np.log(1e-2) / np.log(forget)))
+    return Whitener(np.array([1.0, -memory]) / innovation, np.array([1.0, -forget]), start_up)
 
 
 def segments_of(present: NDArray[np.bool_]) -> list[slice]:

@@ -1,0 +1,204 @@
+"""Which effects explain a recording: grown one by one, all pairs weighed, stopped when only noise is left.
+
+At each size the set with the most evidence is sized exactly and what remains is tested twice: against every known
+effect (does another one stand out?) and against every kind of structure (does anything stand out, known or not?).
+The false-alarm rate of one run is shared by both families of tests and, within each, by Bonferroni.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotary_error_monitor.gap.fitting import Fit, fit_causes
+from rotary_error_monitor.gap.normal import combine
+from rotary_error_monitor.gap.problem import Array, Candidate, Finding, Problem, Rows
+from rotary_error_monitor.gap.weighing import Weighing, Weight
+
+MOST_CAUSES = 2
+"""Effects that are combined at most: three freely chosen ones resemble too much."""
+
+SHORTLIST = 12
+"""Candidates from which every pair is weighed with every other candidate."""
+
+MODEL_ACCURACY = 1e-2
+"""What a first-order twin with measured inputs can promise: remainders below this part of the gap are its own."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One size of the set of causes.
+
+    Attributes:
+        fit: causes sized.
+        weight: evidence of the set; None for no cause.
+        weighing: table on which it was chosen.
+        findings: structure that is left, the least likely first.
+        log_alarm: logarithm of the level below which a finding counts.
+        newcomer: the candidate that would add most to the set, and the logarithm of its chance under noise.
+        log_newcomer_alarm: logarithm of the level below which that counts.
+    """
+
+    fit: Fit
+    weight: Weight | None
+    weighing: Weighing
+    findings: tuple[Finding, ...]
+    log_alarm: float
+    newcomer: Weight | None
+    log_newcomer_chance: float
+    log_newcomer_alarm: float
+    allowance: float
+
+    @property
+    def structured(self) -> bool:
+        """Whether structure is left."""
+        return bool(self.findings) and self.findings[0].log_chance < self.log_alarm
+
+    @property
+    def improvable(self) -> bool:
+        """Whether a known effect stands out from what is left."""
+        return self.log_newcomer_chance < self.log_newcomer_alarm
+
+    @property
+    def settled(self) -> bool:
+        """Whether only noise is left."""
+        return not (self.structured or self.improvable)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """All sizes tried, the last one chosen."""
+
+    stages: tuple[Stage, ...]
+
+    @property
+    def null(self) -> Stage:
+        """No cause at all."""
+        return self.stages[0]
+
+    @property
+    def chosen(self) -> Stage:
+        """The set that explains most."""
+        return self.stages[-1]
+
+
+def select_causes(
+    problem: Problem,
+    false_alarms: float = 0.01,
+    most: int = MOST_CAUSES,
+    progress: Callable[[str], None] = lambda step: None,
+) -> Selection:
+    """Grow the set of causes until only noise is left or `most` are in it.
+
+    Args:
+        problem: recording beside twin.
+        false_alarms: chance that anything at all is found in a recording without a gap.
+        most: largest number of effects combined.
+        progress: called with a few words at the beginning of each step.
+    """
+    search = _Search(problem, false_alarms)
+    progress("residual")
+    stages = [search.look(fit_causes(problem, ()), None)]
+    while not stages[-1].settled and len(stages) <= most:
+        progress(f"{len(stages)} effect{'s' if len(stages) > 1 else ''}")
+        stages.append(search.grow(stages[-1], len(stages)))
+    return Selection(tuple(stages))
+
+
+class _Search:
+    """Keeps candidates and their signatures between steps."""
+
+    def __init__(self, problem: Problem, false_alarms: float) -> None:
+        self._problem = problem
+        self._level = false_alarms / 2
+        self._known: dict[tuple[str, str, bytes], tuple[Candidate, Rows]] = {}
+
+    def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Stage:
+        """Test what a fit leaves."""
+        findings = self._findings(fit)
+        if findings[0].log_chance < self._log_alarm(findings) and self._problem.learn_noise(fit.causes, findings):
+            self._known.clear()
+            fit = fit_causes(self._problem, fit.causes)
+            findings = self._findings(fit)
+        weighing, included = self._table(fit)
+        newcomers = [dataclasses.replace(w) for w in weighing.singles(included)]
+        base = weighing.weigh(included)
+        allowance = 0.0 if power_before is None else MODEL_ACCURACY**2 * max(power_before - fit.squares, 0.0)
+        best, chance = self._newcomer(newcomers, base, allowance)
+        return Stage(
+            fit,
+            weight,
+            weighing,
+            tuple(findings),
+            self._log_alarm(findings),
+            best,
+            chance,
+            float(np.log(self._level / weighing.trials)),
+            allowance,
+        )
+
+    def grow(self, stage: Stage, size: int) -> Stage:
+        """The best set of one more effect."""
+        weighing = stage.weighing
+        included = tuple(i for i in (weighing.position(c.key) for c in stage.fit.causes) if i is not None)
+        singles = sorted(weighing.singles(included), key=lambda w: -w.log_evidence)
+        best = singles[0]
+        if size == 2:
+            alone = sorted(weighing.singles(), key=lambda w: -w.log_evidence)[:SHORTLIST]
+            beside = [w.members[-1] for w in singles[:SHORTLIST]]
+            pair = weighing.best_pair(sorted({*(w.members[0] for w in alone), *beside}))
+            best = max((w for w in (best, pair) if w is not None), key=lambda w: w.log_evidence)
+        best = weighing.exchange(best)
+        fit = fit_causes(self._problem, weighing.causes(best), stage.fit.nuisance)
+        return self.look(fit, best, stage.fit.squares)
+
+    def _findings(self, fit: Fit) -> list[Finding]:
+        return sorted(self._problem.structure(fit.rest), key=lambda finding: finding.log_chance)
+
+    def _log_alarm(self, findings: Sequence[Finding]) -> float:
+        return float(np.log(self._level / max(len(findings), 1)))
+
+    def _newcomer(self, newcomers: Sequence[Weight], base: Weight, allowance: float) -> tuple[Weight | None, float]:
+        """The candidate whose gain beside the set is least likely by chance, the allowance taken off its gain."""
+        best, lowest = None, 0.0
+        for weight in newcomers:
+            gain = dataclasses.replace(
+                weight, gain=max(weight.gain - base.gain - allowance, 0.0), freedom=max(weight.freedom - base.freedom, 1)
+            )
+            if gain.log_chance < lowest:
+                best, lowest = weight, gain.log_chance
+        return best, lowest
+
+    def _table(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:
+        """All candidates so far and those that the remainder proposes, weighed on data with the causes put back."""
+        for candidate in self._problem.candidates(fit.rest, fit.causes):
+            key = (*candidate.key, candidate.start.tobytes())
+            if key not in self._known:
+                idle = candidate.cause(np.zeros(len(candidate.linear)))
+                self._known[key] = (candidate, self._problem.signature(idle, candidate.linear))
+        return self._weigh(fit)
+
+    def _weigh(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:
+        included = {cause.key for cause in fit.causes}
+        others = [(c, rows) for c, rows in self._known.values() if c.key not in included]
+        own = [self._sized(fit, i) for i in range(len(fit.causes))]
+        candidates = [c for c, _, _ in own] + [c for c, _ in others]
+        columns = [rows for _, rows, _ in own] + [rows for _, rows in others]
+        put_back = combine([rows for _, rows, _ in own], [amplitudes for _, _, amplitudes in own])
+        data = {
+            channel: rows + put_back[channel] if channel in put_back else rows for channel, rows in fit.data.items()
+        }
+        weighing = Weighing(self._problem, data, fit.nuisance, candidates, columns)
+        return weighing, tuple(range(len(own)))
+
+    def _sized(self, fit: Fit, index: int) -> tuple[Candidate, Rows, Array]:
+        """A cause of the fit as a candidate: its signature at its own values, and its amplitudes."""
+        cause = fit.causes[index]
+        trials = next((c.trials for c, _ in self._known.values() if c.key == cause.key), 1)
+        candidate = Candidate(cause.effect, cause.location, cause.values, trials)
+        others = (*fit.causes[:index], *fit.causes[index + 1 :])
+        columns = self._problem.signature(cause, candidate.linear, others)
+        return candidate, columns, cause.values[candidate.linear]
