@@ -49,8 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     print("Simulated: the stage, its sensors and the machine. Real: nodes, DDS, recording, everything computed.")
     try:
-        recording = mock_cell.record(cell)
-    except RuntimeError as error:
+        recording = mock_cell.record(cell, tuple(stage.encoder.azimuths))
+    except (RuntimeError, TimeoutError) as error:
         print(f"rotary_error_monitor: {error}", file=sys.stderr)
         return OUT_OF_BOUNDS
     result = mock_cell_figures.figures(cell, recording, stage, machine)

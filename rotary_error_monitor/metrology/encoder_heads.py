@@ -66,6 +66,13 @@ class HeadLayout:
         return np.asarray(inverse)
 
     @cached_property
+    def projector(self) -> NDArray[np.float64]:
+        """(h, h) what of the readings no rotation and no displacement explains."""
+        rest = np.eye(len(self.azimuths)) - self.sensitivity @ np.linalg.pinv(self.sensitivity, rcond=LEAK)
+        rest[np.abs(rest) < 1e-12] = 0.0
+        return np.asarray(rest)
+
+    @cached_property
     def observable(self) -> tuple[str, ...]:
         """Which of `theta`, `x`, `y` the layout determines, each free of the others."""
         resolution = np.linalg.pinv(self.sensitivity, rcond=LEAK) @ self.sensitivity
@@ -149,10 +156,8 @@ def _disagreement(
     total = np.zeros(len(variances))
     if layout.redundancy == 0:
         return total
-    projector = np.eye(len(relative)) - layout.sensitivity @ np.linalg.pinv(layout.sensitivity, rcond=LEAK)
-    projector[np.abs(projector) < 1e-12] = 0.0
     for i in range(len(relative)):
-        residual = _weighted(projector[i], relative)
+        residual = _weighted(layout.projector[i], relative)
         total = total + residual * residual / variances[:, i]
     return np.asarray(np.sqrt(total / layout.redundancy))
 

@@ -42,6 +42,8 @@ class CompensatorSettings:
         position_tolerance: largest difference of the monitored axis between encoder and joint states, rad.
         ring_height: height of the monitored body's origin above the ring, m.
         ring_azimuth: angle from the machine's x to the stage's x about the axis, rad.
+        least_reach: how far the tool axis must turn for one rad of a rotary axis for that axis to be used, rad: near a
+            pose where it hardly does, an axis would turn far for little.
         linear_limits: of corrections of linear axes: warning (m), error (m), rate (m/s).
         rotary_limits: of corrections of rotary axes: warning (rad), error (rad), rate (rad/s).
     """
@@ -49,10 +51,11 @@ class CompensatorSettings:
     joint_lag_ns: int = 30_000_000
     patience_ns: int = 100_000_000
     age_limit_ns: int = 500_000_000
-    correction_period_ns: int = 5_000_000
+    correction_period_ns: int = 10_000_000
     position_tolerance: float = 0.05
     ring_height: float = 0.0
     ring_azimuth: float = 0.0
+    least_reach: float = 0.1
     linear_limits: tuple[float, float, float] = (1e-4, 5e-4, 2e-3)
     rotary_limits: tuple[float, float, float] = (5e-4, 2e-3, 2e-2)
 
@@ -305,6 +308,7 @@ class Compensator:
             direction=poses.directions,
             temperature=poses.temperature,
             monitored=poses.live,
+            least_reach=self._settings.least_reach,
         )
         before = np.array(self._state.applied)
         before_ns = self._state.time_ns

@@ -153,7 +153,7 @@ class Estimator:
                 each.expect(int(stream.times_ns[0]))
         self._watermark = max(self._watermark, newest)
         self._allow_for_blocks(stream.block_duration_ns)
-        self._decided[name] = self._decided_until(stream)
+        self._decided[name] = self._decided_until(stream, self._decided[name])
         return self._advance()
 
     def finish(self) -> list[SampleBlock]:
@@ -174,25 +174,15 @@ class Estimator:
         self.status.saturated += int(saturated.sum())
         return SampleBlock(block.stamp_ns, block.names, block.rows[~saturated])
 
-    def _decided_until(self, stream: SampleStream) -> int:
-        """Index of the first tick for which `stream` still misses samples."""
-        assert self._next is not None
-        newest = stream.newest_ns
-        period = self._settings.period_ns
-        if newest is None:
-            return -1
-        count = newest // period + 1 - self._next
+    def _decided_until(self, stream: SampleStream, before: int) -> int:
+        """Index of the first tick for which `stream` still misses samples; `before` is what it was until now."""
+        assert self._next is not None and stream.newest_ns is not None
+        first = max(before, self._next)
+        count = stream.newest_ns // self._settings.period_ns + 1 - first
         if count <= 0:
-            return self._next
-        # all ticks well before the newest samples are decided: only the last few need a look
-        recent = min(count, 64)
-        first = self._next + count - recent
-        ticks = tick_times(first, recent, period)
-        decided = count_decided(stream.times_ns, ticks, period)
-        if decided == 0 and first > self._next:
-            ticks = tick_times(self._next, count, period)
-            return self._next + count_decided(stream.times_ns, ticks, period)
-        return first + decided
+            return first
+        ticks = tick_times(first, count, self._settings.period_ns)
+        return first + count_decided(stream.times_ns, ticks, self._settings.period_ns)
 
     def _advance(self, last: bool = False) -> list[SampleBlock]:
         if self._next is None:

@@ -82,8 +82,9 @@ class MachinePlant:
         Args:
             poses: what the axes are told.
             corrections: (n, axes) added to the positions by a compensation, m or rad; None for none.
-            monitored: (n, 6) true error components exc eyc ezc eac ebc ecc of the monitored axis, in m and rad, in
-                place of those of the description; None for those of the description.
+            monitored: (n, 6) true error components exc eyc ezc eac ebc ecc of the monitored axis in its stator's
+                frame, as heads there see them, in m and rad; they take the place of those of the description. Where
+                one is NaN, and for None, that of the description holds.
 
         Returns:
             (n, 6) shift of the tool tip in m, and rotation vector of the tool in rad.
@@ -97,8 +98,12 @@ class MachinePlant:
         machine = self.description
         for fault in self.faults:
             machine = fault.describe(machine)
-        errors = self._errors(machine, Poses(moved, poses.directions, poses.warming), monitored)
-        actual = self._chain(machine, poses, moved, errors)
+        errors = self._errors(machine, Poses(moved, poses.directions, poses.warming))
+        live = None
+        if monitored is not None:
+            live = np.where(np.isnan(monitored), 0.0, monitored)
+            errors[machine.monitored or ""] = np.where(np.isnan(monitored), errors[machine.monitored or ""], 0.0)
+        actual = self._chain(machine, poses, moved, errors, live)
         rotation = (actual.rotation * should.rotation.inv()).as_rotvec()
         return np.hstack([actual.shift - should.shift, rotation])
 
@@ -108,8 +113,12 @@ class MachinePlant:
         poses: Poses,
         moved: NDArray[np.float64] | None,
         errors: dict[str, NDArray[np.float64]] | None,
+        live: NDArray[np.float64] | None = None,
     ) -> Placement:
-        """Tool in the workpiece frame; without `errors` as it should be."""
+        """Tool in the workpiece frame; without `errors` as it should be.
+
+        `live` displaces the rotor of the monitored axis as a rigid body in its stator, before it turns.
+        """
         positions = poses.positions if moved is None else moved
         count = len(positions)
         base = Placement(Rotation.from_quat(np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))), np.zeros((count, 3)))
@@ -120,6 +129,8 @@ class MachinePlant:
                 placement = placement.then(_fixed(body.location_error, count))
             if body.axis is not None:
                 axis = machine.axis(body.axis)
+                if live is not None and axis.letter == machine.monitored:
+                    placement = placement.then(Placement(Rotation.from_rotvec(live[:, 3:]), live[:, :3]))
                 placement = placement.then(_travelled(axis, positions[:, machine.letters.index(axis.letter)]))
                 if errors is not None:
                     small = errors[axis.letter]
@@ -127,20 +138,15 @@ class MachinePlant:
             placed[body.name] = placement
         return placed[machine.tool].seen_from(placed[machine.workpiece])
 
-    def _errors(
-        self, machine: MachineDescription, poses: Poses, monitored: NDArray[np.float64] | None
-    ) -> dict[str, NDArray[np.float64]]:
+    def _errors(self, machine: MachineDescription, poses: Poses) -> dict[str, NDArray[np.float64]]:
         """Error components (n, 6) of each axis by its letter."""
         errors = {}
         for column, axis in enumerate(machine.axes):
             q, direction = poses.positions[:, column], poses.directions[:, column]
-            if monitored is not None and axis.letter == machine.monitored:
-                components = monitored
-            else:
-                rows = [machine.errors.get(f"E{letter}{axis.letter}", ErrorComponent()) for letter in DIRECTIONS]
-                components = np.column_stack([_component(row, axis, q, direction) for row in rows])
-                own = DIRECTIONS.index(axis.letter)
-                components[:, own] += axis.expansion * poses.warming * q - axis.reversal / 2 * direction
+            rows = [machine.errors.get(f"E{letter}{axis.letter}", ErrorComponent()) for letter in DIRECTIONS]
+            components = np.column_stack([_component(row, axis, q, direction) for row in rows])
+            own = DIRECTIONS.index(axis.letter)
+            components[:, own] += axis.expansion * poses.warming * q - axis.reversal / 2 * direction
             for fault in self.faults:
                 components = fault.err(components, axis, column, poses)
             errors[axis.letter] = components

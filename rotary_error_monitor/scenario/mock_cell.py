@@ -8,25 +8,27 @@ Figure 15), and the LVDT is set to one height after the other.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Never
+from typing import Any, Never
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from rotary_error_monitor.signals.blocks import NANOSECONDS
-from rotary_error_monitor.testing.domains import own_domain
-from rotary_error_monitor.testing.processes import NodeProcess, parameter_arguments
+from rotary_error_monitor.testing import Cell, NodeProcess
 
 HEIGHTS = (0.005, 0.016, 0.060)
 """Heights of the LVDT above the ring, m: those of the paper."""
 
 SPEEDS = (1.5707963267948966, 6.283185307179586)
 """Speeds of a cycle of the stage, rad/s."""
+
+STARTING = 60.0
+"""How long the cell may take to find itself, s."""
 
 _TICK = 0.1
 
@@ -71,66 +73,55 @@ class Recording:
     exit_codes: dict[str, int] = field(default_factory=dict)
 
 
-def record(cell: MockCell) -> Recording:
-    """Start all processes of the cell, record for its duration, end them with SIGINT."""
+def record(cell: MockCell, letters: Sequence[str]) -> Recording:
+    """Start all processes of a cell with these read heads, record once it corrects, end them with SIGINT.
+
+    Raises:
+        RuntimeError: a process ended before its time; the message holds what it wrote.
+        TimeoutError: the cell does not come to correct; the message says how its nodes fare.
+    """
     epoch_ns = time.time_ns()
     recording = Recording(cell.folder / "bag", epoch_ns)
-    mock: dict[str, object] = {"mock.seed": cell.seed, "mock.epoch": epoch_ns, "mock.speeds": SPEEDS}
-    stage: dict[str, object] = {"stage": str(cell.stage)} if cell.stage else {}
-    machine = {"machine": cell.machine}
-    with ExitStack() as stack:
-        domain = stack.enter_context(own_domain())
-
-        def start(executable: str, name: str, **parameters: object) -> NodeProcess:
-            process = NodeProcess(executable, name, domain, parameter_arguments(stage | parameters))
-            stack.callback(process.close)
-            return process
-
+    shared: dict[str, object] = {"stage": str(cell.stage)} if cell.stage else {}
+    mock: dict[str, Any] = {"mock.seed": cell.seed, "mock.epoch": epoch_ns, "mock.speeds": SPEEDS}
+    machine: dict[str, Any] = {"machine": cell.machine}
+    with Cell(letters, shared) as running, _progress(cell.duration, cell.quiet) as progress:
+        progress.set_description("starting")
         # the recorder first: what the others say from their start on is in the bag
-        processes = [start("recorder", "recorder", folder=str(recording.bag))]
-        _wait_for(recording.bag / "metadata.yaml", processes[0])
-        processes.append(start("compensation", "compensation", **machine))
-        processes.append(start("error_estimator", "error_estimator"))
-        processes.append(start("mock_controller", "mock_controller", **mock, **machine))
-        processes.append(start("autocollimator", "autocollimator", **mock, rate=cell.rate))
-        for head in "abcd":
-            processes.append(start("encoder_head", f"encoder_head_{head}", **mock, head=head, rate=cell.rate))
-        with _progress(cell.duration, cell.quiet) as progress:
-            for height in HEIGHTS:
-                lvdt = start("lvdt", "lvdt", **mock, **{"mock.height": height})
-                begin_ns = time.time_ns()
-                _watch(cell.duration / len(HEIGHTS), [*processes, lvdt], progress, f"LVDT at {height * 1e3:.0f} mm")
-                recording.heights.append((height, begin_ns, time.time_ns()))
-                _end(lvdt, recording)
+        processes = [running.start("recorder", folder=str(recording.bag))]
+        running.wait_for_status("recorder: state", "active", STARTING)
+        processes.append(running.start("mock_controller", **mock, **machine))
+        processes.append(running.start("autocollimator", **mock, rate=cell.rate))
+        for letter in letters:
+            name = f"encoder_head_{letter}"
+            processes.append(running.start("encoder_head", name, **mock, head=letter, rate=cell.rate))
+        processes.append(running.start("error_estimator"))
+        processes.append(running.start("compensation", **machine))
+        running.wait_until(lambda: _corrects(running), "the cell to correct", STARTING)
+        for height in HEIGHTS:
+            lvdt = running.start("lvdt", **{**mock, "mock.height": height})
+            running.wait_for_status("lvdt: state", "active", STARTING)
+            progress.set_description(f"LVDT at {height * 1e3:.0f} mm")
+            begin_ns = time.time_ns()
+            _let_run(running, cell.duration / len(HEIGHTS), progress)
+            recording.heights.append((height, begin_ns, time.time_ns()))
+            _end(lvdt, recording)
+            running.forget_status("lvdt: state")
         for process in reversed(processes):
             _end(process, recording)
     return recording
 
 
-def _watch(duration: float, processes: list[NodeProcess], progress: tqdm[Never], what: str) -> None:
-    """Let time pass; an early end of a process ends the run with its own words."""
-    progress.set_description(what)
+def _corrects(running: Cell) -> bool:
+    return not running.status("compensation: correction").message.startswith("held")
+
+
+def _let_run(running: Cell, duration: float, progress: tqdm[Never]) -> None:
     begin = last = time.monotonic()
     while (now := time.monotonic()) - begin < duration:
         progress.update(now - last)
         last = now
-        for process in processes:
-            _check_alive(process)
-        time.sleep(_TICK)
-
-
-def _check_alive(process: NodeProcess) -> None:
-    if process.exit_code is not None:
-        raise RuntimeError(f"{process.name} ended with exit code {process.exit_code}; it wrote:\n{process.output}")
-
-
-def _wait_for(path: Path, process: NodeProcess, deadline: float = 20.0) -> None:
-    begin = time.monotonic()
-    while not path.exists():
-        _check_alive(process)
-        if time.monotonic() - begin > deadline:
-            raise RuntimeError(f"{process.name} made no {path} within {deadline} s; it wrote:\n{process.output}")
-        time.sleep(_TICK)
+        running.spin_for(_TICK)
 
 
 def _end(process: NodeProcess, recording: Recording) -> None:

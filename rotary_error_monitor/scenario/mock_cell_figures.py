@@ -168,10 +168,11 @@ def true_offsets(
 
 
 def _offset_rows(offsets: TrueOffsets) -> Iterator[Row]:
-    for name, part, unit in (("position", slice(0, 3), "µm"), ("tool axis", slice(3, 5), "µrad")):
+    # the tool axis is corrected where the rotary axes reach it: not while the table lies level
+    for name, part, unit, share in (("position", slice(0, 3), "µm", 0.05), ("tool axis", slice(3, 5), "µrad", 1.0)):
         was, now = (_rms(offset[:, part]) * 1e6 for offset in (offsets.before, offsets.after))
         yield Row(f"tool offset, {name}, before correction: RMS, {unit}", was)
-        yield Row(f"tool offset, {name}, after correction: RMS, {unit}", now, 0.05 * was)
+        yield Row(f"tool offset, {name}, after correction: RMS, {unit}", now, share * was)
 
 
 def _rms(vectors: NDArray[np.float64]) -> float:

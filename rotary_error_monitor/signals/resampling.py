@@ -71,14 +71,19 @@ def resample(
     Not valid is a tick whose neighbours are missing: more than `max_gap_ns` apart, or so unevenly spaced that a sample
     is missing between them.
     """
-    result = _interpolate(times_ns, values, ticks_ns, max_gap_ns)
     start, stop = _cells(times_ns, ticks_ns, period_ns)
-    dense = np.flatnonzero(stop - start >= FEWEST_TO_FIT)
-    if len(dense) == 0:
-        return result
+    dense = stop - start >= FEWEST_TO_FIT
+    if dense.all():
+        return _fit(times_ns, values, ticks_ns, start, stop, period_ns)
+    sparse = _interpolate(times_ns, values, ticks_ns[~dense], max_gap_ns)
+    if not dense.any():
+        return sparse
     fitted = _fit(times_ns, values, ticks_ns[dense], start[dense], stop[dense], period_ns)
-    result.values[dense], result.gain[dense] = fitted.values, fitted.gain
-    result.travel[dense], result.valid[dense] = fitted.travel, fitted.valid
+    m, k = len(ticks_ns), values.shape[1]
+    result = Resampled(np.empty((m, k)), np.empty(m), np.empty((m, k)), np.empty(m, np.bool_))
+    for chosen, part in ((dense, fitted), (~dense, sparse)):
+        result.values[chosen], result.gain[chosen] = part.values, part.gain
+        result.travel[chosen], result.valid[chosen] = part.travel, part.valid
     return result
 
 

@@ -65,16 +65,9 @@ class SampleStream:
             InputError: the block lacks one of the fields.
         """
         times, values = block.times_ns, block.columns(self.names)
-        keep: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
-        self.bad += int(len(keep) - keep.sum())
-        fresh = np.diff(np.maximum.accumulate(times), prepend=times[0] - 1) > 0 if len(times) else keep
         newest = self.newest_ns
-        if newest is not None:
-            fresh &= times > newest
-        self.late += int((~fresh).sum())
-        keep &= fresh
-        if not keep.all():
-            times, values = times[keep], values[keep]
+        if not self._is_clean(times, values, newest):
+            times, values = self._cleaned(times, values, newest)
         if len(times) == 0:
             return 0
         self._note_gap(newest, int(times[0]))
@@ -85,6 +78,26 @@ class SampleStream:
         self._times = np.concatenate([self._times, times])
         self._values = np.concatenate([self._values, values])
         return len(times)
+
+    @staticmethod
+    def _is_clean(times: NDArray[np.int64], values: NDArray[np.float64], newest: int | None) -> bool:
+        return (
+            len(times) > 0
+            and (newest is None or times[0] > newest)
+            and bool((times[1:] > times[:-1]).all())
+            and bool(np.isfinite(values).all())
+        )
+
+    def _cleaned(
+        self, times: NDArray[np.int64], values: NDArray[np.float64], newest: int | None
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """What is finite and after all that came before; the rest is counted."""
+        finite = np.asarray(np.isfinite(values).all(axis=1))
+        before = np.maximum.accumulate(np.concatenate([[-1 if newest is None else newest], times[:-1]]))
+        fresh = times > before
+        self.bad += int((~finite).sum())
+        self.late += int((~fresh).sum())
+        return times[finite & fresh], values[finite & fresh]
 
     def trim(self, before_ns: int, margin: int = 3) -> None:
         """Forget samples stamped before `before_ns`, but the last `margin` of them."""

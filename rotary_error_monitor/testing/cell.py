@@ -89,15 +89,24 @@ class Cell:
 
     # Starting and stopping.
 
-    def run(self, node_class: Callable[..., AnyNode], name: str, **parameters: object) -> AnyNode:
+    def run(
+        self, node_class: Callable[..., AnyNode], name: str, ros_args: Sequence[str] = (), **parameters: object
+    ) -> AnyNode:
         """Run a node in this process; `__` in a parameter's name stands for a point.
+
+        Args:
+            node_class: called with name, `context`, `parameter_overrides` and, where `ros_args` are given, `cli_args`.
+            name: of the node.
+            ros_args: further arguments as behind `--ros-args` on a command line.
+            parameters: by name.
 
         Raises:
             InputError: a node of the package refuses its parameters or what they lead to.
         """
         values = {**self._parameters, **_dotted(parameters)}
         overrides = [Parameter(key, value=value) for key, value in values.items()]
-        node = node_class(name, context=self._context, parameter_overrides=overrides)
+        arguments = {"cli_args": ["--ros-args", *ros_args]} if ros_args else {}
+        node = node_class(name, context=self._context, parameter_overrides=overrides, **arguments)
         self._nodes.append(node)
         self._executor.add_node(node)
         if isinstance(node, ManagedNode):
@@ -185,6 +194,10 @@ class Cell:
         )
         return self._statuses[name]
 
+    def forget_status(self, name: str) -> None:
+        """Forget a status, so that the next wait sees only what is said from now on."""
+        self._statuses.pop(name, None)
+
     # Waiting.
 
     def wait_until(self, condition: Callable[[], bool], what: str, deadline: float = PATIENCE) -> None:
@@ -196,22 +209,33 @@ class Cell:
         """
         end = time.monotonic() + deadline
         while not condition():
-            for process in self._processes:
-                if process.exit_code is not None and not process.expected:
-                    process.expected = True
-                    raise RuntimeError(
-                        f"while waiting for {what}: {process.name} ended with exit code {process.exit_code}; "
-                        f"it wrote:\n{process.output}"
-                    )
+            self._check_nodes(what)
             if time.monotonic() > end:
                 raise TimeoutError(f"waited {deadline} s for {what}; diagnostics:\n{self._report()}")
             self._executor.spin_once(timeout_sec=_STEP)
 
     def spin_for(self, duration: float) -> None:
-        """Let everything run for a while: to show that something does *not* happen."""
+        """Let everything run for a while: to show that something does *not* happen.
+
+        Raises:
+            RuntimeError: a process ended meanwhile.
+        """
         end = time.monotonic() + duration
         while time.monotonic() < end:
+            self._check_nodes("time to pass")
             self._executor.spin_once(timeout_sec=_STEP)
+
+    def _check_nodes(self, what: str) -> None:
+        for node in self._nodes:
+            if isinstance(node, ManagedNode) and node.crash.done():
+                node.crash.result()
+        for process in self._processes:
+            if process.exit_code is not None and not process.expected:
+                process.expected = True
+                raise RuntimeError(
+                    f"while waiting for {what}: {process.name} ended with exit code {process.exit_code}; "
+                    f"it wrote:\n{process.output}"
+                )
 
     def _note_diagnostics(self, message: DiagnosticArray) -> None:
         self._statuses.update({status.name: status for status in message.status})
@@ -231,13 +255,13 @@ def _dotted(parameters: Mapping[str, object]) -> dict[str, object]:
 
 def _end(process: NodeProcess, up: bool) -> list[str]:
     """End a process for good; what was wrong with its end, if anything: before it is up it may just break off."""
-    surprising = process.exit_code is not None and not process.expected
+    judged, surprising = process.judged, process.exit_code is not None and not process.expected
     try:
         code = process.wait()
     except TimeoutError as error:
         return [str(error)]
     else:
-        if surprising or code not in (0, -signal.SIGKILL, 0 if up else -signal.SIGINT):
+        if not judged and (surprising or code not in (0, -signal.SIGKILL, 0 if up else -signal.SIGINT)):
             return [f"{process.name} ended with exit code {code}; it wrote:\n{process.output}"]
         return []
     finally:

@@ -116,7 +116,7 @@ def test_offsets_come_with_the_error_motion_and_do_not_wait_for_the_next_joint_s
 
 def test_corrections_null_the_offset_and_say_what_remains():
     _, corrections = run(Compensator(MACHINE))
-    assert len(corrections) > 60
+    assert len(corrections) > 30
     for correction in corrections[10:]:
         assert correction.level == Level.FOLLOWED
         assert correction.direction_spanned
@@ -125,8 +125,8 @@ def test_corrections_null_the_offset_and_say_what_remains():
         assert (np.diag(correction.covariance)[:3] > 0).all()
         assert np.isfinite(correction.covariance).all()
     spacing = np.diff([correction.stamp_ns for correction in corrections])
-    assert (spacing == 5 * MILLISECOND).all()
-    moved = np.diff([c.values for c in corrections], axis=0) / 0.005
+    assert (spacing == 10 * MILLISECOND).all()
+    moved = np.diff([c.values for c in corrections], axis=0) / 0.010
     np.testing.assert_allclose([c.rates for c in corrections][1:], moved, atol=1e-12)
 
 
@@ -220,7 +220,7 @@ def test_a_warning_limit_warns_and_a_rate_limit_slows():
     assert {correction.level for correction in warned[5:]} == {Level.WARNING}
     slow = run(Compensator(MACHINE, CompensatorSettings(linear_limits=(1e-4, 5e-4, 1e-5))))[1]
     assert slow[3].level == Level.RATE_LIMITED
-    assert np.abs(np.diff([c.values[:3] for c in slow], axis=0)).max() <= 1e-5 * 0.005 * (1 + 1e-9)
+    assert np.abs(np.diff([c.values[:3] for c in slow], axis=0)).max() <= 1e-5 * 0.010 * (1 + 1e-9)
     assert np.abs(slow[3].remaining[:3]).max() > 1e-7
 
 
