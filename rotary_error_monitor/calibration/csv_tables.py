@@ -79,8 +79,8 @@ def read_table(path: Path | str, choices: Sequence[Sequence[Column]]) -> Table:
     """Table with one of the given sets of columns, in any order.
 
     Raises:
-        InputError: no such file, an empty one, a header that fits no choice, a row with too few or too many values, or a
-            value that is no finite number or too large for its unit.
+        InputError: no such file, an empty one, a header that fits no choice, a row with too few or too many values, or
+            a value that is no finite number or too large for its unit.
     """
     path = Path(path)
     rows = _rows(path)

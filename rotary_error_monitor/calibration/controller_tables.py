@@ -1,0 +1,135 @@
+"""Tables that controllers load: LinuxCNC's COMP_FILE for one axis, and a generic volumetric table.
+
+A COMP_FILE holds one row a nominal position, with a value for travel in positive and one for travel in negative
+direction, in mm or degrees, linear between rows. Type 0: where the axis is when it is sent to the nominal position; the
+controller moves it by nominal minus that. Type 1: what the controller is to add.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.components import arrange_components
+from rotary_error_monitor.machine.correction import solve_axis_corrections
+from rotary_error_monitor.machine.kinematics import arrange_machine
+
+Array = NDArray[np.float64]
+
+MOST_ROWS = 256
+"""LinuxCNC refuses longer COMP_FILEs."""
+
+
+@dataclass(frozen=True)
+class AxisCompensation:
+    """Positioning error of one axis by direction of travel.
+
+    Attributes:
+        letter: the axis.
+        rotary: True for rad, else m.
+        positions: (n,) rising, m or rad.
+        forward, backward: (n,) positioning error, m or rad.
+        residue: largest difference between the machine's error and the table, linear between rows, m or rad.
+    """
+
+    letter: str
+    rotary: bool
+    positions: Array
+    forward: Array
+    backward: Array
+    residue: float
+
+
+def predict_axis_compensation(machine: MachineDescription, letter: str, rows: int = MOST_ROWS) -> AxisCompensation:
+    """Positioning error of an axis over its travel, reversal error included, at the reference temperature.
+
+    Rows lie where a measured table has them if there are few enough, else evenly over the travel.
+
+    Raises:
+        InputError: no such axis, or more rows than a COMP_FILE takes, or fewer than two.
+    """
+    if not 2 <= rows <= MOST_ROWS:
+        raise InputError(f"{rows} rows; a COMP_FILE takes from 2 to {MOST_ROWS}")
+    axis = machine.axis(letter)
+    number = machine.letters.index(letter)
+    own = int(np.argmax(np.abs(axis.direction))) + (0 if axis.kind == "linear" else 3)
+    component = machine.errors.get(f"E{'XYZABC'[own]}{letter}")
+    measured = np.array(component.table.positions) if component is not None and component.table is not None else None
+    only_table = measured is not None and component is not None and not component.poly and not component.harmonic
+    if measured is not None and only_table and len(measured) <= rows:
+        positions = measured
+    else:
+        positions = np.linspace(*axis.travel, rows)
+    dense = np.linspace(positions[0], positions[-1], 20 * MOST_ROWS)
+    sign = math.copysign(1.0, axis.direction[own % 3])
+    columns, residue = [], 0.0
+    for direction in (1.0, -1.0):
+        at_rows, at_dense = (sign * _own_error(machine, number, own, q, direction) for q in (positions, dense))
+        columns.append(at_rows)
+        residue = max(residue, float(np.abs(np.interp(dense, positions, at_rows) - at_dense).max()))
+    return AxisCompensation(letter, axis.kind == "rotary", positions, columns[0], columns[1], residue)
+
+
+def _own_error(machine: MachineDescription, number: int, own: int, q: Array, direction: float) -> Array:
+    positions = np.zeros((len(machine.axes), len(q)))
+    positions[number] = q
+    errors = arrange_components(machine).at(positions, np.full_like(positions, direction), None)
+    return np.asarray(errors[own, number], dtype=np.float64)
+
+
+def comp_file(compensation: AxisCompensation, kind: Literal[0, 1]) -> str:
+    """Content of a COMP_FILE of that type (`COMP_FILE_TYPE` in the ini file): nominal, forward, backward; mm or deg.
+
+    Raises:
+        InputError: more rows than LinuxCNC takes, a number that is not finite, or an unknown type.
+    """
+    if kind not in (0, 1):
+        raise InputError(f"COMP_FILE_TYPE {kind}; there are 0 (positions) and 1 (trims)")
+    if len(compensation.positions) > MOST_ROWS:
+        raise InputError(f"{len(compensation.positions)} rows; LinuxCNC takes at most {MOST_ROWS} in a COMP_FILE")
+    scale = 180 / math.pi if compensation.rotary else 1e3
+    nominal = compensation.positions * scale
+    errors = np.stack([compensation.forward, compensation.backward], axis=1) * scale
+    columns = nominal[:, None] + errors if kind == 0 else -errors
+    if not np.all(np.isfinite(columns)):
+        raise InputError(f"positioning error of axis {compensation.letter} is not finite")
+    rows = (f"{q:.9f} {forward:.9f} {backward:.9f}" for q, (forward, backward) in zip(nominal, columns, strict=True))
+    return "\n".join(rows) + "\n"
+
+
+def volumetric_table(
+    machine: MachineDescription, counts: Mapping[str, int], held: Mapping[str, float] | None = None
+) -> str:
+    """A table of axis corrections over a grid of axes, as CSV: positions, then what each axis is to add.
+
+    Columns X_mm … C_deg …, then dX_um … dC_arcsec …; the first axis changes slowest. `counts` has the number of grid
+    points by axis letter; the other axes are held at `held` or in the middle of their travel. Corrections are those of
+    the exact model: they put the tool where the ideal machine has it.
+
+    Raises:
+        InputError: no grid axis, one that the machine lacks, fewer than two points, or a pose without correction.
+    """
+    if not counts or min(counts.values()) < 2:
+        raise InputError(f"grid {dict(counts)}; expected two points or more of at least one axis")
+    lines = {letter: np.linspace(*machine.axis(letter).travel, count) for letter, count in counts.items()}
+    middle = {axis.letter: np.array([(held or {}).get(axis.letter, 0.5 * sum(axis.travel))]) for axis in machine.axes}
+    grids = np.meshgrid(*(lines.get(letter, middle[letter]) for letter in machine.letters), indexing="ij")
+    positions = np.stack([grid.ravel() for grid in grids], axis=1)
+    result = solve_axis_corrections(arrange_machine(machine), positions)
+    if not result.converged.all():
+        pose = ", ".join(f"{q:g}" for q in positions[int(np.argmin(result.converged))])
+        raise InputError(f"no correction at {', '.join(machine.letters)} = {pose}; narrow the grid")
+    linear = np.array([axis.kind == "linear" for axis in machine.axes])
+    where = np.where(linear, 1e3, 180 / math.pi)
+    what = np.where(linear, 1e6, 648000 / math.pi)
+    header = [f"{a.letter}_{'mm' if a.kind == 'linear' else 'deg'}" for a in machine.axes]
+    header += [f"d{a.letter}_{'um' if a.kind == 'linear' else 'arcsec'}" for a in machine.axes]
+    rows = np.concatenate([positions * where, result.corrections * what], axis=1) + 0.0
+    return "\n".join([",".join(header), *(",".join(f"{value:.6f}" for value in row) for row in rows)]) + "\n"
