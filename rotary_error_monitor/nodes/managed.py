@@ -27,6 +27,7 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.task import Future
 from rclpy.utilities import ok, try_shutdown
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
@@ -55,7 +56,7 @@ class ManagedNode(LifecycleNode):
         wire: the contract for the heads of that stage.
         active: whether the life cycle state is active; messages are handled only then.
         busy: held by whatever callback runs; take it in callbacks of `every`.
-        crash: what ended the node from within; it is a fault of the program.
+        crash: done with an exception once the worker met a fault of the program.
     """
 
     settings: ClassVar[tuple[Setting, ...]] = ()
@@ -84,7 +85,7 @@ class ManagedNode(LifecycleNode):
         self.stage: StageDescription
         self.wire: Wire
         self._settings = (AUTOSTART, *cell_settings("stage"), *self.settings)
-        self.crash: Exception | None = None
+        self.crash = Future()
         self._failure: InputError | None = None
         self._refusals: dict[str, int] = {}
         self._entities: list[Callable[[], object]] = []
@@ -201,10 +202,9 @@ class ManagedNode(LifecycleNode):
                 self.refuse(source, error)
 
     def _fail(self, error: Exception) -> None:
-        """End the process: the worker met an error that is not the user's."""
+        """The worker met an error that is not the user's; at the end of the context there is always one."""
         if self.context.ok():
-            self.crash = error
-            self.context.shutdown()
+            self.crash.set_exception(error)
 
     # Life cycle.
 
@@ -228,7 +228,7 @@ class ManagedNode(LifecycleNode):
             self.wire = load_wire(tuple(self.stage.encoder.azimuths))
             self._open_diagnostics()
             self.open()
-            parameters.check_known(self, [*self._parameters])
+            parameters.check_known(self, [*self._parameters], opened=True)
         except InputError as error:
             self._failure = error
             self.get_logger().fatal(str(error))
@@ -337,10 +337,10 @@ def run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None = None
         node.autostart()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        executor.spin()
+        executor.spin_until_future_complete(node.crash)
+        if node.crash.done():
+            node.crash.result()
     except ExternalShutdownException:
-        if node is not None and node.crash is not None:
-            raise node.crash from None
         return 0
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)

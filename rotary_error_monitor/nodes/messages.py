@@ -23,7 +23,7 @@ from geometry_msgs.msg import (
     WrenchStamped,
 )
 from numpy.typing import NDArray
-from sensor_msgs.msg import JointState, PointCloud2, PointField, Temperature, TimeReference
+from sensor_msgs.msg import JointState, PointCloud2, PointField, Temperature
 from std_msgs.msg import Header
 
 from rotary_error_monitor.errors import InputError
@@ -218,11 +218,6 @@ def wrench_message(stamp_ns: int, frame: str, force: Sequence[float]) -> WrenchS
 def temperature_message(stamp_ns: int, frame: str, temperature: float) -> Temperature:
     """Temperature, °C."""
     return Temperature(header=header(stamp_ns, frame), temperature=float(temperature))
-
-
-def time_reference_message(stamp_ns: int, frame: str, source: str, reference_ns: int) -> TimeReference:
-    """The instant `reference_ns` of the clock or stream `source`, said at `stamp_ns`."""
-    return TimeReference(header=header(stamp_ns, frame), time_ref=stamp_from_ns(reference_ns), source=source)
 
 
 def pose_message(

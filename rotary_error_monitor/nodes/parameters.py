@@ -26,7 +26,8 @@ _KINDS = {
     str: "a text",
     list: "a list",
 }
-_ALWAYS_ALLOWED = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+_OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+_QOS = "qos_overrides."
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ def declare(node: Node, settings: Iterable[Setting]) -> None:
         InputError: an override has the wrong type, is out of range, or no such parameter exists.
     """
     settings = tuple(settings)
-    check_known(node, [setting.name for setting in settings])
+    check_known(node, [setting.name for setting in settings], opened=False)
     where = node.get_fully_qualified_name()
     for setting in settings:
         try:
@@ -129,15 +130,20 @@ def declare(node: Node, settings: Iterable[Setting]) -> None:
         setting.check(value, where)
 
 
-def check_known(node: Node, names: Iterable[str], allowed: tuple[str, ...] = _ALWAYS_ALLOWED) -> None:
+def check_known(node: Node, names: Iterable[str], *, opened: bool) -> None:
     """Refuse overrides of parameters that do not exist; rclpy would drop a misspelt name in silence.
+
+    Args:
+        node: that the overrides are for.
+        names: of its parameters.
+        opened: whether its publishers and subscriptions are there; before, overrides of their QoS cannot be judged.
 
     Raises:
         InputError: naming the override and the closest names.
     """
-    known = [*names, *(setting.name for setting in CELL_SETTINGS)]
+    known = [*names, *_OF_EVERY_NODE, *(setting.name for setting in CELL_SETTINGS)]
     for name in _overrides(node):
-        if name not in known and not name.startswith(allowed):
+        if name not in known and (opened or not name.startswith(_QOS)):
             close = difflib.get_close_matches(name, known, n=3) or sorted(known)
             raise InputError(
                 f"{node.get_fully_qualified_name()}: no parameter '{name}'; did you mean: {', '.join(close)}"

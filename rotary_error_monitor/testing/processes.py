@@ -20,12 +20,14 @@ class NodeProcess:
     Attributes:
         name: name of the node.
         expected: whether its end is no surprise any more.
+        judged: whether its exit code was handed out, to be judged by who asked.
     """
 
     def __init__(self, executable: str, name: str, domain: int, ros_args: Sequence[str]) -> None:
         """Start `executable` as node `name` in a ROS domain with further arguments behind `--ros-args`."""
         self.name = name
         self.expected = False
+        self.judged = False
         self._output = tempfile.TemporaryFile(mode="w+", encoding="utf-8")  # noqa: SIM115 (close() closes it)
         self._process = subprocess.Popen(
             [
@@ -80,6 +82,7 @@ class NodeProcess:
         Raises:
             TimeoutError: it did not end within `deadline` s and was killed.
         """
+        self.expected = self.judged = True
         try:
             return self._process.wait(deadline)
         except subprocess.TimeoutExpired:

@@ -1,0 +1,176 @@
+"""What all nodes share: life cycle, diagnostics, end by signals, wrong input."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator, Mapping
+
+import pytest
+import yaml
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.parameter import Parameter
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.compensation import Compensation
+from rotary_error_monitor.nodes.encoder_head import EncoderHead
+from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
+from rotary_error_monitor.nodes.lvdt import Lvdt
+from rotary_error_monitor.nodes.managed import ManagedNode, run
+from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.nodes.recorder import Recorder
+from rotary_error_monitor.resources import config
+from rotary_error_monitor.testing import Cell
+from rotary_error_monitor.testing.domains import own_domain
+
+
+def change_state(cell: Cell, node: str, transition: int) -> bool:
+    client = cell.node.create_client(ChangeState, f"/{node}/change_state")
+    cell.wait_until(client.service_is_ready, "life cycle service")
+    future = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+    cell.wait_until(future.done, "change of state")
+    return future.result().success
+
+
+def test_a_life_cycle_manager_can_take_over(cell):
+    blocks = cell.collect(cell.wire.topic("head_samples", "a"))
+    cell.run(EncoderHead, "encoder_head_a", autostart=False)
+    assert change_state(cell, "encoder_head_a", Transition.TRANSITION_CONFIGURE)
+    cell.wait_for_status("encoder_head_a: state", "inactive")
+    assert blocks == []
+    for _ in range(2):
+        assert change_state(cell, "encoder_head_a", Transition.TRANSITION_ACTIVATE)
+        cell.wait_until(lambda: len(blocks) > 2, "blocks of an active node")
+        assert change_state(cell, "encoder_head_a", Transition.TRANSITION_DEACTIVATE)
+        cell.wait_for_status("encoder_head_a: state", "inactive")
+        blocks.clear()
+        cell.spin_for(0.3)
+        assert blocks == []
+        assert change_state(cell, "encoder_head_a", Transition.TRANSITION_CLEANUP)
+        assert change_state(cell, "encoder_head_a", Transition.TRANSITION_CONFIGURE)
+    assert change_state(cell, "encoder_head_a", Transition.TRANSITION_INACTIVE_SHUTDOWN)
+
+
+def test_a_node_that_cannot_be_configured_stays_unconfigured_until_it_can(cell):
+    node = cell.run(EncoderHead, "encoder_head_x", autostart=False)
+    assert not change_state(cell, "encoder_head_x", Transition.TRANSITION_CONFIGURE)
+    node.set_parameters([Parameter("head", value="b")])
+    assert change_state(cell, "encoder_head_x", Transition.TRANSITION_CONFIGURE)
+
+
+def test_a_wrong_stage_is_named_with_file_and_line(cell, tmp_path):
+    text = config("stage.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "stage.yaml"
+    for wrong, problem in (
+        (text.replace("disc_radius: 0.1", "disc_radius: 100.0"), r"stage\.yaml:\d+: .*disc_radius"),
+        (text.replace("disc_radius:", "disk_radius:"), r"stage\.yaml:\d+: .*disk_radius"),
+        (text.replace("disc_radius: 0.1", "disc_radius: 0.1 m"), r"stage\.yaml:\d+: .*disc_radius.*'0\.1 m'"),
+    ):
+        path.write_text(wrong, encoding="utf-8")
+        with pytest.raises(InputError, match=problem):
+            cell.run(EncoderHead, "encoder_head_a", stage=str(path))
+    with pytest.raises(InputError, match=r"nowhere\.yaml: cannot be read"):
+        cell.run(EncoderHead, "encoder_head_a", stage="nowhere.yaml")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_with_exit_code_zero(cell, number):
+    process = cell.start("encoder_head", "encoder_head_a")
+    cell.wait_for_status("encoder_head_a: state", "active")
+    assert process.stop(number) == 0
+    assert "Traceback" not in process.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["-p", "block_period:=7.0"], "parameter 'block_period' is 7.0"),
+        (["-p", "head:=x"], "the stage has the heads a, b, c, d"),
+        (["-p", "stage:=nowhere.yaml"], "nowhere.yaml: cannot be read"),
+        (["--params-file", "nowhere.yaml"], "nowhere.yaml"),
+        (["--nonsense"], "--nonsense"),
+    ],
+)
+def test_wrong_input_ends_a_process_with_exit_code_two(arguments, problem):
+    with Cell() as cell:
+        process = cell.start("encoder_head", "encoder_head_q", ros_args=arguments)
+        assert process.wait(30) == 2
+        assert problem in process.output
+        assert "Traceback" not in process.output
+
+
+class Faulty(ManagedNode):
+    def open(self) -> None:
+        self.at_each(10_000_000, lambda _: [][0])
+
+
+def test_a_fault_of_the_program_is_told(cell):
+    node = cell.run(Faulty, "faulty")
+    with pytest.raises(IndexError):
+        cell.wait_until(lambda: False, "a node that fails")
+    assert node.crash.done()
+
+
+def test_a_fault_of_the_program_ends_the_process(monkeypatch):
+    """In this process, as `main` does it; the default context needs a domain of its own like any other."""
+    with own_domain() as domain, pytest.raises(IndexError):
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        handler = signal.getsignal(signal.SIGINT)
+        try:
+            run(lambda: Faulty("faulty"), [])
+        finally:
+            signal.signal(signal.SIGINT, handler)
+
+
+def test_simulated_time_drives_the_blocks(cell):
+    blocks = cell.collect(cell.wire.topic("head_samples", "a"))
+    set_time = cell.clock()
+    cell.run(EncoderHead, "encoder_head_a", use_sim_time=True, mock__epoch=1)
+    cell.spin_for(0.2)
+    assert blocks == []
+    for step in range(1, 4):
+        set_time(100_000_000_000 + step * 50_000_000)
+        cell.wait_until(lambda step=step: len(blocks) >= step, f"block {step}")
+    assert [block.header.stamp.sec for block in blocks] == [100, 100, 100]
+    assert len(blocks) == 3
+
+
+NODES = [
+    (EncoderHead, "encoder_head_c"),
+    (Autocollimator, "autocollimator"),
+    (Lvdt, "lvdt"),
+    (MockController, "mock_controller"),
+    (ErrorEstimator, "error_estimator"),
+    (Compensation, "compensation"),
+    (Recorder, "recorder"),
+]
+
+
+@pytest.mark.parametrize(("node_class", "name"), NODES, ids=[name for _, name in NODES])
+def test_the_parameter_file_of_the_cell_fits_every_node(node_class, name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with Cell() as cell:
+        node = cell.run(node_class, name, ros_args=["--params-file", str(config("cell.yaml"))])
+        assert node.active
+        shown = yaml.safe_load(config("cell.yaml").read_text(encoding="utf-8"))
+        assert set(_flat(shown.get(name, {"ros__parameters": {}})["ros__parameters"])) <= {
+            setting.name for setting in node.settings
+        }
+
+
+def _flat(tree: Mapping[str, object], prefix: str = "") -> Iterator[str]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}"
+
+
+def test_quality_of_service_can_be_overridden(cell):
+    topic = cell.wire.topic("head_samples", "a").name
+    name = f"qos_overrides.{topic}.publisher.reliability"
+    cell.run(EncoderHead, "encoder_head_a", **{name: "best_effort"})
+    cell.wait_until(lambda: cell.node.get_publishers_info_by_topic(topic) != [], "the publisher")
+    (info,) = cell.node.get_publishers_info_by_topic(topic)
+    assert info.qos_profile.reliability.name == "BEST_EFFORT"

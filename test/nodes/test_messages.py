@@ -1,0 +1,167 @@
+"""Conversions between dataclasses and messages."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from rclpy.serialization import serialize_message
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState, PointField
+from std_msgs.msg import Header
+
+from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.bags.conversion import typestore
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.signals.blocks import SampleBlock
+
+STAMP = 1_700_000_000_123_456_789
+FINITE = st.floats(allow_nan=False, allow_infinity=False, width=32)
+
+
+@given(
+    arrays(np.float64, st.tuples(st.integers(1, 20), st.just(3)), elements=FINITE), st.integers(0, 2**31 * 10**9 - 1)
+)
+def test_a_block_survives_the_wire(rows, stamp_ns):
+    block = SampleBlock(stamp_ns, ("t", "tilt_x", "tilt_y"), rows)
+    message = messages.block_to_message(block, "autocollimator")
+    for back in (messages.block_from_message(message), BlockDecoder().decode(serialize_message(message))):
+        assert (back.stamp_ns, back.names) == (block.stamp_ns, block.names)
+        np.testing.assert_array_equal(back.rows, rows)
+    assert message.header.frame_id == "autocollimator"
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_nothing_non_finite_is_sent(bad):
+    rows = np.zeros((3, 2))
+    rows[1, 1] = bad
+    with pytest.raises(InputError, match=r"sample 1 of 'angle' is (nan|inf|-inf)"):
+        messages.block_to_message(SampleBlock(STAMP, ("t", "angle"), rows), "")
+    with pytest.raises(InputError, match="not finite"):
+        messages.pose_message(STAMP, "", np.array([bad, 0, 0, 0, 0, 0]), np.eye(6))
+
+
+def block_message():
+    return messages.block_to_message(SampleBlock(STAMP, ("t", "angle"), np.ones((2, 2))), "")
+
+
+def _tall(message):
+    message.height = 2
+
+
+def _bigendian(message):
+    message.is_bigendian = True
+
+
+def _float32(message):
+    message.fields = [PointField(name="t", offset=0, datatype=PointField.FLOAT32, count=1), message.fields[1]]
+
+
+def _short(message):
+    message.data = message.data[:-1]
+
+
+def _empty(message):
+    message.width = 0
+
+
+@pytest.mark.parametrize("spoil", [_tall, _bigendian, _float32, _short, _empty])
+def test_what_is_no_sample_block_is_refused(spoil):
+    message = block_message()
+    spoil(message)
+    with pytest.raises(InputError, match="no sample block"):
+        messages.block_from_message(message)
+
+
+def test_joint_state_fills_velocity_and_effort():
+    message = messages.joint_state_message(STAMP, "base", ["X", "C"], np.array([0.1, 2.0]))
+    assert list(message.velocity) == [0.0, 0.0]
+    assert list(message.effort) == [0.0, 0.0]
+    back = typestore().deserialize_cdr(serialize_message(message), "sensor_msgs/msg/JointState")
+    assert list(back.position) == [0.1, 2.0]
+
+
+def test_joint_motion_and_position():
+    message = messages.joint_state_message(STAMP, "", ["X", "C"], [0.1, 2.0], [0.0, -1.0])
+    assert messages.joint_motion(message) == ({"X": 0.1, "C": 2.0}, {"X": 0.0, "C": -1.0})
+    assert messages.joint_position(message, "C") == 2.0
+    assert messages.joint_position(JointState(name=["spindle"], position=[0.5]), "") == 0.5
+    assert messages.joint_motion(JointState(name=["X"], position=[0.5])) == ({"X": 0.5}, {})
+
+
+@pytest.mark.parametrize(
+    ("message", "joint", "problem"),
+    [
+        (JointState(name=["X", "Y"], position=[1.0, 2.0]), "", "expected a position of joint ''"),
+        (JointState(name=["X"], position=[1.0]), "C", "expected a position of joint 'C'"),
+        (JointState(name=["X"], position=[]), "X", "with 0 positions"),
+    ],
+)
+def test_a_joint_that_is_not_there(message, joint, problem):
+    with pytest.raises(InputError, match=problem):
+        messages.joint_position(message, joint)
+
+
+@pytest.mark.parametrize(
+    ("message", "problem"),
+    [
+        (JointState(name=["X"], position=[]), "1 names, 0 positions"),
+        (JointState(name=["X"], position=[1.0], velocity=[1.0, 2.0]), "2 velocities"),
+        (JointState(name=["X"], position=[np.nan]), "all must be finite"),
+    ],
+)
+def test_joint_states_that_cannot_be_used(message, problem):
+    with pytest.raises(InputError, match=problem):
+        messages.joint_motion(message)
+
+
+def test_a_driver_must_stamp():
+    assert messages.measured_ns(messages.header(STAMP, "")) == STAMP
+    with pytest.raises(InputError, match=r"must fill header\.stamp"):
+        messages.measured_ns(Header())
+
+
+def test_unobservable_components_are_marked():
+    observable = np.array([True, True, False, True, True, False])
+    message = messages.pose_message(STAMP, "stage", np.full(6, 1e-6), np.full((6, 6), 1e-12), observable)
+    covariance = np.array(message.pose.covariance).reshape(6, 6)
+    assert message.pose.pose.position.z == 0.0
+    assert covariance[2, 2] == covariance[5, 5] == -1.0
+    assert covariance[2, 0] == covariance[0, 5] == 0.0
+    assert covariance[0, 1] == 1e-12
+    np.testing.assert_allclose(
+        messages.rotation_vector(message.pose.pose.orientation), [1e-6, 1e-6, 0.0], rtol=1e-12, atol=1e-20
+    )
+
+
+@given(arrays(np.float64, 3, elements=st.floats(-1.8, 1.8)))
+def test_quaternion_is_that_of_an_independent_library(vector):
+    quaternion = messages.quaternion(vector)
+    expected = Rotation.from_rotvec(vector).as_quat()
+    np.testing.assert_allclose([quaternion.x, quaternion.y, quaternion.z, quaternion.w], expected, atol=1e-15)
+    np.testing.assert_allclose(
+        messages.rotation_vector(quaternion), Rotation.from_quat(expected).as_rotvec(), atol=1e-14, rtol=0
+    )
+
+
+def test_plain_messages_hold_what_they_are_given():
+    vector = messages.vector_message(STAMP, "lvdt", 1.0, 2.0)
+    assert (vector.vector.x, vector.vector.y, vector.vector.z) == (1.0, 2.0, 0.0)
+    point = messages.point_message(STAMP, "tool", 1.0, 2.0, 3.0)
+    assert (point.point.x, point.point.y, point.point.z) == (1.0, 2.0, 3.0)
+    wrench = messages.wrench_message(STAMP, "shaft", (4.0, 5.0))
+    assert (wrench.wrench.force.x, wrench.wrench.force.y) == (4.0, 5.0)
+    warmth = messages.temperature_message(STAMP, "room", 21.5)
+    assert warmth.temperature == 21.5
+    for message in (vector, point, wrench, warmth):
+        assert messages.ns_from_stamp(message.header.stamp) == STAMP
+
+
+def test_message_classes_are_found_by_name():
+    assert messages.message_class("sensor_msgs/msg/JointState") is JointState
+    for name in ("sensor_msgs/msg/Nonsense", "no_such_package/msg/JointState", "nonsense"):
+        with pytest.raises(InputError, match="not installed"):
+            messages.message_class(name)

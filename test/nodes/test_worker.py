@@ -1,0 +1,101 @@
+"""The thread of a node: round instants of a clock that may be late, jump or halt."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+from rclpy.context import Context
+
+from rotary_error_monitor.nodes.worker import NotByExecutor, Worker
+
+MS = 1_000_000
+DEADLINE = 10.0
+
+
+class FakeClock:
+    def __init__(self) -> None:
+        self.now = 0
+
+    def __call__(self) -> int:
+        return self.now
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.001)
+
+
+@pytest.fixture
+def clock():
+    return FakeClock()
+
+
+@pytest.fixture
+def failures():
+    return []
+
+
+@pytest.fixture
+def worker(clock, failures):
+    worker = Worker(Context(), clock, failures.append)
+    yield worker
+    worker.stop()
+    assert all(thread.name != "worker" for thread in threading.enumerate())
+
+
+def test_calls_at_multiples_and_reports_the_latest_when_late(worker, clock):
+    called: list[int] = []
+    worker.at_each(10 * MS, called.append)
+    worker.start()
+    for now, expected in ((12, [10]), (19, [10]), (20, [10, 20]), (57, [10, 20, 50])):
+        clock.now = now * MS
+        wait_until(lambda expected=expected: called == [each * MS for each in expected])
+
+
+def test_nothing_is_called_before_simulated_time_is_known(worker, clock):
+    called: list[int] = []
+    seen = threading.Event()
+    worker.at_each(10 * MS, called.append)
+    worker.at_each(MS, lambda _: seen.set())
+    worker.start()
+    clock.now = 5 * MS
+    assert seen.wait(DEADLINE)
+    assert called == []
+
+
+def test_a_clock_that_is_set_back_goes_on(worker, clock):
+    called: list[int] = []
+    worker.at_each(10 * MS, called.append)
+    worker.start()
+    clock.now = 1000 * MS
+    wait_until(lambda: called == [1000 * MS])
+    clock.now = 25 * MS
+    wait_until(lambda: called == [1000 * MS, 20 * MS])
+
+
+def test_what_a_callback_does_not_handle_is_told(worker, clock, failures):
+    def fail(_: int) -> None:
+        raise ZeroDivisionError("in a callback")
+
+    worker.at_each(MS, fail)
+    worker.start()
+    clock.now = 5 * MS
+    wait_until(lambda: len(failures) == 1)
+    assert isinstance(failures[0], ZeroDivisionError)
+
+
+def test_nothing_to_do_needs_no_thread(worker):
+    worker.start()
+    assert all(thread.name != "worker" for thread in threading.enumerate())
+
+
+def test_the_executor_keeps_off():
+    group = NotByExecutor()
+    assert not group.can_execute(None)
+    assert not group.beginning_execution(None)
+    group.ending_execution(None)
