@@ -2,17 +2,109 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
-from rotary_error_monitor.testing import Cell
+
+BLOCK_NS = 50_000_000
 
 
-def test_mock_first() -> None:
-    with Cell(parameters={"stage": "/work/shared/cases/open/open_001/twin.yaml"}) as cell:
-        blocks = cell.collect(cell.wire.topic("head_samples", "a"))
-        others = cell.collect(cell.wire.topic("head_samples", "b"))
-        cell.run(EncoderHead, "encoder_head_a", rate=50000.0)
-        cell.start("encoder_head", "encoder_head_b")
-        cell.wait_until(lambda: len(blocks) > 300 and len(others) > 300, "blocks of both")
-        s = cell.status("encoder_head_a: state")
-        assert s.message == "active"
-        print(cell._report())
+def test_blocks_are_those_of_the_plant_and_end_together(cell, plant):
+    topic = cell.wire.topic("head_samples", "b")
+    blocks = cell.collect(topic)
+    cell.run(EncoderHead, "encoder_head_b", rate=10_000.0)
+    cell.wait_until(lambda: len(blocks) >= 5, "blocks")
+    found = [messages.block_from_message(message) for message in blocks]
+    for block in found:
+        assert (block.stamp_ns - BLOCK_NS // 1000) // BLOCK_NS == int(block.times_ns[-1]) // BLOCK_NS
+        assert len(block.rows) == 500
+    clocks = plant.clocks["head_b"]
+    assert clocks.rate == 250.0, "the plant of this test has its usual rate; values are compared by angle"
+    times = np.concatenate([block.times_ns for block in found])
+    angle = np.concatenate([block.column("angle") for block in found])
+    expected = plant.signal("head_b", (times - plant.epoch_ns) * 1e-9)[:, 0]
+    assert np.abs(angle - expected).max() < 5e-6
+    assert blocks[0].header.frame_id == topic.frame
+
+
+def test_two_processes_see_the_same_rotor(cell, plant):
+    blocks = [cell.collect(cell.wire.topic("head_samples", head)) for head in "ab"]
+    for head in "ab":
+        cell.start("encoder_head", f"encoder_head_{head}")
+    cell.wait_until(lambda: all(len(each) > 2 for each in blocks), "blocks of both", 30)
+    for head, received in zip("ab", blocks, strict=True):
+        block = messages.block_from_message(received[-1])
+        first = plant.index_at(f"head_{head}", block.stamp_ns)
+        same = plant.samples(f"head_{head}", first, len(block.rows))
+        np.testing.assert_array_equal(block.times_ns, same.times_ns)
+        np.testing.assert_array_equal(block.column("angle"), same.column("angle"))
+
+
+def test_people_see_a_joint_state(cell):
+    states = cell.collect(cell.wire.topic("head_joint_states", "a"))
+    cell.run(EncoderHead, "any_name", head="a")
+    cell.wait_until(lambda: len(states) >= 2, "joint states")
+    assert list(states[0].name) == ["head_a"]
+    assert len(states[0].velocity) == len(states[0].effort) == 1
+    moved = states[1].position[0] - states[0].position[0]
+    elapsed = messages.ns_from_stamp(states[1].header.stamp) - messages.ns_from_stamp(states[0].header.stamp)
+    assert states[1].velocity[0] == pytest.approx(moved / elapsed * 1e9, abs=2.0)
+
+
+def test_a_head_that_the_stage_does_not_have(cell):
+    with pytest.raises(InputError, match=r"parameter 'head' is 'encoder_head'; the stage has the heads a, b, c, d"):
+        cell.run(EncoderHead, "encoder_head")
+
+
+def test_joint_states_of_a_third_party_driver(cell):
+    blocks = cell.collect(cell.wire.topic("head_samples", "a"))
+    driver = cell.node.create_publisher(JointState, "/joint_states", 10)
+    cell.run(EncoderHead, "encoder_head_a", source="joint_state", joint_state__joint="spindle")
+    cell.wait_until(lambda: driver.get_subscription_count() > 0, "the head to listen")
+    start = cell.node.get_clock().now().nanoseconds
+    turns = 2 * math.pi
+    for step in range(8):  # wraps after half a turn
+        angle = math.remainder(2.5 + 0.3 * step, turns)
+        stamp = messages.stamp_from_ns(start + step * 1_000_000)
+        message = JointState(name=["other", "spindle"], position=[0.0, angle])
+        message.header.stamp = stamp
+        driver.publish(message)
+    cell.wait_until(lambda: sum(block.width for block in blocks) == 8, "all samples")
+    found = [messages.block_from_message(block) for block in blocks]
+    angles = np.concatenate([block.column("angle") for block in found])
+    np.testing.assert_allclose(angles, 2.5 + 0.3 * np.arange(8), atol=1e-12)
+    assert found[0].stamp_ns == start
+
+
+def test_a_driver_without_stamps_or_with_nonsense_is_named(cell):
+    driver = cell.node.create_publisher(JointState, "/joint_states", 10)
+    cell.run(EncoderHead, "encoder_head_a", source="joint_state")
+    cell.wait_until(lambda: driver.get_subscription_count() > 0, "the head to listen")
+    driver.publish(JointState(name=["spindle"], position=[0.0]))
+    cell.wait_for_status("encoder_head_a: refused /joint_states", "must fill header.stamp")
+    message = JointState(name=["spindle"], position=[math.nan])
+    message.header.stamp = cell.node.get_clock().now().to_msg()
+    driver.publish(message)
+    cell.wait_for_status("encoder_head_a: refused /joint_states", "expected a finite angle")
+
+
+def test_a_counter_in_sysfs(cell, tmp_path):
+    (tmp_path / "count").write_text("787200\n")
+    blocks = cell.collect(cell.wire.topic("head_samples", "a"))
+    cell.run(EncoderHead, "encoder_head_a", source="counter", counter__device=str(tmp_path), poll_rate=200.0)
+    cell.wait_until(lambda: len(blocks) > 2, "blocks")
+    block = messages.block_from_message(blocks[-1])
+    np.testing.assert_allclose(block.column("angle"), math.pi / 2)
+    assert len(block.rows) > 1
+    (tmp_path / "count").unlink()
+    status = cell.wait_for_status("encoder_head_a: refused counter", "no count can be read")
+    assert status.level == b"\x02"
+    cell.wait_for_status("encoder_head_a: /stage/head_a/samples", "stale")
+    (tmp_path / "count").write_text("787300\n")
+    cell.wait_for_status("encoder_head_a: /stage/head_a/samples", "samples lost")

@@ -42,6 +42,10 @@ def where(cnc):
     return {"enter": " ".join(cnc.enter), "home": cnc.environment["HOME"]}
 
 
+def latest_ns(states):
+    return messages.ns_from_stamp(states[-1].header.stamp)
+
+
 class Corrector:
     """Publishes corrections until a condition holds."""
 
@@ -124,10 +128,10 @@ def test_while_the_machine_is_off_nothing_is_published_and_the_diagnostics_say_s
         operate(cnc, "--prepare")
         cell.wait_until(lambda: len(states) > 10, "joint states")
         operate(cnc, "--off")
+        off_ns = time.time_ns()
         cell.wait_for_status(MACHINE, "the machine is off")
-        count = len(states)
-        cell.spin_for(0.3)
-        assert len(states) == count
+        cell.spin_for(0.5)
+        assert latest_ns(states) < off_ns
 
 
 @pytest.mark.linuxcnc
@@ -147,26 +151,20 @@ def test_the_end_of_linuxcnc_is_noticed_within_half_a_second(cnc, how):
         # The clean stop takes time itself, during which LinuxCNC is half alive.
         reasons = ("task process has ended", "shuts down", "no LinuxCNC runs here", "task process")
         cell.wait_until(lambda: any(word in cell.status(CONTROLLER).message for word in reasons), "the reason")
-        last_ns = messages.ns_from_stamp(states[-1].header.stamp)
-        assert last_ns - end_ns < 500_000_000
-        count = len(states)
         cell.spin_for(0.5)
-        assert len(states) == count
+        assert latest_ns(states) - end_ns < 500_000_000
 
 
 @pytest.mark.linuxcnc
 def test_a_linuxcnc_that_comes_back_is_found_again():
     if shutil.which("linuxcnc") is None:
         pytest.skip("LinuxCNC is not installed (apt-get install linuxcnc-uspace)")
-    ini = config("linuxcnc/xyzac_trt.ini")
-    with Instance(ini) as cnc:
-        if cnc.isolated:
-            pytest.skip("each isolated instance has namespaces of its own: there is no coming back to one")
     with Cell() as cell:
         cell.start("linuxcnc_bridge")
         cell.wait_for_status(CONTROLLER, "no LinuxCNC runs here")
-        with Instance(ini, isolated=False):
+        with Instance(config("linuxcnc/xyzac_trt.ini"), isolated=False):
             cell.wait_for_status(CONTROLLER, "connected")
+        cell.wait_for_status(CONTROLLER, "no LinuxCNC runs here")
 
 
 @pytest.mark.linuxcnc
@@ -191,9 +189,10 @@ def fake_link(tmp_path, *lines, then="cat >&2"):
     return str(path)
 
 
-def state(stamp_ns, **values):
+def state(**values):
+    """What the link says, by default an hour ahead so that it does not grow old."""
     defaults = {
-        "kind": "State", "stamp_ns": stamp_ns, "positions": [0.1], "velocities": [0.0], "valid": True,
+        "kind": "State", "stamp_ns": time.time_ns() + 3_600_000_000_000, "positions": [0.1], "velocities": [0.0], "valid": True,
         "offsets": [1e-6], "lag": 0.0, "limited": False, "trouble": "", "refused": "", "takeovers": 0,
         "correction_age": 0.01,
     }  # fmt: skip
@@ -210,7 +209,7 @@ def test_without_linuxcnc_the_bridge_says_so_and_looks_again(tmp_path):
         status = cell.wait_for_status(CONTROLLER, "no LinuxCNC runs here")
         assert status.level == b"\x02"
         assert not cell.call(Trigger, "/linuxcnc_bridge/clear_offsets").success
-        fake_link(tmp_path, HELLO, state(time.time_ns() + 3_600_000_000_000))
+        fake_link(tmp_path, HELLO, state())
         cell.wait_for_status(CONTROLLER, "connected")
 
 
@@ -227,7 +226,7 @@ def test_without_linuxcnc_the_bridge_says_so_and_looks_again(tmp_path):
     ],
 )
 def test_what_the_link_says_is_in_the_diagnostics(tmp_path, values, status, message, level):
-    python = fake_link(tmp_path, HELLO, state(time.time_ns() + 3_600_000_000_000, **values))
+    python = fake_link(tmp_path, HELLO, state(**values))
     with Cell() as cell:
         cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python)
         assert cell.wait_for_status(status, message).level == bytes([level])
@@ -235,7 +234,7 @@ def test_what_the_link_says_is_in_the_diagnostics(tmp_path, values, status, mess
 
 def test_corrections_reach_the_link_and_states_go_out(tmp_path):
     heard = tmp_path / "heard"
-    echo = f"while read line; do echo \"$line\" >> {heard}; cat <<'E'\n{state(7)}\nE\ndone"
+    echo = f"while read line; do echo \"$line\" >> {heard}; cat <<'E'\n{state(stamp_ns=7)}\nE\ndone"
     python = fake_link(tmp_path, HELLO, then=echo)
     with Cell() as cell:
         states = cell.collect(cell.wire.topic("machine_joint_states"))
