@@ -119,6 +119,7 @@ class MirrorFlatness(StageEffect):
     )
     acts_on = (AUTOCOLLIMATOR,)
     orders = 100
+    falling = True
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the order to the mirror's flatness."""

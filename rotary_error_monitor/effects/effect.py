@@ -65,6 +65,8 @@ class Effect:
         source: where the physics is described.
         parameters: in the order of the value vector.
         orders: largest order K of a family located at `order_K`; 0 for other effects.
+        falling: whether lower orders are likelier, as in the shape of a part; else all are alike, as with gears.
+        lowest: lowest order that has a meaning of its own.
     """
 
     name: ClassVar[str] = ""
@@ -72,6 +74,8 @@ class Effect:
     source: ClassVar[str] = ""
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     orders: ClassVar[int] = 0
+    falling: ClassVar[bool] = False
+    lowest: ClassVar[int] = 1
 
     @classmethod
     def is_concrete(cls) -> bool:
@@ -88,6 +92,14 @@ class Effect:
         if self.orders:
             values[self.slices()["order"]] = order_of(location)
         return values
+
+    def log_prior_of(self, order: int) -> float:
+        """Logarithm of the chance of one order of the family: as 1/K where lower orders are likelier, else alike."""
+        if order < self.lowest:
+            return -float(np.log(1e3 * self.orders))
+        if not self.falling:
+            return -float(np.log(self.orders))
+        return -float(np.log(order) + np.log(np.sum(1 / np.arange(self.lowest, self.orders + 1))))
 
     @property
     def size(self) -> int:

@@ -30,7 +30,7 @@ class DiscEccentricity(StageEffect):
 
 
 class GraduationError(StageEffect):
-    """The graduation has an error of one more order."""
+    """The graduation has an error of one more order. Order 1 is what eccentricity does: it goes by that name."""
 
     name = "graduation_error"
     title = "graduation error of one order"
@@ -42,6 +42,8 @@ class GraduationError(StageEffect):
     )
     acts_on = (HEAD,)
     orders = 100
+    falling = True
+    lowest = 2
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the order to the graduation."""

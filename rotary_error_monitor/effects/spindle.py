@@ -27,6 +27,7 @@ class SpindleRadial(StageEffect):
     )
     acts_on = (HEAD, LVDT)
     orders = 100
+    falling = True
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the order to the spindle's radial error motion."""
@@ -46,6 +47,7 @@ class SpindleTilt(StageEffect):
     )
     acts_on = (AUTOCOLLIMATOR, LVDT)
     orders = 100
+    falling = True
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the order to the spindle's tilt error motion."""

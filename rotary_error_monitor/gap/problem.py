@@ -41,6 +41,25 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Share:
+    """Part of the gap that lies in one channel.
+
+    Attributes:
+        channel: topic and field.
+        share: of the excess over noise; all shares add up to 1.
+        gap_rms: root mean square of the excess, in the channel's unit.
+        noise_rms: of one sample's noise.
+        pattern: what the excess depends on, in words.
+    """
+
+    channel: str
+    share: float
+    gap_rms: float
+    noise_rms: float
+    pattern: str
+
+
+@dataclass(frozen=True)
 class Candidate:
     """An effect at a place as a possible cause, not yet sized.
 
@@ -49,12 +68,14 @@ class Candidate:
         location: where.
         start: values from which it is sized: zero amplitude, shape as found by a search.
         trials: independent places, orders or moments that were searched to arrive at it, itself included.
+        log_prior: logarithm of the chance of this place, order or moment if the effect is at work at all.
     """
 
     effect: Effect
     location: str
     start: Values
     trials: int = 1
+    log_prior: float = 0.0
 
     @property
     def key(self) -> tuple[str, str]:
@@ -131,3 +152,23 @@ class Problem(Protocol):
         Called when structure is found; the noise is looked at only where that could be the noise itself. Says whether
         the rows have changed by it.
         """
+
+
+class DiagnosableProblem(Problem, Protocol):
+    """A problem that can also say what its findings mean to people."""
+
+    def check_plausible(self) -> None:
+        """Refuse a twin that is not of this machine.
+
+        Raises:
+            InputError: the gap is as large as the signals themselves.
+        """
+
+    def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
+        """Shares of the channels: of the causes if they explain the gap, else of what is left."""
+
+    def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
+        """The measurement that would tell these effects apart, found by predicting it."""
+
+    def remarks(self, rest: Rows) -> tuple[str, ...]:
+        """Findings that are no effect, such as noise that is larger than stated."""

@@ -24,7 +24,7 @@ MOST_CAUSES = 2
 SHORTLIST = 12
 """Candidates from which every pair is weighed with every other candidate."""
 
-MODEL_ACCURACY = 1e-2
+MODEL_ACCURACY = 3e-3
 """What a first-order twin with measured inputs can promise: remainders below this part of the gap are its own."""
 
 
@@ -40,6 +40,7 @@ class Stage:
         log_alarm: logarithm of the level below which a finding counts.
         newcomer: the candidate that would add most to the set, and the logarithm of its chance under noise.
         log_newcomer_alarm: logarithm of the level below which that counts.
+        allowance: chi-square that the causes may leave because a twin's formulas and inputs are not perfect.
     """
 
     fit: Fit
@@ -55,7 +56,7 @@ class Stage:
     @property
     def structured(self) -> bool:
         """Whether structure is left."""
-        return bool(self.findings) and self.findings[0].log_chance < self.log_alarm
+        return any(f.log_chance < self.log_alarm and f.excess > self.allowance for f in self.findings)
 
     @property
     def improvable(self) -> bool:
@@ -114,13 +115,14 @@ class _Search:
     def __init__(self, problem: Problem, false_alarms: float) -> None:
         self._problem = problem
         self._level = false_alarms / 2
-        self._known: dict[tuple[str, str, bytes], tuple[Candidate, Rows]] = {}
+        self._known: dict[tuple[str, str, bytes], Candidate] = {}
+        self._columns: dict[tuple[str, str, bytes], Rows] = {}
 
     def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Stage:
         """Test what a fit leaves."""
         findings = self._findings(fit)
         if findings[0].log_chance < self._log_alarm(findings) and self._problem.learn_noise(fit.causes, findings):
-            self._known.clear()
+            self._columns.clear()
             fit = fit_causes(self._problem, fit.causes)
             findings = self._findings(fit)
         weighing, included = self._table(fit)
@@ -175,15 +177,16 @@ class _Search:
     def _table(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:
         """All candidates so far and those that the remainder proposes, weighed on data with the causes put back."""
         for candidate in self._problem.candidates(fit.rest, fit.causes):
-            key = (*candidate.key, candidate.start.tobytes())
-            if key not in self._known:
+            self._known[(*candidate.key, candidate.start.tobytes())] = candidate
+        for key, candidate in self._known.items():
+            if key not in self._columns:
                 idle = candidate.cause(np.zeros(len(candidate.linear)))
-                self._known[key] = (candidate, self._problem.signature(idle, candidate.linear))
+                self._columns[key] = self._problem.signature(idle, candidate.linear)
         return self._weigh(fit)
 
     def _weigh(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:
         included = {cause.key for cause in fit.causes}
-        others = [(c, rows) for c, rows in self._known.values() if c.key not in included]
+        others = [(c, self._columns[key]) for key, c in self._known.items() if c.key not in included]
         own = [self._sized(fit, i) for i in range(len(fit.causes))]
         candidates = [c for c, _, _ in own] + [c for c, _ in others]
         columns = [rows for _, rows, _ in own] + [rows for _, rows in others]
@@ -197,8 +200,8 @@ class _Search:
     def _sized(self, fit: Fit, index: int) -> tuple[Candidate, Rows, Array]:
         """A cause of the fit as a candidate: its signature at its own values, and its amplitudes."""
         cause = fit.causes[index]
-        trials = next((c.trials for c, _ in self._known.values() if c.key == cause.key), 1)
-        candidate = Candidate(cause.effect, cause.location, cause.values, trials)
+        known = next(candidate for candidate in self._known.values() if candidate.key == cause.key)
+        candidate = dataclasses.replace(known, start=cause.values)
         others = (*fit.causes[:index], *fit.causes[index + 1 :])
         columns = self._problem.signature(cause, candidate.linear, others)
         return candidate, columns, cause.values[candidate.linear]

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.effects.effect import Cause, Effect, Role
+from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.rotor import StageEffect
-from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.stage_experiments import advise
 from rotary_error_monitor.gap.stage_search import StageSearch
+from rotary_error_monitor.gap.stage_where import stage_where
 from rotary_error_monitor.gap.structure import Track, find_structure
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageTwin, twin_of
@@ -33,6 +36,9 @@ SAME_SPECTRUM = 0.05
 
 SUSPICIOUS = -6.0
 """Logarithm of the chance below which structure in the command's channel makes its spectrum worth another look."""
+
+NOISIER = 0.05
+"""Noise is reported from this much above what the twin states."""
 
 _DERIVATIVE_STEP = 1e-3
 """Step of numerical derivatives in usual sizes: far above rounding, far below curvature."""
@@ -60,6 +66,7 @@ class StageProblem:
         self._conditions = stage_conditions(recording)
         self._search = StageSearch(self)
         self._expected: dict[str, Array] = {}
+        self._starts: dict[tuple[str, str], Array] = {}
         self.noise.with_jitter(self._estimate_jitter(raw))
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
 
@@ -119,7 +126,9 @@ class StageProblem:
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
         """Every effect at every place, orders and moments as found in what is left."""
-        return self._search.candidates(rest)
+        found = self._search.candidates(rest)
+        self._starts |= {candidate.key: candidate.start for candidate in found}
+        return found
 
     def tracks(self, rest: Rows) -> list[Track]:
         """White rows with what they may depend on, for tests of structure; rows of little weight are left out."""
@@ -160,9 +169,50 @@ class StageProblem:
         self._expected = {}
         return True
 
-    def describe(self, effect: Effect) -> StageDescription:
-        """Description that an effect asks its locations of."""
-        return self.stage
+    def check_plausible(self) -> None:
+        """Refuse a twin whose every kind of sensor is off by as much as it shows.
+
+        Raises:
+            InputError: the twin describes another stage.
+        """
+        raw = self._raw_residual(())
+        predicted = self.twin.predict(())
+        wrong = []
+        for name, values in raw.items():
+            shown = predicted[name].copy()
+            if name in self.recording.heads:
+                shown[:, 0] -= self.twin.state(name).command
+            wrong.append(float(np.median(np.abs(values))) > float(np.median(np.abs(shown - shown.mean(axis=0)))))
+        if all(wrong) and len(wrong) > 1:
+            raise InputError(
+                "the twin predicts none of the sensors: each is off by more than it shows. "
+                "It describes another stage; give the twin of this one"
+            )
+
+    def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
+        """Shares of the channels in topics and fields."""
+        return stage_where(self, causes, rest, explained)
+
+    def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
+        """The measurement that would tell effects apart."""
+        return advise(self, keys, causes)
+
+    def remarks(self, rest: Rows) -> tuple[str, ...]:
+        """What was left out of the recording, and sensors noisier than the twin says."""
+        found = list(self.recording.remarks)
+        for name, spikes in self.noise.spikes.items():
+            if spikes.any():
+                found.append(f"{name}: {int(spikes.sum())} spikes left out")
+        for track in self.tracks(rest):
+            # Neighbouring rows differ by noise alone, whatever slow thing is left in them.
+            level = float(np.sqrt(0.5 * np.mean(np.square(np.diff(track.rows)))))
+            if level > 1 + max(NOISIER, 5 / np.sqrt(len(track.rows))):
+                found.append(f"{track.channel}: noise is {level:.2f} times what the twin states")
+        return tuple(found)
+
+    def known_start(self, key: tuple[str, str]) -> Array | None:
+        """Values from which a candidate that was proposed before is sized."""
+        return self._starts.get(key)
 
     def _raw_residual(self, causes: Sequence[Cause]) -> Signals:
         predicted = self.twin.predict(causes)

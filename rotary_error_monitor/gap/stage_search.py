@@ -52,7 +52,8 @@ class StageSearch:
                 found += self._waves(effect, rest)
             else:
                 places = effect.locations(self._problem.stage)
-                found += [Candidate(effect, place, effect.start(place), len(places)) for place in places]
+                prior = -float(np.log(len(places)))
+                found += [Candidate(effect, place, effect.start(place), len(places), prior) for place in places]
         return tuple(found)
 
     def motion_basis(self, time: Array) -> Array:
@@ -78,7 +79,7 @@ class StageSearch:
 
     def _of_order(self, effect: Effect, order: int) -> Candidate:
         place = order_location(order)
-        return Candidate(effect, place, effect.start(place), effect.orders)
+        return Candidate(effect, place, effect.start(place), effect.orders, effect.log_prior_of(order))
 
     def _angle(self, channel: str) -> Array:
         """(m,) commanded rotation at the rows of a channel."""
@@ -109,7 +110,8 @@ class StageSearch:
             start = effect.start(place)
             start[effect.slices()["time"]] = moment
             # Steps less than a few samples apart cannot be told apart: the trials are fewer than the samples.
-            found.append(Candidate(effect, place, start, 4 * max(len(rest[place]) // 20, 1)))
+            trials = 4 * max(len(rest[place]) // 20, 1)
+            found.append(Candidate(effect, place, start, trials, -float(np.log(trials))))
         return found
 
     def _waves(self, effect: Effect, rest: Rows) -> list[Candidate]:
@@ -118,7 +120,7 @@ class StageSearch:
         order, trials = find_wave(angle, rows)
         start = effect.start("")
         start[effect.slices()["order"]] = order
-        return [Candidate(effect, "", start, trials)]
+        return [Candidate(effect, "", start, trials, -float(np.log(trials)))]
 
 
 def order_spectrum(angle: Array, rows: Array, orders: int) -> Array:

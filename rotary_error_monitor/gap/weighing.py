@@ -103,18 +103,23 @@ class Weighing:
         part = (vectors.T @ moment)[seen]
         gain = float(np.sum(part**2 / values[seen]))
         occam = 0.5 * float(np.sum(np.log1p(np.maximum(values, 0.0))))
-        prior = sum(np.log(self.candidates[i].trials * self._effects) for i in members)
+        prior = sum(float(np.log(self._effects)) - self.candidates[i].log_prior for i in members)
         amplitudes = scale * (vectors[:, seen] @ (part / values[seen]))
         return Weight(tuple(members), gain, int(seen.sum()), 0.5 * gain - occam - float(prior), amplitudes)
 
     def singles(self, beside: Sequence[int] = ()) -> list[Weight]:
         """Each candidate beside the given ones, in the order of the candidates; those themselves are left out."""
-        return [self.weigh((*beside, i)) for i in range(len(self.candidates)) if i not in beside]
+        return [self.weigh((*beside, i)) for i in self.free(beside)]
+
+    def free(self, beside: Sequence[int]) -> list[int]:
+        """Candidates that can stand beside the given ones: the same effect at the same place counts once."""
+        taken = {self.candidates[i].key for i in beside}
+        return [i for i, candidate in enumerate(self.candidates) if candidate.key not in taken]
 
     def best_pair(self, shortlist: Sequence[int]) -> Weight | None:
         """The pair with the most evidence, one of them from the shortlist."""
-        pairs = {tuple(sorted((i, j))) for i in shortlist for j in range(len(self.candidates)) if i != j}
-        found = [self.weigh(pair) for pair in pairs if not self._same_place(pair)]
+        pairs = {tuple(sorted((i, j))) for i in shortlist for j in self.free((i,))}
+        found = [self.weigh(pair) for pair in pairs]
         return max(found, key=lambda weight: weight.log_evidence, default=None)
 
     def exchange(self, start: Weight) -> Weight:
@@ -124,8 +129,7 @@ class Weighing:
             trials = [
                 self.weigh((*best.members[:k], i, *best.members[k + 1 :]))
                 for k in range(len(best.members))
-                for i in range(len(self.candidates))
-                if i not in best.members
+                for i in self.free((*best.members[:k], *best.members[k + 1 :]))
             ]
             found = max(trials, key=lambda weight: weight.log_evidence, default=best)
             if found.log_evidence <= best.log_evidence + 1e-9:
@@ -147,6 +151,3 @@ class Weighing:
             found.append(self.candidates[member].cause(weight.amplitudes[place : place + size]))
             place += size
         return tuple(found)
-
-    def _same_place(self, pair: tuple[int, ...]) -> bool:
-        return self.candidates[pair[0]].key == self.candidates[pair[1]].key

@@ -107,24 +107,27 @@ class StageTwin:
 
     def state(self, stream: str, delay: float = 0.0) -> RotorState:
         """The rotor at the sample times of a stream, `delay` seconds earlier."""
-        if delay == 0.0 and stream in self._states:
-            return self._states[stream]
-        time = self.times[stream] - delay
-        command = np.asarray(self.inputs.command(time), np.float64)
-        state = RotorState(
-            time=self.times[stream],
+        if delay != 0.0:
+            return self.state_at(self.times[stream], delay, self.observed.get(stream))
+        if stream not in self._states:
+            self._states[stream] = self.state_at(self.times[stream], 0.0, self.observed.get(stream))
+        return self._states[stream]
+
+    def state_at(self, time: Array, delay: float = 0.0, observed: Array | None = None) -> RotorState:
+        """The rotor at any times (m,), `delay` seconds earlier, with what a head read there."""
+        earlier = time - delay
+        command = np.asarray(self.inputs.command(earlier), np.float64)
+        return RotorState(
+            time=time,
             command=command,
-            omega=np.asarray(self.inputs.omega(time), np.float64),
+            omega=np.asarray(self.inputs.omega(earlier), np.float64),
             theta=command,
-            force=self.inputs.force(time),
-            warming=self.inputs.warming(time),
+            force=self.inputs.force(earlier),
+            warming=self.inputs.warming(earlier),
             command_at=self.inputs.command,
             lines=self.stage.encoder.lines_per_revolution,
-            observed=self.observed.get(stream),
+            observed=observed,
         )
-        if delay == 0.0:
-            self._states[stream] = state
-        return state
 
     def _stream(self, name: str, causes: Sequence[Cause], stage: StageDescription) -> Array:
         acting = [(c, c.effect) for c in causes if isinstance(c.effect, StageEffect)]

@@ -1,0 +1,108 @@
+"""What else could have caused it: probabilities, ranking, and groups that a recording cannot tell apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+from scipy.stats import chi2
+
+from rotary_error_monitor.gap.problem import Problem
+from rotary_error_monitor.gap.selection import Stage
+from rotary_error_monitor.gap.shrink import held_out_rms
+from rotary_error_monitor.gap.weighing import Weighing, Weight
+
+Key = tuple[str, str]
+
+RANKED = 20
+"""Candidates whose held-out gap is reported."""
+
+REJECTED = 0.01
+"""Level of the likelihood-ratio test by which the recording rejects an alternative to a cause."""
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """Ranking rows (name, location, probability, held-out gap), best first, and groups of keys."""
+
+    ranking: tuple[tuple[str, str, float, float], ...]
+    groups: tuple[tuple[Key, ...], ...]
+
+    def probability(self, key: Key) -> float:
+        """Probability of a candidate; 0 if it is not ranked."""
+        return next((row[2] for row in self.ranking if (row[0], row[1]) == key), 0.0)
+
+
+def weigh_alternatives(problem: Problem, stage: Stage, unknown: float) -> Alternatives:
+    """Every candidate in the place of every cause.
+
+    The probability of a candidate is that of all sets that hold it, among the chosen set and those with one member
+    replaced, less the chance that something unknown is at work. Without a cause the candidates stand alone, beside the
+    possibility of none.
+    """
+    weighing = stage.weighing
+    causes = tuple(i for i in (weighing.position(c.key) for c in stage.fit.causes) if i is not None)
+    chosen = weighing.weigh(causes)
+    rows: list[Weight] = [chosen]
+    for k in range(len(causes)):
+        rows += [
+            weighing.weigh((*causes[:k], i, *causes[k + 1 :])) for i in weighing.free(causes)
+        ]
+    if not causes:
+        rows += weighing.singles()
+    logs = np.array([row.log_evidence for row in rows])
+    weights = np.exp(logs - logsumexp(logs)) * (1 - unknown)
+    share = np.zeros(len(weighing.candidates))
+    for row, weight in zip(rows, weights, strict=True):
+        share[list(row.members)] += weight
+    best = np.full(len(weighing.candidates), -np.inf)
+    for row in rows:
+        for member in row.members:
+            best[member] = max(best[member], row.log_evidence)
+    order = _distinct(weighing, sorted(range(len(best)), key=lambda i: (-share[i], -best[i])))
+    ranking = tuple(
+        (*weighing.candidates[i].key, float(share[i]), _held_out(problem, weighing, _with(causes, i, rows)))
+        for i in order[:RANKED]
+    )
+    return Alternatives(ranking, _groups(weighing, causes, chosen))
+
+
+def _distinct(weighing: Weighing, order: list[int]) -> list[int]:
+    """The first of each name and location."""
+    seen: set[Key] = set()
+    return [i for i in order if not (weighing.candidates[i].key in seen or seen.add(weighing.candidates[i].key))]
+
+
+def _with(causes: tuple[int, ...], candidate: int, rows: list[Weight]) -> tuple[int, ...]:
+    """The best set that holds a candidate."""
+    holding = [row for row in rows if candidate in row.members]
+    return max(holding, key=lambda row: row.log_evidence).members if holding else (*causes, candidate)
+
+
+def _held_out(problem: Problem, weighing: Weighing, members: tuple[int, ...]) -> float:
+    columns = np.concatenate([np.arange(weighing.nuisances), weighing.nuisances + weighing.columns_of(members)])
+    widths = [100 * weighing.candidates[i].effect.scales()[weighing.candidates[i].linear] for i in members]
+    prior = np.concatenate([np.ones(weighing.nuisances), *(1 / np.square(width) for width in widths)])
+    return held_out_rms(weighing.blocks, problem.conditions, columns.astype(np.intp), prior)
+
+
+def _groups(weighing: Weighing, causes: tuple[int, ...], chosen: Weight) -> tuple[tuple[Key, ...], ...]:
+    """For each cause the candidates that could stand in its place without the recording objecting.
+
+    The likelihood-ratio test compares the fits; a candidate with more freedom always fits as well where it includes the
+    cause, and is named as well: only another measurement can exclude it.
+    """
+    found = []
+    for k, cause in enumerate(causes):
+        group = [weighing.candidates[cause].key]
+        for i in weighing.free(causes):
+            other = weighing.weigh((*causes[:k], i, *causes[k + 1 :]))
+            freedom = max(abs(chosen.freedom - other.freedom), 1)
+            without = weighing.weigh((*causes[:k], *causes[k + 1 :])).gain
+            fits = chosen.gain - other.gain < chi2.isf(REJECTED, freedom)
+            if fits and other.gain > without and weighing.candidates[i].key not in group:
+                group.append(weighing.candidates[i].key)
+        if len(group) > 1:
+            found.append(tuple(group))
+    return tuple(found)

@@ -1,0 +1,193 @@
+"""A diagnosis: where model and recording differ, which effect causes it, how far the gap shrinks, or that none is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import Cause, Estimate
+from rotary_error_monitor.gap.alternatives import Alternatives, Key, weigh_alternatives
+from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, Share
+from rotary_error_monitor.gap.selection import MOST_CAUSES, Selection, Stage, select_causes
+from rotary_error_monitor.gap.shrink import Gap, measure_gap
+from rotary_error_monitor.gap.verdict import Verdict, chance_of_unknown, trusted_causes
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class FoundCause:
+    """An effect added to the model."""
+
+    cause: Cause
+    probability: float
+    parameters: Mapping[str, Estimate]
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A candidate, its probability, and the gap on held-out conditions with it in the model."""
+
+    effect: str
+    location: str
+    probability: float
+    held_out_gap: float
+
+
+@dataclass(frozen=True)
+class Group:
+    """Effects that this recording cannot tell apart, and the measurement that would."""
+
+    effects: tuple[Key, ...]
+    advice: str
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Outcome of one run; `as_mapping` is the content of `diagnosis.json`.
+
+    Attributes:
+        remainder: structure that the causes leave, the least likely first.
+        remarks: findings beside the causes: noise larger than stated, samples left out.
+    """
+
+    verdict: Verdict
+    causes: tuple[FoundCause, ...]
+    ranking: tuple[Ranked, ...]
+    indistinguishable: tuple[Group, ...]
+    where: tuple[Share, ...]
+    gap: Gap
+    remainder: tuple[Finding, ...] = ()
+    remarks: tuple[str, ...] = ()
+    selection: Selection | None = field(default=None, repr=False, compare=False)
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Plain numbers, strings, lists and mappings, as `diagnosis.json` holds them."""
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict.value,
+            "causes": [
+                {
+                    "effect": found.cause.effect.name,
+                    "location": found.cause.location,
+                    "probability": found.probability,
+                    "parameters": {name: _estimate(value) for name, value in found.parameters.items()},
+                }
+                for found in self.causes
+            ],
+            "ranking": [
+                {
+                    "effect": row.effect,
+                    "location": row.location,
+                    "probability": row.probability,
+                    "held_out_gap": row.held_out_gap,
+                }
+                for row in self.ranking
+            ],
+            "indistinguishable": [
+                {"effects": [{"effect": name, "location": place} for name, place in group.effects], "advice": group.advice}
+                for group in self.indistinguishable
+            ],
+            "where": [
+                {
+                    "channel": share.channel,
+                    "share": share.share,
+                    "gap_rms": share.gap_rms,
+                    "noise_rms": share.noise_rms,
+                    "pattern": share.pattern,
+                }
+                for share in self.where
+            ],
+            "gap": {
+                "before": self.gap.before,
+                "after": self.gap.after,
+                "noise_floor": self.gap.noise_floor,
+                "shrink": self.gap.shrink,
+                "interval": list(self.gap.interval),
+            },
+            "remainder": [{"channel": f.channel, "pattern": f.pattern, "log_chance": f.log_chance} for f in self.remainder],
+            "remarks": list(self.remarks),
+        }
+
+
+def diagnose(
+    problem: DiagnosableProblem,
+    false_alarms: float = 0.01,
+    most_causes: int = MOST_CAUSES,
+    progress: Callable[[str], None] = lambda step: None,
+) -> Diagnosis:
+    """Diagnose a recording beside its twin.
+
+    Args:
+        problem: recording and twin.
+        false_alarms: chance that anything at all is found in a recording without a gap.
+        most_causes: largest number of effects combined.
+        progress: called with a few words at the beginning of each step.
+
+    Raises:
+        InputError: the gap is so large that the twin must be of another machine.
+    """
+    problem.check_plausible()
+    selection = select_causes(problem, false_alarms, most_causes, progress)
+    progress("verdict")
+    verdict, stage = _judge(problem, selection)
+    unknown = chance_of_unknown(stage.findings)
+    progress("alternatives")
+    alternatives = weigh_alternatives(problem, stage, unknown)
+    gap = measure_gap(stage.fit, problem.conditions, _floor(problem, stage))
+    progress("where")
+    return Diagnosis(
+        verdict,
+        tuple(_found(cause, stage, alternatives) for cause in stage.fit.causes),
+        tuple(Ranked(*row) for row in alternatives.ranking),
+        tuple(Group(keys, problem.advice(tuple(keys), stage.fit.causes)) for keys in alternatives.groups),
+        tuple(problem.where(stage.fit.causes, stage.fit.rest, verdict is Verdict.EXPLAINED)),
+        gap,
+        () if stage.settled else tuple(f for f in stage.findings if f.log_chance < stage.log_alarm)[:12],
+        problem.remarks(stage.fit.rest),
+        selection,
+    )
+
+
+def _judge(problem: DiagnosableProblem, selection: Selection) -> tuple[Verdict, Stage]:
+    if selection.null.settled:
+        return Verdict.NO_GAP, selection.null
+    if selection.chosen.settled:
+        return Verdict.EXPLAINED, selection.chosen
+    for stage in selection.stages[:0:-1]:
+        if trusted_causes(problem, stage):
+            return Verdict.PARTLY_EXPLAINED, stage
+    return Verdict.UNKNOWN, selection.null
+
+
+def _floor(problem: DiagnosableProblem, stage: Stage) -> float | None:
+    """Noise alone: what a settled fit leaves, else what neighbouring rows differ by."""
+    if stage.settled:
+        return None
+    squares, count = 0.0, 0.0
+    for channel, rows in stage.fit.rest.items():
+        expected = problem.expected(channel)
+        both = (expected[1:] > 0) & (expected[:-1] > 0)
+        squares += 0.5 * float(np.sum(np.square(np.diff(rows[:, 0]))[both]))
+        count += 0.5 * float(np.sum((expected[1:] + expected[:-1])[both]))
+    return float(np.sqrt(squares / max(count, 1.0)))
+
+
+def _found(cause: Cause, stage: Stage, alternatives: Alternatives) -> FoundCause:
+    index = next(i for i, other in enumerate(stage.fit.causes) if other.key == cause.key)
+    return FoundCause(
+        cause,
+        alternatives.probability(cause.key),
+        cause.effect.report(cause.values, stage.fit.covariances[index]),
+    )
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    value, std = estimate.value, estimate.std
+    return {
+        "value": list(value) if isinstance(value, tuple) else value,
+        "std": list(std) if isinstance(std, tuple) else std,
+    }

@@ -1,0 +1,130 @@
+"""How far the gap shrinks when the causes are added to the twin, on data that had no part in sizing them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.effects.effect import Role
+from rotary_error_monitor.gap.fitting import Fit
+from rotary_error_monitor.gap.normal import BlockNormal, Normal
+from rotary_error_monitor.gap.problem import Array, Conditions
+
+RESAMPLES = 1000
+
+_WIDE = 100.0
+"""Width of the prior of an amplitude in usual sizes: it only keeps an effect that a fold does not show at zero."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square of white rows: 1 is noise as the twin states it.
+
+    Attributes:
+        before: without the causes, the twin's uncertain parameters as the recording has them within their uncertainty.
+        after: with the causes, sized on the other conditions.
+        noise_floor: what noise alone leaves.
+        shrink: `(before - after) / (before - noise_floor)`; 0 where nothing was to shrink.
+        interval: its 95 % interval, from resampled blocks.
+    """
+
+    before: float
+    after: float
+    noise_floor: float
+    shrink: float
+    interval: tuple[float, float]
+
+
+def measure_gap(fit: Fit, conditions: Conditions, floor: float | None = None, seed: int = 0) -> Gap:
+    """Gap before and after the causes of a fit, each condition predicted from all the others.
+
+    Args:
+        fit: causes sized; its blocks hold nuisances, then causes.
+        conditions: blocks of one label are held out together.
+        floor: root mean square of noise alone; by default what the fit leaves, which is noise if the causes are right.
+        seed: of the resampling.
+    """
+    amplitudes, widths = _amplitudes(fit)
+    blocks = _calibrated(fit.blocks, fit.nuisance_values, amplitudes)
+    before, after = blocks.power.copy(), blocks.power.copy()
+    for label in np.unique(conditions.labels):
+        test = conditions.labels == label
+        solved = _solve(blocks.total(~test), widths)
+        after[test] = blocks.squares(np.arange(len(amplitudes)), solved)[test]
+    expected = float(blocks.count.sum())
+    freedom = len(amplitudes)
+    left = float(blocks.squares(np.arange(freedom), amplitudes).sum())
+    noise = left / max(expected - freedom, 1.0) if floor is None else floor**2
+    noise = min(noise, float(after.sum()) / expected)
+    interval = _interval(before, after, noise * expected / max(float(after.sum()), 1e-300), seed)
+    rms = (np.sqrt(before.sum() / expected), np.sqrt(after.sum() / expected), np.sqrt(noise))
+    shrink = _shrink(*map(float, rms)) if freedom else 0.0
+    return Gap(float(rms[0]), float(rms[1]), float(rms[2]), shrink, interval if freedom else (0.0, 0.0))
+
+
+def held_out_rms(blocks: BlockNormal, conditions: Conditions, columns: NDArray[np.intp], prior: Array) -> float:
+    """Root mean square of rows predicted from the other conditions by some columns, each with a prior precision."""
+    total = 0.0
+    for label in np.unique(conditions.labels):
+        test = conditions.labels == label
+        train = blocks.total(~test)
+        gram = train.gram[np.ix_(columns, columns)] + np.diag(prior)
+        scale = 1 / np.sqrt(np.diag(gram))
+        solved = scale * np.linalg.solve(gram * np.outer(scale, scale), scale * train.moment[columns])
+        held = blocks.total(test)
+        part = held.gram[np.ix_(columns, columns)]
+        total += held.power - 2 * float(held.moment[columns] @ solved) + float(solved @ part @ solved)
+    return float(np.sqrt(max(total, 0.0) / float(blocks.count.sum())))
+
+
+def _shrink(before: float, after: float, floor: float) -> float:
+    return (before - after) / (before - floor) if before > floor else 0.0
+
+
+def _amplitudes(fit: Fit) -> tuple[Array, Array]:
+    """Values of the causes in the order of their columns, zero for shapes, and the widths of their priors."""
+    values, widths = [], []
+    for cause in fit.causes:
+        shapes = set(cause.effect.indices(Role.SHAPE))
+        scales = cause.effect.scales()
+        for index in cause.effect.indices(Role.LINEAR, Role.SHAPE):
+            # A shape is known by a search over all data: it may not be moved far by the blocks that are left.
+            values.append(0.0 if index in shapes else float(cause.values[index]))
+            widths.append(float(np.sqrt(fit_variance(fit, cause.key, index))) if index in shapes else float(scales[index]))
+    return np.asarray(values), np.asarray(widths)
+
+
+def fit_variance(fit: Fit, key: tuple[str, str], index: int) -> float:
+    """Variance of one value of a cause of a fit."""
+    for cause, covariance in zip(fit.causes, fit.covariances, strict=True):
+        if cause.key == key:
+            return float(max(covariance[index, index], 1e-300))
+    raise KeyError(key)
+
+
+def _calibrated(blocks: BlockNormal, nuisance_values: Array, amplitudes: Array) -> BlockNormal:
+    """Equations of the causes' columns for the data with the causes put back in and the twin's parameters as fitted."""
+    count = len(nuisance_values)
+    shift = np.concatenate([-nuisance_values, amplitudes])
+    added = blocks.gram @ shift
+    power = blocks.power + 2 * blocks.moment @ shift + added @ shift
+    own = slice(count, count + len(amplitudes))
+    return BlockNormal(blocks.gram[:, own, own], (blocks.moment + added)[:, own], power, blocks.count)
+
+
+def _solve(train: Normal, widths: Array) -> Array:
+    gram = train.gram + np.diag(1 / np.square(_WIDE * widths))
+    scale = 1 / np.sqrt(np.diag(gram))
+    return np.asarray(scale * np.linalg.solve(gram * np.outer(scale, scale), scale * train.moment), np.float64)
+
+
+def _interval(before: Array, after: Array, ratio: float, seed: int) -> tuple[float, float]:
+    """95 % interval of the shrink from blocks drawn with replacement (Efron's percentile bootstrap)."""
+    draws = np.random.default_rng(seed).integers(0, len(before), (RESAMPLES, len(before)))
+    a, b = np.sqrt(before[draws].sum(axis=1)), np.sqrt(np.maximum(after[draws].sum(axis=1), 0.0))
+    floor = b * np.sqrt(ratio)
+    shrink = np.where(a > floor, (a - b) / np.where(a > floor, a - floor, 1.0), 0.0)
+    low, high = np.percentile(shrink, [2.5, 97.5])
+    return float(low), float(high)

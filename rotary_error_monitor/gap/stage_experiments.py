@@ -1,0 +1,137 @@
+"""The measurement that would tell effects apart, found by predicting what each candidate measurement would show.
+
+For two effects the squared distance between what one predicts (as sized) and the nearest that the other can do, in
+standard deviations, is the information that a recording holds about which of them it is (for Gaussian noise, twice the
+expected log likelihood ratio). It is computed for variations of the recording that a person can carry out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.effects.rotor import LVDT
+from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.twin.stage import StageInputs, StageTwin
+
+if TYPE_CHECKING:
+    from rotary_error_monitor.gap.stage import StageProblem
+
+Key = tuple[str, str]
+
+SAMPLES = 2000
+"""Instants at which a planned measurement is predicted; distances are scaled to the recording's number of samples."""
+
+DECISIVE = 5.0
+"""Distance, in standard deviations, from which a measurement is worth the work."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A variation of the recording, and the words that tell somebody to carry it out."""
+
+    words: str
+    inputs: StageInputs
+    stage: StageDescription
+    with_lvdt: bool
+
+
+def advise(problem: StageProblem, keys: Sequence[Key], causes: Sequence[Cause]) -> str:
+    """Words for the measurement that tells the first of these effects apart from the others best."""
+    first = next(cause for cause in causes if cause.key == tuple(keys[0]))
+    rivals = [_idle(problem, key) for key in keys[1:]]
+    scored = [(min(_distance(problem, e, first, rival) for rival in rivals), e) for e in _experiments(problem)]
+    best, experiment = max(scored, key=lambda pair: pair[0])
+    if best < DECISIVE:
+        return (
+            "no other speed, direction, load, temperature, sensor or head position that was tried tells them apart: "
+            f"the best one ({experiment.words}) would by {best:.1f} standard deviations"
+        )
+    return f"{experiment.words}: expected to tell them apart by {best:.0f} standard deviations"
+
+
+def _experiments(problem: StageProblem) -> Iterable[Experiment]:
+    stage, plain = problem.stage, problem.twin.inputs
+    duration = problem.recording.duration
+    lvdt = LVDT in problem.twin.times
+
+    def turn(by: float) -> StageInputs:
+        return replace(
+            plain, command=_scaled(plain.command, by), omega=_scaled(plain.omega, by)
+        )
+
+    yield Experiment("record again with the directions of rotation exchanged", turn(-1.0), stage, lvdt)
+    yield Experiment("record again at twice the speed", turn(2.0), stage, lvdt)
+    yield Experiment("record again at a third of the speed", turn(1 / 3), stage, lvdt)
+    loaded = replace(plain, force=_circling)
+    yield Experiment("record again with a force of 100 N on the shaft from changing sides", loaded, stage, lvdt)
+    warming = replace(plain, warming=lambda time: 5.0 * np.asarray(time) / duration)
+    yield Experiment("record again while the stage warms by 5 K", warming, stage, lvdt)
+    if stage.lvdt is not None:
+        if not lvdt:
+            yield Experiment("record again with the LVDT", plain, stage, True)
+        moved = replace(stage, lvdt=replace(stage.lvdt, height=2 * stage.lvdt.height + 0.05))
+        yield Experiment("record again with the LVDT at another height", plain, moved, True)
+    letter = sorted(stage.encoder.azimuths)[0]
+    azimuths = {**stage.encoder.azimuths, letter: stage.encoder.azimuths[letter] + np.radians(20)}
+    shifted = replace(stage, encoder=replace(stage.encoder, azimuths=azimuths))
+    yield Experiment(f"move head {letter} by 20° along the ring and record again", plain, shifted, lvdt)
+
+
+def _scaled(of_time: Callable[[Array], Array], by: float) -> Callable[[Array], Array]:
+    return lambda time: by * np.asarray(of_time(time))
+
+
+def _circling(time: Array) -> Array:
+    return 100.0 * np.stack([np.cos(2 * np.pi * time / 7.0), np.sin(2 * np.pi * time / 7.0)], axis=1)
+
+
+def _idle(problem: StageProblem, key: Key) -> Cause:
+    effect = next(e for e in problem.effects if e.name == key[0])
+    known = problem.known_start(key)
+    return Cause(effect, key[1], effect.start(key[1]) if known is None else known)
+
+
+def _distance(problem: StageProblem, experiment: Experiment, first: Cause, rival: Cause) -> float:
+    """Standard deviations between the first cause as sized and the nearest that the rival can do, old and new data."""
+    twins = [_planned(problem, problem.twin.inputs, problem.stage, LVDT in problem.twin.times)]
+    twins.append(_planned(problem, experiment.inputs, experiment.stage, experiment.with_lvdt))
+    wanted = np.concatenate([_rows(problem, twin, (first,)) - _rows(problem, twin, ()) for twin in twins])
+    columns = []
+    for index in rival.effect.indices(Role.LINEAR):
+        values = rival.values.copy()
+        values[index] += rival.effect.scales()[index]
+        moved = rival.with_values(values)
+        columns.append(np.concatenate([_rows(problem, twin, (moved,)) - _rows(problem, twin, ()) for twin in twins]))
+    table = np.stack(columns, axis=1)
+    fitted, *_ = np.linalg.lstsq(table, wanted, rcond=None)
+    return float(np.linalg.norm(wanted - table @ fitted))
+
+
+def _planned(problem: StageProblem, inputs: StageInputs, stage: StageDescription, lvdt: bool) -> StageTwin:
+    time = np.linspace(0.0, problem.recording.duration, SAMPLES)
+    streams = [*problem.recording.heads, "autocollimator", *([LVDT] if lvdt else [])]
+    return StageTwin(stage, inputs, dict.fromkeys(streams, time))
+
+
+def _rows(problem: StageProblem, twin: StageTwin, causes: Sequence[Cause]) -> Array:
+    """Predicted signals in standard deviations of what a whole recording averages to."""
+    signals = twin.predict(causes)
+    heads = [name for name in signals if name.startswith("head_")]
+    shared = np.mean([signals[name][:, 0] for name in heads], axis=0)
+    gain = np.sqrt(len(problem.noise.grid.time) / SAMPLES)
+    jitter = problem.noise.jitter
+    # The jitter is one independent value in each of its correlation times.
+    independent = np.sqrt(min(1.0, 2 * jitter.bandwidth * problem.recording.duration / SAMPLES))
+    parts = [shared / jitter.std * independent]
+    parts += [(signals[name][:, 0] - shared) / problem.noise.std["head"] * gain for name in heads]
+    for name, values in signals.items():
+        if name not in heads:
+            std = problem.noise.std[name] or 1.0
+            parts.append(values.ravel() / std * gain)
+    return np.concatenate(parts)

@@ -1,0 +1,198 @@
+"""Where the gap of a stage lies: shares of the channels, and in words what each share depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, RotorState
+from rotary_error_monitor.gap.problem import Array, Rows, Share
+from rotary_error_monitor.twin.recording import stage_topic
+from rotary_error_monitor.twin.stage_noise import COMMAND
+
+if TYPE_CHECKING:
+    from rotary_error_monitor.gap.stage import StageProblem
+
+ALIKE = 0.9
+"""Heads whose gaps differ less than this see the rotation itself: the gap is named against the command."""
+
+ORDERS = 120
+TELLING = 0.1
+"""Part of a channel's excess that a dependence must explain to be named."""
+
+_FIELDS = {AUTOCOLLIMATOR: ("tilt_x", "tilt_y"), LVDT: ("radial_x", "radial_y")}
+
+
+def stage_where(problem: StageProblem, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
+    """Shares of all channels, largest first; empty if nothing exceeds the noise.
+
+    Of explained gaps the causes' own effect on each channel counts; of others what exceeds the noise in white rows.
+    """
+    signals = _effect(problem, causes) if explained else _excess(problem, rest)
+    powers = {channel: float(np.mean(np.square(values))) for channel, (values, _, _) in signals.items()}
+    counts = {channel: len(values) for channel, (values, _, _) in signals.items()}
+    noises = {channel: noise for channel, (_, noise, _) in signals.items()}
+    if not explained:
+        powers = {c: max(0.0, p - noises[c] ** 2) for c, p in powers.items()}
+    energy = {c: powers[c] / noises[c] ** 2 * counts[c] for c in powers}
+    total = sum(energy.values())
+    if total <= 0:
+        return []
+    shares = [
+        Share(
+            channel,
+            energy[channel] / total,
+            float(np.sqrt(powers[channel])),
+            noises[channel],
+            describe(signals[channel][0], signals[channel][2], powers[channel]),
+        )
+        for channel in sorted(energy, key=lambda channel: -energy[channel])
+    ]
+    return shares
+
+
+_Signals = Mapping[str, tuple[Array, float, RotorState]]
+
+
+def _channel(stream: str, axis: int) -> str:
+    fields = _FIELDS.get(stream, ("angle", "velocity"))
+    return f"{stage_topic(stream)}.{fields[axis]}"
+
+
+def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:
+    """Effect of the causes on each channel; what all heads share alike stands once, in the command's channel."""
+    with_causes, without = problem.twin.predict(causes), problem.twin.predict(())
+    moved = {name: with_causes[name] - without[name] for name in with_causes}
+    found: dict[str, tuple[Array, float, RotorState]] = {}
+    heads = [name for name in moved if name.startswith(f"{HEAD}_")]
+    powers = [float(np.mean(np.square(moved[name]))) for name in heads]
+    alike = bool(heads) and min(powers) > (ALIKE * np.sqrt(max(powers))) ** 2 and max(powers) > 0
+    if alike:
+        length = min(len(moved[name]) for name in heads)
+        shared = np.mean([moved[name][:length, 0] for name in heads], axis=0)
+        alike = float(np.mean(np.square(shared))) > 0.5 * max(powers)
+        if alike:
+            state = _cut(problem.twin.state(heads[0]), length)
+            found[_channel(COMMAND, 0)] = (shared, problem.noise.std[HEAD], state)
+            for name in heads:
+                moved[name] = moved[name][:length] - shared[:, None]
+    for name, values in moved.items():
+        state = _cut(problem.twin.state(name), len(values))
+        for axis in range(values.shape[1]):
+            noise = problem.noise.std[name.partition("_")[0]]
+            found[_channel(name, axis)] = (values[:, axis], noise, state)
+    return found
+
+
+def _excess(problem: StageProblem, rest: Rows) -> _Signals:
+    """White rows in the unit of their channel; the state is that of the command at the rows."""
+    found = {}
+    for track in problem.tracks(rest):
+        stream, _, axis = track.channel.partition(".")
+        kind = HEAD if stream == COMMAND else stream.partition("_")[0]
+        noise = problem.noise.std[kind]
+        state = problem.twin.state_at(track.time)
+        found[_channel(stream, 0 if axis in ("", "x") else 1)] = (track.rows * noise, noise, state)
+    return found
+
+
+def _cut(state: RotorState, length: int) -> RotorState:
+    if len(state.time) == length:
+        return state
+    return RotorState(
+        state.time[:length],
+        state.command[:length],
+        state.omega[:length],
+        state.theta[:length],
+        state.force[:length],
+        state.warming[:length],
+        state.command_at,
+        state.lines,
+    )
+
+
+def describe(values: Array, state: RotorState, power: float) -> str:
+    """What a signal depends on, in words: each dependence with the part of the excess that it explains alone.
+
+    Args:
+        values: (n,) gap of one channel.
+        state: the rotor at those samples.
+        power: mean square of the excess in `values`.
+    """
+    if power <= 0:
+        return "noise"
+    excess = power * len(values)
+    parts = []
+    for name, table in _dependences(state).items():
+        explained = _gain(table, values) / excess
+        if explained > TELLING:
+            parts.append((explained, name))
+    orders = _orders(values, state, excess)
+    if orders:
+        parts.append(orders)
+    place = _place(values, state, excess)
+    if place:
+        parts.append(place)
+    parts.sort(reverse=True)
+    return "; ".join(f"{name} ({min(explained, 1.0):.0%})" for explained, name in parts[:4]) or "no simple dependence"
+
+
+def _dependences(state: RotorState) -> dict[str, Array]:
+    """Tables of what a signal may go with, by the words for it."""
+    count = len(state.time)
+    late = (state.time - state.time.mean()) / max(float(np.ptp(state.time)), 1e-9)
+    found = {"time": np.stack([late, late**2, late**3], axis=1), "constant": np.ones((count, 1))}
+    top = float(np.max(np.abs(state.omega), initial=0.0))
+    if top > 0:
+        speed = state.omega / top
+        moving = np.abs(speed) > 1e-6
+        found["direction"] = (np.sign(speed) * moving)[:, None]
+        found["speed"] = np.stack([np.abs(speed), speed**2], axis=1)
+    if np.ptp(state.force) > 0:
+        found["force"] = state.force / max(float(np.max(np.abs(state.force))), 1e-9)
+    if np.ptp(state.warming) > 0:
+        found["temperature"] = state.warming[:, None] / float(np.max(np.abs(state.warming)))
+    return found
+
+
+def _gain(table: Array, values: Array) -> float:
+    """Power that columns explain beside a constant."""
+    centred = table - table.mean(axis=0) if table.shape[1] > 1 or np.ptp(table) > 0 else table
+    kept = centred[:, np.abs(centred).max(axis=0) > 1e-12]
+    if kept.shape[1] == 0:
+        return 0.0
+    fitted, *_ = np.linalg.lstsq(kept, values, rcond=None)
+    return float(np.sum(np.square(kept @ fitted)))
+
+
+def _orders(values: Array, state: RotorState, excess: float) -> tuple[float, str] | None:
+    step, turning = np.exp(-1j * state.command), np.ones(len(values), complex)
+    powers = []
+    for _ in range(ORDERS):
+        turning = turning * step
+        powers.append(2 * abs(np.dot(turning, values)) ** 2 / len(values))
+    best = sorted(range(ORDERS), key=lambda k: -powers[k])[:3]
+    named = [k for k in best if powers[k] > max(0.5 * TELLING * excess, 0.1 * powers[best[0]])]
+    total = sum(powers[k] for k in named) / excess
+    if not named or total < TELLING:
+        return None
+    words = ", ".join(str(k + 1) for k in named)
+    return min(total, 1.0), f"angle, order{'s' if len(named) > 1 else ''} {words}"
+
+
+def _place(values: Array, state: RotorState, excess: float) -> tuple[float, str] | None:
+    """One narrow place on the circle that holds most of the excess."""
+    cells = 72
+    cell = (np.mod(state.command, 2 * np.pi) * cells / (2 * np.pi)).astype(np.intp) % cells
+    energy = np.bincount(cell, np.square(values), minlength=cells)
+    count = np.bincount(cell, minlength=cells)
+    base = float(np.median(energy / np.maximum(count, 1)))
+    above = np.maximum(energy - base * count, 0.0)
+    best = int(np.argmax(above))
+    near = float(above[[best - 1, best, (best + 1) % cells]].sum())
+    if near < 0.5 * excess or near < 0.8 * float(above.sum()):
+        return None
+    return near / excess, f"angle, a place at {(best + 0.5) * 360 / cells:.0f}°"

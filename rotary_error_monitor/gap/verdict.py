@@ -1,0 +1,70 @@
+"""What a diagnosis concludes."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import Role
+from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.selection import Stage
+
+PRIOR_OF_UNKNOWN = 0.05
+"""Chance, before a recording is seen, that something no effect describes is at work beside the known ones."""
+
+OWN_CHANNEL = 0.05
+"""A channel that holds this part of a cause's power is the cause's own."""
+
+CLEAN = 0.01
+"""A cause is trusted in spite of a remainder if in its own channels less than this part of its power remains."""
+
+
+class Verdict(enum.Enum):
+    """The four verdicts; `exit_code` is that of the command."""
+
+    NO_GAP = "no_gap"
+    EXPLAINED = "explained"
+    PARTLY_EXPLAINED = "partly_explained"
+    UNKNOWN = "unknown"
+
+    @property
+    def exit_code(self) -> int:
+        """0 no gap, 10 explained, 11 partly explained, 12 unknown."""
+        return {"no_gap": 0, "explained": 10, "partly_explained": 11, "unknown": 12}[self.value]
+
+
+def chance_of_unknown(findings: Sequence[Finding]) -> float:
+    """Probability that something unknown is left, from the least likely finding.
+
+    The bound of Sellke, Bayarri and Berger (2001) turns a chance p, corrected for the number of tests, into the largest
+    odds that it can mean: `1 / (-e p ln p)`.
+    """
+    if not findings:
+        return PRIOR_OF_UNKNOWN
+    log_chance = min(0.0, findings[0].log_chance + float(np.log(len(findings))))
+    if log_chance >= -1.0:
+        return PRIOR_OF_UNKNOWN
+    log_odds = float(np.log(PRIOR_OF_UNKNOWN / (1 - PRIOR_OF_UNKNOWN))) - 1.0 - log_chance - float(np.log(-log_chance))
+    return float(1 / (1 + np.exp(-min(log_odds, 700.0))))
+
+
+def trusted_causes(problem: Problem, stage: Stage) -> bool:
+    """Whether all causes of a stage stand although something is left: what is left lies in other channels.
+
+    An effect that merely resembles an unknown one leaves part of it where it took the rest away; a real cause beside an
+    unknown one leaves its own channels clean.
+    """
+    for cause, columns in zip(stage.fit.causes, stage.fit.columns, strict=True):
+        free = cause.effect.indices(Role.LINEAR, Role.SHAPE)
+        shapes = set(cause.effect.indices(Role.SHAPE))
+        amplitude = np.array([0.0 if i in shapes else cause.values[i] for i in free])
+        power = {channel: float(np.sum((rows @ amplitude) ** 2)) for channel, rows in columns.items()}
+        total = sum(power.values())
+        own = [channel for channel, value in power.items() if value > OWN_CHANNEL * total]
+        left = sum(float(np.sum(stage.fit.rest[c] ** 2) - np.sum(problem.expected(c))) for c in own)
+        structured = any(f.channel in own and f.log_chance < stage.log_alarm for f in stage.findings)
+        if structured or left > CLEAN * total + 3 * np.sqrt(2 * sum(float(np.sum(problem.expected(c))) for c in own)):
+            return False
+    return bool(stage.fit.causes)
