@@ -32,7 +32,6 @@ _LOG = "linuxcnc.log"
 _UNSHARE = ("unshare", "--ipc", "--pid", "--net", "--mount", "--fork", "--mount-proc", "--kill-child")
 _AS_USER = ("--user", "--map-current-user", "--keep-caps")
 _PRIVATE_TMP = 'mount -t tmpfs -o mode=1777 tmpfs /tmp && exec "$@"'
-_LOCK = Path("/tmp/linuxcnc.lock")
 _FOLDERS = "/var/tmp"  # outside /tmp, which an isolated instance does not see
 
 
@@ -107,8 +106,8 @@ class Instance:
         Raises:
             InputError: it does not start; the message holds the end of its log.
         """
-        if not self.isolated and (presence.runs(presence.SHARED_MEMORY.read_text()) or _LOCK.exists()):
-            raise InputError(f"another LinuxCNC runs here, or has left {_LOCK}; it would be ended by a second one")
+        if not self.isolated and presence.find_namesakes(Path("/proc")):
+            raise InputError("another LinuxCNC runs here; it would be ended by a second one that is not isolated")
         self.folder = Path(tempfile.mkdtemp(prefix="linuxcnc-", dir=_FOLDERS))
         try:
             self._start()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+from contextlib import suppress
 from pathlib import Path
 
 from rotary_error_monitor.errors import InputError
@@ -13,6 +14,8 @@ _HAL_KEY = 0x48414C32
 _STATUS_KEY = 1002
 TASK = "inihal"
 """HAL component of the task process."""
+
+_PROCESSES = ("linuxcncsvr", "milltask", "rtapi_app")
 
 
 def runs(table: str) -> bool:
@@ -34,6 +37,21 @@ def component_pid(listing: str, name: str) -> int | None:
         if len(words) >= 4 and words[1] == "User" and words[2] == name:
             return int(words[3])
     return None
+
+
+def find_namesakes(processes: Path) -> list[int]:
+    """Ids of processes of any LinuxCNC, in namespaces or not, that starting or stopping one by name would end.
+
+    Args:
+        processes: the system's table of processes, `/proc`.
+    """
+    found = []
+    for path in processes.glob("[0-9]*/stat"):
+        with suppress(OSError):  # it may end while we look
+            name, _, rest = path.read_text().partition("(")[2].rpartition(")")
+            if name in _PROCESSES and not rest.startswith(" Z"):
+                found.append(int(path.parent.name))
+    return sorted(found)
 
 
 def open_task() -> int:

@@ -9,9 +9,7 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from collections import deque
 from collections.abc import Sequence
-from functools import partial
 
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -27,7 +25,6 @@ from rotary_error_monitor.controller.protocol import (
     Record,
     State,
 )
-from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode, run
@@ -38,8 +35,7 @@ NAME = "linuxcnc_bridge"
 SILENCE = 0.3
 """After this long without a word, s, the link counts as hung."""
 
-_RETRY_PERIOD = NANOSECONDS
-_BACKLOG = 1000
+_RETRY_PERIOD = 1.0
 _DEFAULTS = LinkSettings()
 
 
@@ -76,16 +72,14 @@ class LinuxcncBridge(ManagedNode):
             max_age=self.setting("max_age"),
         )
         self._connection: Connection | None = None
-        self._records: deque[Record] = deque(maxlen=_BACKLOG)
         self._names: tuple[str, ...] = ()
         self._state: State | None = None
         self._absence = "not reached yet"
         self._published = 0
         self._reported_ns = self.now_ns()
-        self._arrival = self.create_guard_condition(self._take_up)
-        self._entities.append(partial(self.destroy_guard_condition, self._arrival))
+        self._lost = False
         self._connect()
-        self.at_each(_RETRY_PERIOD, lambda _: self._connect())
+        self.every(_RETRY_PERIOD, self._retry)
 
     def release(self) -> None:
         """Let go of LinuxCNC; the external offsets stay as they are."""
@@ -109,8 +103,6 @@ class LinuxcncBridge(ManagedNode):
         return [controller, self._machine(state), self._corrections(state)]
 
     def _connect(self) -> None:
-        if self._connection is not None:
-            return
         environment = {**os.environ, "HOME": self.setting("home")} if self.setting("home") else None
         self._connection = Connection(
             self._link,
@@ -120,14 +112,17 @@ class LinuxcncBridge(ManagedNode):
             python=self.setting("python"),
         )
 
-    def _receive(self, record: Record) -> None:
-        """Take a record over from the connection's thread."""
-        self._records.append(record)
-        self._arrival.trigger()
+    def _retry(self) -> None:
+        """Start a new link where the last one has ended."""
+        with self.busy:
+            if self._lost:
+                self.release()
+                self._lost = False
+                self._connect()
 
-    def _take_up(self) -> None:
-        while self._records:
-            record = self._records.popleft()
+    def _receive(self, record: Record) -> None:
+        """Take a record over, on the connection's thread: publishing needs no executor, which would cost more."""
+        with self.busy:
             if isinstance(record, State):
                 self._state = record
                 self._publish(record)
@@ -150,14 +145,11 @@ class LinuxcncBridge(ManagedNode):
     def _lose(self, reason: str) -> None:
         if reason != self._absence:
             self.get_logger().error(f"{reason}; no joint states until LinuxCNC is back")
-        self._absence, self._state = reason, None
-        self.release()
+        self._absence, self._state, self._lost = reason, None, True
 
     def _follow(self, message: JointState) -> None:
-        if len(message.name) != len(message.position):
-            raise InputError(f"{len(message.position)} corrections for {len(message.name)} names")
-        stamp_ns = messages.ns_from_stamp(message.header.stamp)
-        corrections = dict(zip(message.name, message.position.tolist(), strict=True))
+        stamp_ns = messages.measured_ns(message.header)
+        corrections, _ = messages.joint_motion(message)
         if self._connection is not None:
             self._connection.send(CorrectionRequest(stamp_ns, corrections))
 

@@ -4,7 +4,10 @@ import json
 import math
 import shutil
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 from std_srvs.srv import Trigger
@@ -155,16 +158,41 @@ def test_the_end_of_linuxcnc_is_noticed_within_half_a_second(cnc, how):
         assert latest_ns(states) - end_ns < 500_000_000
 
 
-@pytest.mark.linuxcnc
-def test_a_linuxcnc_that_comes_back_is_found_again():
+@pytest.fixture
+def place():
+    """Command into namespaces in which LinuxCNC can come and go, apart from any other."""
     if shutil.which("linuxcnc") is None:
         pytest.skip("LinuxCNC is not installed (apt-get install linuxcnc-uspace)")
+    mount = "mount -t tmpfs -o mode=1777 tmpfs /tmp && echo ready && exec sleep 600"
+    unshare = ["unshare", "--ipc", "--pid", "--net", "--mount", "--fork", "--mount-proc", "--kill-child"]
+    holder = subprocess.Popen([*unshare, "sh", "-c", mount], stdout=subprocess.PIPE, text=True)
+    try:
+        if holder.stdout.readline() != "ready\n":
+            pytest.skip("the system allows no namespaces (unshare needs root)")
+        child = Path(f"/proc/{holder.pid}/task/{holder.pid}/children").read_text().split()[0]
+        yield ["nsenter", "--target", child, "--ipc", "--pid"]
+    finally:
+        holder.kill()
+        holder.wait()
+        holder.stdout.close()
+
+
+@pytest.mark.linuxcnc
+def test_a_linuxcnc_that_comes_back_is_found_again(place):
+    """It runs unisolated as far as it knows: as on a machine of one's own."""
+    host = Path(__file__).with_name("linuxcnc_host.py")
     with Cell() as cell:
-        cell.start("linuxcnc_bridge")
-        cell.wait_for_status(CONTROLLER, "no LinuxCNC runs here")
-        with Instance(config("linuxcnc/xyzac_trt.ini"), isolated=False):
-            cell.wait_for_status(CONTROLLER, "connected")
-        cell.wait_for_status(CONTROLLER, "no LinuxCNC runs here")
+        cell.start("linuxcnc_bridge", enter=" ".join(place))
+        for _ in range(2):
+            cell.wait_for_status(CONTROLLER, "no LinuxCNC runs here")
+            command = [*place, "--mount", "--net", sys.executable, str(host), str(config("linuxcnc/xyzac_trt.ini"))]
+            linuxcnc = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+            try:
+                assert linuxcnc.stdout.readline() == "refused: another LinuxCNC runs here\n"
+                cell.wait_for_status(CONTROLLER, "connected")
+            finally:
+                linuxcnc.communicate()
+            assert linuxcnc.returncode == 0
 
 
 @pytest.mark.linuxcnc
@@ -192,13 +220,14 @@ def fake_link(tmp_path, *lines, then="cat >&2"):
 def state(**values):
     """What the link says, by default an hour ahead so that it does not grow old."""
     defaults = {
-        "kind": "State", "stamp_ns": time.time_ns() + 3_600_000_000_000, "positions": [0.1], "velocities": [0.0], "valid": True,
+        "kind": "State", "stamp_ns": time.time_ns() + HOUR_NS, "positions": [0.1], "velocities": [0.0], "valid": True,
         "offsets": [1e-6], "lag": 0.0, "limited": False, "trouble": "", "refused": "", "takeovers": 0,
         "correction_age": 0.01,
     }  # fmt: skip
     return json.dumps(defaults | values)
 
 
+HOUR_NS = 3_600_000_000_000
 HELLO = '{"kind": "Hello", "names": ["X"]}'
 
 
