@@ -187,12 +187,12 @@ class Cell:
 
     def wait_for_status(self, name: str, message: str, deadline: float = PATIENCE) -> DiagnosticStatus:
         """Wait until the status of that name holds `message`."""
-        self.wait_until(
-            lambda: name in self._statuses and message in self._statuses[name].message,
-            f"status '{name}' to say '{message}'",
-            deadline,
-        )
+        self.wait_until(lambda: self.has_status(name, message), f"status '{name}' to say '{message}'", deadline)
         return self._statuses[name]
+
+    def has_status(self, name: str, message: str) -> bool:
+        """Whether the latest status of that name holds `message`."""
+        return name in self._statuses and message in self._statuses[name].message
 
     def forget_status(self, name: str) -> None:
         """Forget a status, so that the next wait sees only what is said from now on."""

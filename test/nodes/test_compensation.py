@@ -1,0 +1,246 @@
+"""The compensation as a node: corrections that null the offset, and none at all when something is wrong."""
+
+from __future__ import annotations
+
+import math
+import signal
+
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.wire import Topic
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.error_model import predict_tool_offset
+from rotary_error_monitor.machine.kinematics import arrange_machine
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.compensation import Compensation
+from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.pipeline.estimation import COLUMNS
+from rotary_error_monitor.signals.blocks import block_from_samples
+
+STEP_NS = 20_000_000
+ALL_BUT_AXIAL = 0b111011
+RELAXED = {"age_limit": 1.0}  # the tests share few cores
+
+
+class MotionFeed:
+    """Publishes error motion as an estimator would, in step with the clock: `exc` as told, theta as commanded."""
+
+    def __init__(self, cell, plant) -> None:
+        self._cell, self._plant = cell, plant
+        self._send = cell.publish_blocks(cell.wire.topic("error_motion_samples"))
+        self.sent_ns = 0
+
+    def send(self, exc: float = 2e-6, theta_offset: float = 0.0) -> int:
+        now_ns = self._cell.node.get_clock().now().nanoseconds
+        stamps = (now_ns // STEP_NS) * STEP_NS - np.arange(3, -1, -1) * 5_000_000
+        if stamps[0] <= self.sent_ns:
+            return self.sent_ns
+        rows = np.zeros((len(stamps), len(COLUMNS)))
+        command, _ = self._plant.motion.at((stamps - self._plant.epoch_ns) * 1e-9)
+        values = {"theta": command + theta_offset, "exc": exc, "observable": ALL_BUT_AXIAL, "streams": 63}
+        values |= {f"var_{name}": 1e-16 for name in ("exc", "eyc", "eac", "ebc", "ecc")}
+        for name, value in values.items():
+            rows[:, COLUMNS.index(name)] = value
+        self._send(block_from_samples(stamps, COLUMNS, rows))
+        self.sent_ns = int(stamps[-1])
+        return self.sent_ns
+
+    def run_until(self, condition, what: str, exc: float = 2e-6, theta_offset: float = 0.0) -> None:
+        def fed() -> bool:
+            self.send(exc, theta_offset)
+            return condition()
+
+        self._cell.wait_until(fed, what, 30)
+
+    def run_for(self, seconds: float, **motion: float) -> None:
+        end_ns = self._cell.node.get_clock().now().nanoseconds + round(seconds * 1e9)
+        self.run_until(lambda: self._cell.node.get_clock().now().nanoseconds > end_ns, "time to pass", **motion)
+
+
+@pytest.fixture
+def feed(cell, plant):
+    return MotionFeed(cell, plant)
+
+
+@pytest.fixture
+def corrections(cell):
+    return cell.collect(cell.wire.topic("axis_corrections"))
+
+
+def is_held_for(cell, reason: str):
+    def held() -> bool:
+        return cell.has_status("compensation: correction", f"held: {reason}")
+
+    return held
+
+
+def test_corrections_null_the_offset(cell, plant, feed, corrections):
+    offsets, left, blocks = (
+        cell.collect(cell.wire.topic(key))
+        for key in ("tool_offset_pose", "corrected_offset_pose", "tool_offset_samples")
+    )
+    cell.run(MockController, "mock_controller", machine="xyzac_trt")
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
+    feed.run_until(lambda: len(corrections) > 100 and len(left) > 20, "corrections")
+    position = left[-1].pose.pose.position
+    assert np.hypot(position.x, np.hypot(position.y, position.z)) < 1e-9
+    position = offsets[-1].pose.pose.position
+    assert np.hypot(position.x, np.hypot(position.y, position.z)) > 1e-6
+    assert np.diag(np.reshape(offsets[-1].pose.covariance, (6, 6))).min() >= -1.0
+    assert list(corrections[-1].name) == ["X", "Y", "Z", "A", "C"]
+    assert all(math.isfinite(value) for value in [*corrections[-1].position, *corrections[-1].velocity])
+    feed.run_until(lambda: cell.has_status("compensation: correction", "correcting"), "a word that all is well")
+    block = messages.block_from_message(blocks[-1])
+    assert block.names == ("t", *cell.wire.topic("tool_offset_samples").columns)
+
+
+def test_the_offset_is_that_of_the_model(cell, plant, feed):
+    """At a pose that the test knows: joint states of its own, standing still."""
+    machine = load_machine("xyzac_trt")
+    blocks = cell.collect(cell.wire.topic("tool_offset_samples"))
+    send_joints = cell.publish_on(cell.wire.topic("machine_joint_states"))
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED, position_tolerance=3.15)
+    pose = [0.1, -0.05, 0.02, 0.3]
+
+    def told() -> bool:
+        now_ns = cell.node.get_clock().now().nanoseconds
+        send_joints(messages.joint_state_message(now_ns, "base", "XYZA", pose, [1.0, 1.0, 1.0, 1.0]))
+        return len(blocks) > 3
+
+    feed.run_until(told, "offsets")
+    block = messages.block_from_message(blocks[-1])
+    command, _ = plant.motion.at((block.times_ns[:1] - plant.epoch_ns) * 1e-9)
+    live = np.array([[2e-6, 0.0, np.nan, 0.0, 0.0, 0.0]])
+    expected = predict_tool_offset(
+        arrange_machine(machine),
+        np.array([[*pose, command[0]]]),
+        direction=np.array([[1.0, 1.0, 1.0, 1.0, 0.0]]),
+        temperature=np.array([20.0]),
+        monitored=live,
+    )
+    np.testing.assert_allclose(block.rows[0, 1:7], expected[0], rtol=0, atol=1e-12)
+
+
+def test_joint_states_stop(cell, feed, corrections):
+    controller = cell.run(MockController, "mock_controller", machine="xyzac_trt")
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
+    feed.run_until(lambda: len(corrections) > 10, "corrections")
+    controller.trigger_deactivate()
+    stopped_ns = cell.node.get_clock().now().nanoseconds
+    feed.run_until(is_held_for(cell, "no joint states for"), "the reason")
+    newest = corrections[-1].header.stamp
+    assert messages.ns_from_stamp(newest) < stopped_ns + 700_000_000
+    before = len(corrections)
+    feed.run_for(0.5)
+    assert len(corrections) == before
+    controller.trigger_activate()
+    feed.run_until(lambda: len(corrections) > before, "corrections again")
+    feed.run_until(lambda: not cell.has_status("compensation: correction", "held"), "a word that they flow")
+
+
+def test_error_motion_stops_and_comes_back(cell, feed, corrections):
+    cell.run(MockController, "mock_controller", machine="xyzac_trt")
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
+    cell.wait_for_status("compensation: correction", "held: no error motion yet")
+    feed.run_until(lambda: len(corrections) > 10, "corrections")
+    cell.wait_for_status("compensation: correction", "held: no error motion for")
+    before = len(corrections)
+    cell.spin_for(0.3)
+    assert len(corrections) == before
+    feed.run_until(lambda: len(corrections) > before, "corrections again")
+    step = np.abs(np.subtract(corrections[before].position, corrections[before - 1].position))
+    assert (step[:3] <= 2e-3 * 0.1 + 1e-12).all(), "no jump: the pause counts for the rate limit as a short one"
+
+
+def test_an_error_limit_latches_until_it_is_reset(cell, feed, corrections):
+    cell.run(MockController, "mock_controller", machine="xyzac_trt")
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
+    feed.run_until(lambda: len(corrections) > 10, "corrections")
+    feed.run_for(0.2, exc=1e-3)
+    feed.run_until(is_held_for(cell, "error limit latched until ~/reset is called: correction"), "the latch")
+    assert all(abs(value) <= 5e-4 for message in corrections for value in list(message.position)[:3])
+    before = len(corrections)
+    feed.run_for(0.5)
+    assert len(corrections) == before, "what made it latch is gone, yet it holds"
+    answer = cell.call(Trigger, "/compensation/reset")
+    assert answer.success
+    assert "beyond the error limit" in answer.message
+    feed.run_until(lambda: len(corrections) > before, "corrections after the reset")
+    assert cell.call(Trigger, "/compensation/reset").message == "nothing was latched"
+
+
+def test_encoder_and_joint_states_contradict_one_another(cell, feed, corrections):
+    cell.run(MockController, "mock_controller", machine="xyzac_trt")
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
+    feed.run_until(is_held_for(cell, "axis C stands at"), "the reason", theta_offset=0.3)
+    assert corrections == []
+
+
+def test_warning_and_rate_limits_are_told(cell, feed, corrections):
+    cell.run(MockController, "mock_controller", machine="xyzac_trt")
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED, linear__warning=1e-8, linear__rate=1e-3)
+    feed.run_until(lambda: cell.has_status("compensation: correction", "beyond the warning limit"), "the warning")
+    assert len(corrections) > 0
+
+
+def test_what_comes_later_than_the_age_limit_is_not_published(cell, plant, corrections):
+    offsets = cell.collect(cell.wire.topic("tool_offset_samples"))
+    feed = MotionFeed(cell, plant)
+    cell.run(MockController, "mock_controller", machine="xyzac_trt")
+    cell.run(Compensation, "compensation", machine="xyzac_trt", age_limit=0.001)
+    feed.run_for(1.5)
+    feed.run_until(is_held_for(cell, ""), "a word that nothing flows")
+    assert offsets == corrections == []
+
+
+def test_wrong_joint_states_are_refused(cell, feed):
+    topic: Topic = cell.wire.topic("machine_joint_states")
+    send = cell.publish_on(topic)
+    cell.run(Compensation, "compensation", machine="xyzac_trt")
+    now_ns = cell.node.get_clock().now().nanoseconds
+    message = messages.joint_state_message(now_ns, "base", "XYZAC", [math.nan] * 5)
+    send(message)
+    cell.wait_for_status(f"compensation: refused {topic.name}", "all must be finite")
+    send(messages.joint_state_message(now_ns, "base", "XY", [0.0, 0.0]))
+    cell.wait_for_status(f"compensation: refused {topic.name}", "lacks axis")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "problem"),
+    [
+        ({}, "parameter 'machine' is empty"),
+        ({"machine": "no_such_machine"}, "no_such_machine"),
+        ({"machine": "xyzac_trt", "linear__error": 1e-5}, "0 < warning <= error"),
+    ],
+)
+def test_what_cannot_be_compensated(cell, parameters, problem):
+    with pytest.raises(InputError, match=problem):
+        cell.run(Compensation, "compensation", **parameters)
+
+
+@pytest.mark.cell
+def test_the_estimator_is_killed_and_comes_back(cell, corrections):
+    """A whole cell of processes: no correction while the estimator is gone, none that jumps when it is back."""
+    for head in "abcd":
+        cell.start("encoder_head", f"encoder_head_{head}")
+    cell.start("autocollimator")
+    cell.start("mock_controller", machine="xyzac_trt")
+    cell.start("compensation", machine="xyzac_trt", **RELAXED)
+    estimator = cell.start("error_estimator", period=0.005)
+    cell.wait_until(lambda: len(corrections) > 10, "corrections", 90)
+    estimator.send(signal.SIGKILL)
+    cell.wait_until(is_held_for(cell, "no error motion for"), "the reason", 30)
+    before = len(corrections)
+    cell.spin_for(0.5)
+    assert len(corrections) == before
+    cell.start("error_estimator", period=0.005)
+    cell.wait_until(lambda: len(corrections) > before + 10, "corrections again", 60)
+    positions = np.array([message.position for message in corrections])
+    stamps = np.array([messages.ns_from_stamp(message.header.stamp) for message in corrections])
+    assert (np.diff(stamps) > 0).all()
+    rate = np.array([2e-3, 2e-3, 2e-3, 2e-2, 2e-2])
+    allowed = rate * np.minimum(np.diff(stamps) * 1e-9, 0.1)[:, None]
+    assert (np.abs(np.diff(positions, axis=0)) <= allowed + 1e-12).all()
