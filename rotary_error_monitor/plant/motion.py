@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,14 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.noise import Noise
 
 PEAK_SLOPE = 1.875  # of the ramp 10u³ - 15u⁴ + 6u⁵ at u = 1/2
+
+
+class Course(Protocol):
+    """How a stage is commanded to turn."""
+
+    def at(self, time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Angle (n,) rad and velocity (n,) rad/s at `time` (n,) s."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import geometry
 from rotary_error_monitor.plant.environment import Forces, Temperature
 from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
-from rotary_error_monitor.plant.motion import Motion, reversing_motion
+from rotary_error_monitor.plant.motion import Course, reversing_motion
 from rotary_error_monitor.plant.noise import Noise, Turbulence
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
 
@@ -184,7 +184,7 @@ class StagePlant:
     description: StageDescription
     seed: int
     epoch_ns: int = 0
-    motion: Motion = field(default_factory=reversing_motion)
+    motion: Course = field(default_factory=reversing_motion)
     forces: Forces = field(default_factory=Forces)
     temperature: Temperature = field(default_factory=Temperature)
     clocks: Mapping[str, Clock] = field(default_factory=stage_clocks)
