@@ -17,7 +17,13 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.representer import RoundTripRepresenter
 
-from rotary_error_monitor.description.machine import Axis, ErrorComponent, MachineDescription, load_machine
+from rotary_error_monitor.description.machine import (
+    Axis,
+    ErrorComponent,
+    MachineDescription,
+    load_machine,
+    machine_from_mapping,
+)
 from rotary_error_monitor.errors import InputError
 
 Array = NDArray[np.float64]
@@ -87,6 +93,11 @@ class MachineFile:
                 f"{path}: the section 'machine' holds the parameters of a twin; calibrate a machine file with "
                 "'bodies', such as config/machines/pan2013.yaml"
             )
+
+    @property
+    def changed(self) -> MachineDescription:
+        """The description as the changes so far make it."""
+        return machine_from_mapping(self._section)
 
     def set_table(self, name: str, positions: Array, forward: Array, backward: Array | None) -> None:
         """Make the error component `name` the table of values measured; what it was before is gone.

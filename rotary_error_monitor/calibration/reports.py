@@ -1,0 +1,121 @@
+"""What a calibration found, in words and units that people read: µm, arcsec, µrad."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rotary_error_monitor.calibration.steps import (
+    MachineResult,
+    PositioningResult,
+    SquarenessResult,
+    StraightnessResult,
+)
+from rotary_error_monitor.calibration.volume import ErrorCost
+
+ARCSEC = 648000 / math.pi
+MOST_ROWS = 12
+
+
+def positioning_text(result: PositioningResult, output: Path) -> str:
+    """ISO 230-2 figures, outliers and departures from the standard test."""
+    unit, scale = ("arcsec", ARCSEC) if result.runs.rotary else ("µm", 1e6)
+    figures, both = result.figures, result.figures.bidirectional
+    rows = [("forward", figures.forward)] + ([] if figures.backward is None else [("backward", figures.backward)])
+    lines = [f"positioning ({result.name}), {len(result.runs.targets)} targets, ISO 230-2, {unit}"]
+    for name, way in rows:
+        lines.append(
+            f"  {name:13} repeatability R {way.repeatability * scale:.3f}   systematic deviation E "
+            f"{way.systematic_deviation * scale:.3f}   accuracy A {way.accuracy * scale:.3f}"
+        )
+    if both is not None:
+        lines += [
+            f"  bidirectional repeatability R {both.repeatability * scale:.3f}   systematic deviation E "
+            f"{both.systematic_deviation * scale:.3f}   accuracy A {both.accuracy * scale:.3f}",
+            f"  reversal error B {both.reversal_error * scale:.3f}   mean reversal error "
+            f"{both.mean_reversal_error * scale:.3f}   range of means M {both.mean_deviation_range * scale:.3f}",
+        ]
+    where = 180 / math.pi if result.runs.rotary else 1e3
+    for outlier in result.outliers:
+        lines.append(
+            f"  flagged{' (start-up)' if outlier.startup else ''}: cycle {outlier.cycle + 1}, direction "
+            f"{outlier.direction:+d}, target {result.runs.targets[outlier.target] * where:g} "
+            f"{'deg' if result.runs.rotary else 'mm'}: {outlier.excess * scale:+.3f} {unit} from the others, "
+            f"{outlier.ratio:.1f} standard deviations; the figures include it"
+        )
+    lines += [f"  note: {remark}" for remark in result.remarks]
+    return "\n".join([*lines, f"written to {output}, standard uncertainty {result.uncertainty * scale:.3f} {unit}"])
+
+
+def straightness_text(result: StraightnessResult, output: Path) -> str:
+    """Straightness, its uncertainty, and the evidence of the overlaps."""
+    spliced = result.spliced
+    lines = [
+        f"straightness ({result.name}) {result.error * 1e6:.3f} µm about the least squares line, standard uncertainty "
+        f"{result.uncertainty * 1e6:.3f} µm, {spliced.positions[0] * 1e3:g} to {spliced.positions[-1] * 1e3:g} mm"
+    ]
+    if result.repeatability is not None:
+        lines.append(f"  largest deviation of a run from the mean of its direction {result.repeatability * 1e6:.3f} µm")
+    if result.reversal is not None:
+        lines.append(f"  largest difference of forward and backward {result.reversal * 1e6:.3f} µm")
+    for overlap in spliced.overlaps:
+        lines.append(
+            f"  overlap of segments {overlap.segments[0] + 1} and {overlap.segments[1] + 1}: {overlap.share:.0%} of "
+            f"the mirror, differ by {overlap.difference * 1e6:.3f} µm (noise explains {overlap.expected * 1e6:.3f} µm)"
+        )
+    lines += [f"  warning: {warning}" for warning in spliced.warnings]
+    if result.rotated is not None:
+        angle, sense = result.rotated.angle * 1e6, "rises" if result.rotated.rising else "falls"
+        lines.append(f"  rotated by {angle:+.2f} µrad: the curve {sense} and its correction never reverses")
+    return "\n".join([*lines, f"written to {output}"])
+
+
+def squareness_text(result: SquarenessResult, output: Path) -> str:
+    """Squareness errors, and tilts of rotary axes."""
+    lines = ["squareness errors (angle less 90 degrees), µrad"]
+    for letter, other, angle, uncertainty in result.squareness:
+        lines.append(f"  {letter} to {other}: {angle * 1e6:+.2f}, standard uncertainty {uncertainty * 1e6:.2f}")
+    for letter, (tilt, spread) in result.tilts.items():
+        shown = ", ".join(f"{value * 1e6:+.2f}" for value in tilt)
+        lines.append(
+            f"  axis {letter} tilted by ({shown}) about x, y, z, standard uncertainty {spread.max() * 1e6:.2f}"
+        )
+    return "\n".join([*lines, f"written to {output}"])
+
+
+def machine_text(result: MachineResult, output: Path) -> str:
+    """The verdict, what the poses see and what they do not, and which further poses would help."""
+    found, verdict = result.identification, result.verdict
+    count = len(found.parameters)
+    lines = [
+        verdict.sentence,
+        f"  {found.rank} of {count} combinations are seen, condition {found.condition:.1f}; "
+        f"{int(found.determined.sum())} parameters are determined one by one; residual {found.residual_ratio:.3f} "
+        "times the noise",
+    ]
+    if found.unseen:
+        lines.append("  not seen (changes that go together unnoticed, in 10 µm and 10 µrad):")
+        lines += [f"    {combination}" for combination in found.unseen[:MOST_ROWS]]
+        lines.append(f"  the same poses with a tool 100 mm longer as well would show {verdict.rank_with_longer_tool}")
+    lines.append(f"  poses that would add most ({', '.join(axis.letter for axis in found.machine.axes)}; mm, degrees):")
+    scales = [1e3 if axis.kind == "linear" else 180 / math.pi for axis in found.machine.axes]
+    for pose in verdict.further_poses:
+        lines.append("    " + "  ".join(f"{value * scale:9.2f}" for value, scale in zip(pose, scales, strict=True)))
+    known = found.standard_uncertainty
+    worst = [k for k in np.argsort(-known) if np.isfinite(known[k])][:3]
+    shown = ", ".join(f"{found.parameters[k].name} {known[k] * 1e6:.2f}" for k in worst)
+    return "\n".join([*lines, f"  largest standard uncertainties (µm, µrad): {shown}", f"written to {output}"])
+
+
+def ranking_text(costs: Sequence[ErrorCost]) -> str:
+    """Errors by what each costs alone."""
+    lines = ["error                     position, µm: rms   largest   orientation, µrad: rms"]
+    for cost in costs:
+        lines.append(
+            f"{cost.name:30} {cost.position_rms * 1e6:12.3f} {cost.position_largest * 1e6:9.3f} "
+            f"{cost.orientation_rms * 1e6:24.3f}"
+        )
+    return "\n".join(lines)

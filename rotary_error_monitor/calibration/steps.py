@@ -1,0 +1,328 @@
+"""The steps of a calibration: measurements in, a changed machine file and a report in words out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.calibration.identification import Identification, check_held_out, identify_machine
+from rotary_error_monitor.calibration.machine_file import MachineFile, Provenance, hash_source
+from rotary_error_monitor.calibration.measurements import (
+    read_positioning,
+    read_probed_poses,
+    read_straightness,
+    read_tracker,
+)
+from rotary_error_monitor.calibration.parameters import Orders, list_parameters
+from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
+from rotary_error_monitor.calibration.volume import Limits
+from rotary_error_monitor.description.machine import DIRECTIONS, Axis, MachineDescription
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.axis_fits import LineFit, fit_axis_average_line, fit_line_in_space
+from rotary_error_monitor.metrology.axis_fits import estimate_squareness as squareness_between
+from rotary_error_monitor.metrology.guideway_compensation import RotatedCurve, rotate_monotone
+from rotary_error_monitor.metrology.positioning import (
+    Outlier,
+    PositioningFigures,
+    PositioningRuns,
+    check_standard_test,
+    estimate_positioning,
+    find_outliers,
+)
+from rotary_error_monitor.metrology.splicing import Mirror, Segment, SplicedProfile, splice_segments
+from rotary_error_monitor.metrology.straightness import Run, combine_runs
+from rotary_error_monitor.metrology.tracker import TrackerNoise, estimate_point_covariance, estimate_points
+
+Array = NDArray[np.float64]
+
+MOST_TABLE_ROWS = 101
+
+
+@dataclass(frozen=True)
+class Job:
+    """What every step needs.
+
+    Attributes:
+        source: file or bag of measurements.
+        file: the machine file to change.
+        output: where to write it.
+        day: day of the calibration.
+    """
+
+    source: Path
+    file: MachineFile
+    output: Path
+    day: date
+
+    def finish(self, names: list[str], uncertainty: float | None, figures: Mapping[str, float]) -> None:
+        """Note where the sections are from, and save."""
+        provenance = Provenance(self.day, self.source.name, hash_source(self.source), uncertainty, figures)
+        self.file.note(names, provenance)
+        self.file.save(self.output)
+
+
+@dataclass(frozen=True)
+class PositioningResult:
+    """What a positioning step found; `name` is the error component."""
+
+    name: str
+    runs: PositioningRuns
+    figures: PositioningFigures
+    outliers: tuple[Outlier, ...]
+    remarks: tuple[str, ...]
+    uncertainty: float
+
+
+def calibrate_positioning(job: Job, letter: str) -> PositioningResult:
+    """ISO 230-2 test of one axis into the table of its positioning error.
+
+    Raises:
+        InputError: the machine has no such axis, the table is wrong, or its targets leave the travel.
+    """
+    axis = job.file.machine.axis(letter)
+    runs = read_positioning(job.source, rotary=axis.kind == "rotary")
+    _check_travel(axis, runs.targets, job.source)
+    figures = estimate_positioning(runs)
+    name, sign = _own_component(axis)
+    forward = sign * figures.forward.mean
+    backward = None if figures.backward is None else sign * figures.backward.mean
+    job.file.set_table(name, runs.targets, forward, backward)
+    ways = [figures.forward] if figures.backward is None else [figures.forward, figures.backward]
+    uncertainty = max(float((way.spread / np.sqrt(way.count)).max()) for way in ways)
+    noted = {"repeatability": figures.forward.repeatability, "accuracy": figures.forward.accuracy}
+    if figures.bidirectional is not None:
+        both = figures.bidirectional
+        noted = {
+            "reversal_error": both.reversal_error,
+            "mean_reversal_error": both.mean_reversal_error,
+            "repeatability": both.repeatability,
+            "systematic_deviation": both.systematic_deviation,
+            "accuracy": both.accuracy,
+        }
+    job.finish([name], uncertainty, noted)
+    return PositioningResult(name, runs, figures, find_outliers(runs), check_standard_test(runs), uncertainty)
+
+
+@dataclass(frozen=True)
+class StraightnessResult:
+    """What a straightness step found; `rotated` is None where no monotone curve was asked for."""
+
+    name: str
+    spliced: SplicedProfile
+    error: float
+    uncertainty: float
+    repeatability: float | None
+    reversal: float | None
+    rotated: RotatedCurve | None
+
+
+def calibrate_straightness(
+    job: Job, name: str, mirror: Mirror, noise: float, *, monotone: bool = False, spacing: float | None = None
+) -> StraightnessResult:
+    """Segments of a guideway, spliced, into the table of a straightness error such as EYX.
+
+    With `monotone` the component also has the slope that keeps the axis which takes it out from reversing.
+
+    Raises:
+        InputError: the name is no straightness of an axis of the machine, the table is wrong, or segments do not fit.
+    """
+    axis = _straightness_axis(job.file.machine, name)
+    segments, repeatability, reversal = [], [], []
+    for runs in read_straightness(job.source).values():
+        segment, spread, turn = _segment(runs, noise)
+        segments.append(segment)
+        repeatability += [] if spread is None else [spread]
+        reversal += [] if turn is None else [turn]
+    try:
+        spliced = splice_segments(segments, mirror, spacing=spacing)
+    except InputError as error:
+        raise InputError(f"{job.source}: {error}") from error
+    _check_travel(axis, spliced.positions, job.source)
+    straightness = spliced.straightness()
+    positions = np.linspace(spliced.positions[0], spliced.positions[-1], min(MOST_TABLE_ROWS, len(spliced.positions)))
+    values = np.interp(positions, spliced.positions, straightness.deviations)
+    uncertainty = float(np.sqrt(np.diag(spliced.deviation_covariance()).max()))
+    rotated = rotate_monotone(positions, values) if monotone else None
+    job.file.set_table(name, positions, values, None)
+    if rotated is not None:
+        job.file.set_slope(name, math.tan(rotated.angle))
+    job.finish([name], uncertainty, {"straightness": straightness.error})
+    return StraightnessResult(
+        name,
+        spliced,
+        straightness.error,
+        uncertainty,
+        max(repeatability, default=None),
+        max(reversal, default=None),
+        rotated,
+    )
+
+
+def _segment(runs: list[Run], noise: float) -> tuple[Segment, float | None, float | None]:
+    """One placement: repeated runs averaged, with their largest deviation and reversal part; a single one as it is."""
+    start = min(float(run.positions.min()) for run in runs)
+    counts = {sign: sum(run.direction == sign for run in runs) for sign in (1, -1)}
+    if 1 in counts.values() or len(runs) == 1:
+        positions = np.concatenate([run.positions for run in runs])
+        # Runs may differ in height by how the sensor was set; the first one's counts.
+        readings = np.concatenate([run.readings - run.readings.mean() for run in runs])
+        return Segment(positions, readings, noise, start), None, None
+    combined = combine_runs(runs)
+    floor = noise / math.sqrt(len(runs))
+    segment = Segment(combined.positions, combined.mean, max(combined.standard_uncertainty, floor / 2), start)
+    reversal = None if combined.reversal is None else float(np.abs(combined.reversal).max())
+    return segment, combined.largest_deviation, reversal
+
+
+@dataclass(frozen=True)
+class SquarenessResult:
+    """Squareness errors as (axis, other, angle, uncertainty), rad, and tilts of rotary axes by letter, rad."""
+
+    squareness: tuple[tuple[str, str, float, float], ...]
+    tilts: Mapping[str, tuple[Array, Array]]
+
+
+def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
+    """Tracker readings along axes into squareness errors, and of rotary axes into their tilts.
+
+    Features are named by axis: X, Y, Z for points along a linear axis; C.1, C.2, … for targets that a rotary axis
+    carries round. Axes are taken in the order of the bodies: the first linear one is the reference, each other is
+    squared against those before it, and a rotary axis is tilted against the body that carries it.
+
+    Raises:
+        InputError: the table is wrong, a feature is no axis of the machine, or fewer than two axes were measured.
+    """
+    machine = job.file.machine
+    lines = _axis_lines(job.source, machine, noise)
+    ordered = [body.axis for body in machine.bodies if body.axis in lines]
+    linear = [letter for letter in ordered if letter is not None and machine.axis(letter).kind == "linear"]
+    if len(linear) < 2:
+        raise InputError(f"{job.source}: features of {len(linear)} linear axes; squareness needs two, such as X and Y")
+    found = []
+    for k, letter in enumerate(linear):
+        for other in linear[: min(k, 2)]:
+            square = squareness_between(lines[letter], lines[other])
+            found.append((letter, other, square.angle, square.uncertainty))
+            job.file.set_squareness(letter, other, square.angle)
+    frame = _basis_of(machine, linear) @ _basis(lines[linear[0]].direction, lines[linear[1]].direction).T
+    tilts = {}
+    for letter in (letter for letter in ordered if letter is not None and letter not in linear):
+        tilts[letter] = _tilt(job.file.changed, letter, frame, lines[letter])
+        old = np.array(machine.body_of(letter).location_error.shift)
+        job.file.set_location(letter, old, tilts[letter][0])
+    worst = max([row[3] for row in found] + [float(std.max()) for _, std in tilts.values()])
+    job.finish(["squareness", *(f"tilt of {letter}" for letter in tilts)], worst, {})
+    return SquarenessResult(tuple(found), tilts)
+
+
+def _axis_lines(source: Path, machine: MachineDescription, noise: TrackerNoise) -> dict[str, LineFit]:
+    """Direction of each measured axis, in the tracker's frame, running as the axis does."""
+    tracks: dict[str, list[tuple[Array, Array]]] = {}
+    for feature, reading in read_tracker(source).items():
+        points = estimate_points(*reading), estimate_point_covariance(*reading, noise)
+        tracks.setdefault(machine.axis(feature.partition(".")[0]).letter, []).append(points)
+    lines = {}
+    for letter, found in tracks.items():
+        try:
+            if machine.axis(letter).kind == "linear":
+                lines[letter] = fit_line_in_space(*found[0])
+            else:
+                lines[letter] = fit_axis_average_line([p for p, _ in found], [c for _, c in found])
+        except InputError as error:
+            raise InputError(f"{source}: feature {letter}: {error}") from error
+    return lines
+
+
+def _tilt(machine: MachineDescription, letter: str, frame: Array, line: LineFit) -> tuple[Array, Array]:
+    """Tilt of a rotary axis against the body that carries it (rotation vector, rad), and its uncertainty.
+
+    `frame` turns the tracker's frame into that of the base; what the carriers are turned by, as the file has it, is not
+    the axis's own.
+    """
+    nominal = np.array(machine.axis(letter).direction)
+    seen = frame @ line.direction
+    seen = seen if seen @ nominal > 0 else -seen
+    across = np.eye(3) - np.outer(nominal, nominal)
+    carriers = np.zeros(3)
+    parent = machine.body_of(letter).parent
+    while parent in (names := {body.name: body for body in machine.bodies}):
+        carriers += names[parent].location_error.rotation
+        parent = names[parent].parent
+    turn = np.cross(nominal, np.eye(3)).T @ frame
+    variance = np.diag(turn @ line.direction_covariance @ turn.T)
+    return np.cross(nominal, seen / (seen @ nominal)) - across @ carriers, np.sqrt(np.maximum(variance, 0.0))
+
+
+def _basis_of(machine: MachineDescription, linear: list[str]) -> Array:
+    """The frame of the base as columns: the first linear axis is followed exactly, the second lies in the plane."""
+    first, second = (np.array(machine.axis(letter).direction) for letter in linear[:2])
+    return _basis(first, second)
+
+
+def _basis(first: Array, second: Array) -> Array:
+    """Orthonormal columns: along `first`, towards `second`, and across both."""
+    across = np.cross(first, second)
+    across = across / np.linalg.norm(across)
+    return np.stack([first, np.cross(across, first), across], axis=1)
+
+
+@dataclass(frozen=True)
+class MachineResult:
+    """What identification found, and the verdict on it."""
+
+    identification: Identification
+    verdict: Verdict
+
+
+def calibrate_machine(
+    job: Job, orders: Orders, noise: float, required: float, limits: Limits | None = None
+) -> MachineResult:
+    """All parameters of a machine from probed poses; the file is written whatever the verdict, which stands in it.
+
+    Raises:
+        InputError: the poses cannot be read or do not fit the machine.
+    """
+    machine = job.file.machine
+    poses = read_probed_poses(job.source, machine, noise)
+    parameters = list_parameters(machine, orders)
+    identification = identify_machine(machine, parameters, poses)
+    held_out = check_held_out(machine, parameters, poses)
+    verdict = judge_calibration(identification, held_out, poses, required=required, limits=limits)
+    job.file.set_machine(identification.machine)
+    figures = {"held_out_ratio": held_out.ratio, "volumetric_uncertainty": verdict.uncertainty}
+    job.finish(["machine"], verdict.uncertainty, figures)
+    return MachineResult(identification, verdict)
+
+
+def _own_component(axis: Axis) -> tuple[str, float]:
+    """Name of the positioning error of an axis, and the sign of its direction."""
+    own = int(np.argmax(np.abs(axis.direction)))
+    kind = own if axis.kind == "linear" else own + 3
+    return f"E{DIRECTIONS[kind]}{axis.letter}", math.copysign(1.0, axis.direction[own])
+
+
+def _straightness_axis(machine: MachineDescription, name: str) -> Axis:
+    if len(name) != 3 or name[0] != "E" or name[1] not in "XYZ":
+        raise InputError(
+            f"'{name}' names no straightness; expected E, one of X Y Z, letter of a linear axis, such as EYX"
+        )
+    axis = machine.axis(name[2])
+    if axis.kind != "linear" or _own_component(axis)[0] == name:
+        raise InputError(f"{name} is no straightness of a linear axis; its own direction is its positioning")
+    return axis
+
+
+def _check_travel(axis: Axis, positions: Array, source: Path) -> None:
+    low, high = axis.travel
+    slack = 1e-3 * (high - low)
+    if positions[0] < low - slack or positions[-1] > high + slack:
+        raise InputError(
+            f"{source}: positions from {positions[0]:g} to {positions[-1]:g} leave the travel of {axis.letter}, "
+            f"{low:g} to {high:g} (m or rad): another axis, or another unit?"
+        )

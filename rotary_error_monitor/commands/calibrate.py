@@ -1,0 +1,224 @@
+"""`rotary_error_monitor calibrate`: from measurements to the machine file, and to the tables that controllers load."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+import numpy as np
+
+from rotary_error_monitor.calibration import reports
+from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
+from rotary_error_monitor.calibration.machine_file import MachineFile
+from rotary_error_monitor.calibration.parameters import Orders
+from rotary_error_monitor.calibration.steps import (
+    Job,
+    calibrate_machine,
+    calibrate_positioning,
+    calibrate_squareness,
+    calibrate_straightness,
+)
+from rotary_error_monitor.calibration.volume import estimate_volumetric_map, rank_errors
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.splicing import Mirror
+from rotary_error_monitor.metrology.tracker import TrackerNoise
+
+NOT_GOOD = 10
+Subparsers = argparse._SubParsersAction  # the type that argparse gives has no public name
+
+
+def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
+    """Describe the command's arguments."""
+    parser = subparsers.add_parser(
+        "calibrate",
+        help="measurements to the machine file, and to the tables that controllers load",
+        description="Exit codes: 0 done (machine: the calibration is good), 10 it is not good, 2 bad input.",
+    )
+    steps = parser.add_subparsers(title="steps", required=True, metavar="STEP")
+    _add_positioning(steps)
+    _add_straightness(steps)
+    _add_squareness(steps)
+    _add_machine(steps)
+    _add_tables(steps)
+    _add_errors(steps)
+
+
+def _step(
+    steps: Subparsers[argparse.ArgumentParser], name: str, run: Callable[[argparse.Namespace], int], text: str
+) -> argparse.ArgumentParser:
+    """A step that reads measurements and writes a machine file."""
+    parser = steps.add_parser(name, help=text)
+    parser.add_argument(
+        "source", type=Path, metavar="MEASUREMENTS", help="CSV file; a bag as well where poses are read"
+    )
+    parser.add_argument("--machine", type=Path, required=True, metavar="MACHINE.yaml", help="the file to calibrate")
+    parser.add_argument("-o", "--output", type=Path, help="write here instead of changing MACHINE.yaml")
+    parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
+    parser.add_argument("--figure", type=Path, metavar="PNG", help="draw what was found")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
+    text = "ISO 230-2 test of one axis: target_mm,direction,cycle,deviation_um (target_deg, deviation_arcsec)"
+    _step(steps, "positioning", _positioning, text).add_argument("--axis", required=True, help="letter, such as X")
+
+
+def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
+    text = "overlapping segments along a mirror: segment,run,direction,position_mm,reading_um"
+    parser = _step(steps, "straightness", _straightness, text)
+    parser.add_argument("--component", required=True, help="such as EYX: straightness of X in Y")
+    parser.add_argument("--mirror-length-mm", type=float, required=True)
+    parser.add_argument("--mirror-flatness-um", required=True, help="peak to valley, or 'unknown'")
+    parser.add_argument("--noise-um", type=float, required=True, help="standard deviation of a reading")
+    parser.add_argument(
+        "--monotone", action="store_true", help="rotate the curve so that its correction never reverses"
+    )
+
+
+def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
+    text = "laser tracker along and round axes: feature,distance_mm,elevation_deg,azimuth_deg"
+    parser = _step(steps, "squareness", _squareness, text)
+    parser.add_argument("--distance-um", type=float, default=0.5, help="standard uncertainty (default 0.5)")
+    parser.add_argument("--distance-ppm", type=float, default=0.5, help="and its relative part (default 0.5)")
+    parser.add_argument("--angle-arcsec", type=float, default=0.5, help="of both angles (default 0.5)")
+
+
+def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
+    parser = _step(steps, "machine", _machine, "all parameters from probed poses: a bag, or a CSV file")
+    parser.add_argument("--noise-um", type=float, default=1.5, help="standard deviation of the probe (default 1.5)")
+    parser.add_argument(
+        "--required-um", type=float, default=3.0, help="good if the tool is predicted to this (default 3)"
+    )
+    parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
+    for name in ("reversal", "expansion", "setup"):
+        parser.add_argument(f"--{name}", action="store_true", help=f"look for {name} as well")
+
+
+def _add_tables(steps: Subparsers[argparse.ArgumentParser]) -> None:
+    parser = steps.add_parser("tables", help="LinuxCNC COMP_FILE of an axis, or a volumetric table")
+    parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--axis", help="COMP_FILE of this axis")
+    what.add_argument("--grid", nargs="+", metavar="X=5", help="volumetric table: points by axis; others at mid-travel")
+    parser.add_argument("--type", type=int, choices=(0, 1), default=0, help="COMP_FILE_TYPE (default 0)")
+    parser.add_argument("--rows", type=int, default=256, help="rows of a COMP_FILE at most (default 256)")
+    parser.set_defaults(run=_tables)
+
+
+def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
+    parser = steps.add_parser("errors", help="what matters most: which error costs how much in the working volume")
+    parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
+    parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
+    parser.add_argument("--map", nargs=2, metavar=("X", "Z"), help="axes of the map (default: the first two)")
+    parser.add_argument("--figure", type=Path, metavar="PNG", help="draw map and ranked bars")
+    parser.set_defaults(run=_errors)
+
+
+def _job(arguments: argparse.Namespace) -> Job:
+    day = arguments.date or datetime.now(UTC).date()
+    return Job(arguments.source, MachineFile(arguments.machine), arguments.output or arguments.machine, day)
+
+
+def _positioning(arguments: argparse.Namespace) -> int:
+    job = _job(arguments)
+    result = calibrate_positioning(job, arguments.axis)
+    print(reports.positioning_text(result, job.output))
+    if arguments.figure:
+        from rotary_error_monitor.report.calibration import draw_positioning
+
+        draw_positioning(arguments.figure, result)
+    return 0
+
+
+def _straightness(arguments: argparse.Namespace) -> int:
+    job = _job(arguments)
+    mirror = Mirror(arguments.mirror_length_mm * 1e-3, _flatness(arguments.mirror_flatness_um))
+    noise = arguments.noise_um * 1e-6
+    result = calibrate_straightness(job, arguments.component, mirror, noise, monotone=arguments.monotone)
+    print(reports.straightness_text(result, job.output))
+    if arguments.figure:
+        from rotary_error_monitor.report.calibration import draw_straightness
+
+        draw_straightness(arguments.figure, result)
+    return 0
+
+
+def _squareness(arguments: argparse.Namespace) -> int:
+    job = _job(arguments)
+    angle = math.radians(arguments.angle_arcsec / 3600)
+    noise = TrackerNoise(arguments.distance_um * 1e-6, arguments.distance_ppm * 1e-6, angle, angle)
+    print(reports.squareness_text(calibrate_squareness(job, noise), job.output))
+    return 0
+
+
+def _machine(arguments: argparse.Namespace) -> int:
+    job = _job(arguments)
+    orders = Orders(reversal=arguments.reversal, expansion=arguments.expansion, setup=arguments.setup)
+    limits = _limits(arguments.limits, job.file.machine)
+    noise, required = arguments.noise_um * 1e-6, arguments.required_um * 1e-6
+    result = calibrate_machine(job, orders, noise, required, limits)
+    print(reports.machine_text(result, job.output))
+    return 0 if result.verdict.good else NOT_GOOD
+
+
+def _tables(arguments: argparse.Namespace) -> int:
+    machine = load_machine(arguments.machine)
+    if arguments.axis:
+        compensation = predict_axis_compensation(machine, arguments.axis, arguments.rows)
+        arguments.output.write_text(comp_file(compensation, arguments.type), encoding="ascii")
+        residue = np.rad2deg(compensation.residue) * 3600 if compensation.rotary else compensation.residue * 1e6
+        unit = "arcsec" if compensation.rotary else "µm"
+        print(f"{len(compensation.positions)} rows written to {arguments.output}, {residue:.3g} {unit} off between")
+        print(f"[JOINT_N] COMP_FILE = {arguments.output.name}, COMP_FILE_TYPE = {arguments.type}; take BACKLASH out")
+        return 0
+    counts = {name: int(_number(value, f"{name}={value}")) for name, value in map(_split, arguments.grid)}
+    arguments.output.write_text(volumetric_table(machine, counts), encoding="ascii")
+    print(f"{math.prod(counts.values())} poses written to {arguments.output}")
+    return 0
+
+
+def _errors(arguments: argparse.Namespace) -> int:
+    machine = load_machine(arguments.machine)
+    costs = rank_errors(machine, limits=_limits(arguments.limits, machine))
+    print(reports.ranking_text(costs))
+    if arguments.figure:
+        from rotary_error_monitor.report.calibration import draw_errors
+
+        axes = tuple(arguments.map or machine.letters[:2])
+        draw_errors(arguments.figure, costs, estimate_volumetric_map(machine, (axes[0], axes[1])))
+    return 0
+
+
+def _flatness(text: str) -> float | None:
+    return None if text == "unknown" else _number(text, f"--mirror-flatness-um {text}") * 1e-6
+
+
+def _limits(words: list[str], machine: MachineDescription) -> dict[str, tuple[float, float]]:
+    limits = {}
+    for name, value in map(_split, words):
+        scale = 1e-3 if machine.axis(name).kind == "linear" else math.pi / 180
+        low, comma, high = value.partition(",")
+        if not comma:
+            raise InputError(f"{name}={value}: expected two numbers, such as {name}=-100,100")
+        limits[name] = (_number(low, f"{name}={value}") * scale, _number(high, f"{name}={value}") * scale)
+    return limits
+
+
+def _split(word: str) -> tuple[str, str]:
+    name, mark, value = word.partition("=")
+    if not mark:
+        raise InputError(f"'{word}': expected an axis, =, and a value, such as X=5")
+    return name, value
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{what}: '{text}' is no number") from None

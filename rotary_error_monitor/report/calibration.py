@@ -1,0 +1,94 @@
+"""Pictures of a calibration: positioning, straightness, and which error costs what."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+
+from rotary_error_monitor.calibration.steps import PositioningResult, StraightnessResult
+from rotary_error_monitor.calibration.volume import ErrorCost, VolumetricMap
+from rotary_error_monitor.metrology.positioning import COVERAGE
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+MOST_BARS = 20
+ARCSEC = 648000 / math.pi
+
+
+def draw_positioning(path: Path, result: PositioningResult) -> None:
+    """Readings, means by direction and their band of two standard deviations, as ISO 230-2 draws them."""
+    rotary = result.runs.rotary
+    where, scale = (180 / math.pi, ARCSEC) if rotary else (1e3, 1e6)
+    figure, ax = plt.subplots(figsize=(9, 4.5), layout="constrained")
+    targets = result.runs.targets * where
+    ways = [("forward", "tab:blue", result.runs.forward, result.figures.forward)]
+    if result.runs.backward is not None and result.figures.backward is not None:
+        ways.append(("backward", "tab:orange", result.runs.backward, result.figures.backward))
+    for name, colour, readings, figures in ways:
+        ax.plot(targets, readings * scale, ".", color=colour, alpha=0.5)
+        ax.plot(targets, figures.mean * scale, color=colour, label=f"{name}, mean")
+        margin = COVERAGE * figures.spread
+        ax.fill_between(
+            targets, (figures.mean - margin) * scale, (figures.mean + margin) * scale, color=colour, alpha=0.15, lw=0
+        )
+    ax.set_xlabel(f"target, {'deg' if rotary else 'mm'}")
+    ax.set_ylabel(f"deviation, {'arcsec' if rotary else 'µm'}")
+    ax.set_title(f"Positioning {result.name} (ISO 230-2)")
+    _save(figure, ax, path)
+
+
+def draw_straightness(path: Path, result: StraightnessResult) -> None:
+    """Deviations from the least squares line with their expanded uncertainty, overlaps shaded."""
+    spliced = result.spliced
+    figure, ax = plt.subplots(figsize=(9, 4.5), layout="constrained")
+    x, y = spliced.positions * 1e3, spliced.straightness().deviations * 1e6
+    margin = COVERAGE * np.sqrt(np.maximum(np.diag(spliced.deviation_covariance()), 0.0)) * 1e6
+    ax.plot(x, y, color="tab:blue", label="deviation from the least squares line")
+    ax.fill_between(x, y - margin, y + margin, color="tab:blue", alpha=0.2, lw=0, label="expanded uncertainty (k = 2)")
+    for number, overlap in enumerate(spliced.overlaps):
+        label = "overlap" if number == 0 else None
+        ax.axvspan(overlap.first * 1e3, overlap.last * 1e3, color="tab:gray", alpha=0.15, lw=0, label=label)
+    if result.rotated is not None:
+        ax.plot(result.rotated.positions * 1e3, result.rotated.errors * 1e6, "--", color="tab:green", label="rotated")
+    ax.set_xlabel("position, mm")
+    ax.set_ylabel("deviation, µm")
+    ax.set_title(f"Straightness {result.name}: {result.error * 1e6:.2f} µm")
+    _save(figure, ax, path)
+
+
+def draw_errors(path: Path, costs: Sequence[ErrorCost], chart: VolumetricMap) -> None:
+    """Map of the tool offset over two axes, position and orientation, beside the errors ranked by what they cost."""
+    figure = plt.figure(figsize=(13, 6), layout="constrained")
+    grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.2))
+    maps = (
+        (chart.position_error * 1e6, "position error, µm"),
+        (chart.orientation_error * 1e6, "orientation error, µrad"),
+    )
+    for row, (values, title) in enumerate(maps):
+        ax = figure.add_subplot(grid[row, 0])
+        mesh = ax.pcolormesh(chart.first, chart.second, values.T, shading="gouraud", cmap="viridis")
+        figure.colorbar(mesh, ax=ax, label=title)
+        ax.set_xlabel(f"{chart.axes[0]}, m or rad")
+        ax.set_ylabel(f"{chart.axes[1]}, m or rad")
+    ax = figure.add_subplot(grid[:, 1])
+    shown = list(costs[:MOST_BARS])[::-1]
+    ax.barh(
+        [cost.name for cost in shown], [cost.position_largest * 1e6 for cost in shown], color="tab:blue", alpha=0.25
+    )
+    ax.barh([cost.name for cost in shown], [cost.position_rms * 1e6 for cost in shown], color="tab:blue")
+    ax.set_xlabel("tool position error by this error alone, µm: rms (dark) and largest (light)")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _save(figure: Any, ax: Any, path: Path) -> None:  # noqa: ANN401 (matplotlib carries no types here)
+    ax.grid(alpha=0.3)
+    ax.legend(fontsize=8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

@@ -1,0 +1,172 @@
+"""Tables of measurements: what is read, and one clear error with file and line for each kind of bad input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.calibration.measurements import (
+    read_positioning,
+    read_probed_poses,
+    read_straightness,
+    read_tracker,
+)
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.errors import InputError
+
+HEADER = "target_mm,direction,cycle,deviation_um"
+GOOD = [
+    "0,1,1,1.0",
+    "100,1,1,2.0",
+    "200,1,1,3.0",
+    "200,-1,1,2.5",
+    "100,-1,1,1.5",
+    "0,-1,1,0.5",
+    "0,1,2,1.2",
+    "100,1,2,2.2",
+    "200,1,2,3.2",
+    "200,-1,2,2.7",
+    "100,-1,2,1.7",
+    "0,-1,2,0.7",
+]
+
+
+def written(folder: Path, *lines: str) -> Path:
+    path = folder / "runs.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_positioning_table(tmp_path: Path) -> None:
+    runs = read_positioning(written(tmp_path, "# X, 21 November", HEADER, *GOOD), rotary=False)
+    np.testing.assert_allclose(runs.targets, [0.0, 0.1, 0.2])
+    np.testing.assert_allclose(runs.forward, 1e-6 * np.array([[1.0, 1.2], [2.0, 2.2], [3.0, 3.2]]))
+    assert runs.backward is not None
+    np.testing.assert_allclose(runs.backward, 1e-6 * np.array([[0.5, 0.7], [1.5, 1.7], [2.5, 2.7]]))
+
+
+def test_missing_target_of_one_cycle_becomes_nan(tmp_path: Path) -> None:
+    rows = [*GOOD, "0,1,3,1.1", "200,1,3,3.1"]
+    runs = read_positioning(written(tmp_path, HEADER, *rows), rotary=False)
+    assert np.isnan(runs.forward[1, 2])
+    assert runs.backward is not None
+    assert np.isnan(runs.backward[:, 2]).all()
+
+
+def test_readings_of_a_rotary_axis_wrap(tmp_path: Path) -> None:
+    lines = ["cycle,target_deg,reading_deg,direction"]
+    lines += [
+        f"{cycle},{target},{reading},1" for cycle in (1, 2) for target, reading in ((0, 359.999), (180, -179.999))
+    ]
+    runs = read_positioning(written(tmp_path, *lines), rotary=True)
+    np.testing.assert_allclose(np.rad2deg(runs.forward), [[-0.001] * 2, [0.001] * 2], atol=1e-12)
+    assert runs.backward is None
+
+
+def changed(row: int, line: str) -> list[str]:
+    return [HEADER, *GOOD[:row], line, *GOOD[row + 1 :]]
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ([], ":1: the file is empty"),
+        (["# nothing but a comment"], ":1: the file is empty"),
+        ([HEADER], ":1: a header and no row"),
+        (
+            ["target_mm,direction,deviation_um", "0,1,1"],
+            ":1: header target_mm,direction,deviation_um; expected target_mm,",
+        ),
+        (["target_um,direction,cycle,deviation_um", *GOOD], ":1: header target_um"),
+        (changed(3, "200,-1,1,2500"), r":5: deviation_um 2500 is beyond ±1000: is it in another unit\?"),
+        (changed(1, "100000000,1,1,2.0"), ":3: target_mm 100000000 is beyond"),
+        (changed(1, "100,1,1,nan"), ":3: deviation_um nan is no finite number"),
+        (changed(1, "100,1,1,"), ":3: deviation_um '' is empty"),
+        (changed(1, "100,1,1,2,0"), ":3: 5 values where the header has 4; write decimal points, not commas"),
+        (changed(1, '100,1,1,"2,0"'), ":3: deviation_um '2,0' has a decimal comma"),
+        (changed(1, "100,1,1"), ":3: 3 values where the header has 4"),
+        (changed(1, "100,1,1,two"), ":3: deviation_um 'two' is no number"),
+        (changed(1, "100,2,1,2.0"), ":3: direction 2; expected 1"),
+        (changed(1, "0,1,1,2.0"), r":3: target 0 comes twice in cycle 1, direction \+1; first on line 2"),
+        (changed(1, "300,1,1,2.0"), r":4: cycle 1, direction \+1: target 200 after 300; are the rows sorted"),
+        (changed(4, "100,1,1,1.5"), r":6: cycle 1, direction \+1: target 100 after 200"),
+        ([HEADER, *GOOD[:8], *GOOD[9:]], ":12: in the table that ends here, target 0.2 m has 1 forward reading"),
+        ([HEADER, *(row for row in GOOD if ",-1," in row)], ":2: no forward run"),
+    ],
+)
+def test_bad_positioning_tables(tmp_path: Path, lines: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=f"runs.csv{message}"):
+        read_positioning(written(tmp_path, *lines), rotary=False)
+
+
+def test_readings_in_another_unit_than_targets(tmp_path: Path) -> None:
+    lines = ["target_mm,direction,cycle,reading_mm", "0,1,1,0.001", "100,1,1,100000.2", "0,1,2,0", "100,1,2,100.1"]
+    with pytest.raises(
+        InputError, match=r":3: reading_mm 100000.2 is beyond ±100000|are both in the unit of the header"
+    ):
+        read_positioning(written(tmp_path, *lines), rotary=False)
+    lines[2] = "100,1,1,0.1002"
+    with pytest.raises(InputError, match=r":3: the reading is -99899.8 um off its target"):
+        read_positioning(written(tmp_path, *lines), rotary=False)
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_positioning(tmp_path / "nothing.csv", rotary=False)
+
+
+SAMPLES = "segment,run,direction,position_mm,reading_um"
+
+
+def test_straightness_table(tmp_path: Path) -> None:
+    rows = [f"1,a,1,{x},{x / 100}" for x in range(5)] + [f"2,b,-1,{x},0.5" for x in range(9, 3, -1)]
+    segments = read_straightness(written(tmp_path, SAMPLES, *rows))
+    assert list(segments) == ["1", "2"]
+    np.testing.assert_allclose(segments["1"][0].positions, 1e-3 * np.arange(5))
+    np.testing.assert_allclose(segments["1"][0].readings, 1e-8 * np.arange(5))
+    assert segments["2"][0].direction == -1
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (["1,a,1,0,0", "1,a,1,2,0", "1,a,1,1,0"], ":4: segment 1, run a: position 1 mm after 2 mm does not go on"),
+        (["1,a,1,0,0", "1,a,1,0,0"], ":3: segment 1, run a: position 0 mm after 0 mm"),
+        (["1,a,1,0,0", "1,a,-1,1,0"], ":3: segment 1, run a: direction -1; expected"),
+        (["1,a,0,0,0"], ":2: segment 1, run a: direction 0"),
+        ([f"1,a,1,{x},0" for x in (0, 1, 2, 3, 30, 31)], ":6: segment 1, run a: a gap of 27 mm before this sample"),
+        (["1,a,1,0,4000"], ":2: reading_um 4000 is beyond"),
+    ],
+)
+def test_bad_straightness_tables(tmp_path: Path, rows: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=f"runs.csv{message}"):
+        read_straightness(written(tmp_path, SAMPLES, *rows))
+
+
+def test_tracker_table(tmp_path: Path) -> None:
+    header = "feature,distance_mm,elevation_deg,azimuth_deg"
+    features = read_tracker(written(tmp_path, header, "X,2000,10,20", "C.1,3000,0,-90", "X,2100,11,21"))
+    np.testing.assert_allclose(features["X"], [[2.0, 2.1], np.deg2rad([10, 11]), np.deg2rad([20, 21])])
+    np.testing.assert_allclose(features["C.1"], [[3.0], [0.0], [-np.pi / 2]])
+    with pytest.raises(InputError, match=":2: elevation_deg 100 is beyond ±90"):
+        read_tracker(written(tmp_path, header, "X,2000,100,20"))
+
+
+def test_poses_table(tmp_path: Path) -> None:
+    machine = load_machine("grinder_zhou2023")
+    header = "X_mm,Z_mm,Y_mm,temperature_degC,dx_um,dy_um,dz_um"
+    poses = read_probed_poses(written(tmp_path, header, "-100,-20,30,20.5,1,2,3"), machine, 1.5e-6)
+    np.testing.assert_allclose(poses.positions, [[-0.1, -0.02, 0.03]])
+    np.testing.assert_allclose(poses.deviations, [[1e-6, 2e-6, 3e-6]])
+    np.testing.assert_array_equal(poses.direction, 0)
+    assert poses.temperature.tolist() == [20.5]
+    header = "X_mm,X_direction,Z_mm,Z_direction,Y_mm,Y_direction,temperature_degC,dx_um,dy_um,dz_um"
+    poses = read_probed_poses(written(tmp_path, header, "-100,1,-20,-1,30,1,20.5,1,2,3"), machine, 1.5e-6)
+    np.testing.assert_array_equal(poses.direction, [[1, -1, 1]])
+
+
+def test_a_bag_without_poses_says_what_it_lacks(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such bag"):
+        read_probed_poses(tmp_path / "bag", load_machine("pan2013"), 1.5e-6)

@@ -1,0 +1,320 @@
+"""Each step from a file of measurements to a machine file that the model then runs on; the commands around them."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import math
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+
+from rotary_error_monitor.bags.messages import Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.bags.writer import write_messages
+from rotary_error_monitor.calibration.measurements import JOINT_STATES, TEMPERATURE, TOOL_PROBE
+from rotary_error_monitor.calibration.parameters import apply_parameters, list_parameters, without_errors
+from rotary_error_monitor.calibration.volume import sample_volume
+from rotary_error_monitor.commands import calibrate
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.error_model import predict_tool_offset
+from rotary_error_monitor.machine.kinematics import MachineModel, arrange_machine, stand
+from rotary_error_monitor.resources import config
+
+Array = NDArray[np.float64]
+DAY = "2026-11-21"
+
+
+def run(*words: object) -> int:
+    parser = argparse.ArgumentParser()
+    calibrate.add(parser.add_subparsers())
+    arguments = parser.parse_args(["calibrate", *map(str, words)])
+    return int(arguments.run(arguments))
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Path:
+    return Path(shutil.copy(config("machines/pan2013.yaml"), tmp_path / "machine.yaml"))
+
+
+def positioning_file(folder: Path, rotary: bool = False) -> Path:
+    targets = [-300, -170, -50, 60, 180, 300] if rotary else [-3000, -1710, -620, 450, 1800, 3000]
+    rng = np.random.default_rng(1)
+    lines = ["target_deg,direction,cycle,deviation_arcsec" if rotary else "target_mm,direction,cycle,deviation_um"]
+    for cycle in range(1, 6):
+        for direction, way in ((1, targets), (-1, targets[::-1])):
+            for target in way:
+                value = 10 * target / max(targets) - 2 * direction + 0.1 * rng.normal()
+                lines.append(f"{target},{direction},{cycle},{value:.4f}")
+    path = folder / "runs.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def test_positioning(tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, figure = positioning_file(tmp_path), tmp_path / "x.png"
+    words = ["positioning", source, "--machine", machine, "--axis", "X", "--date", DAY, "--figure", figure]
+    assert run(*words) == 0
+    text = capsys.readouterr().out
+    assert "reversal error B 4." in text
+    assert "accuracy A 2" in text
+    assert figure.stat().st_size > 10_000
+    after = load_machine(machine)
+    # What was half of the reversal error in the file is in the table's two columns now.
+    assert after.axis("X").reversal == 0.0
+    model = arrange_machine(after)
+    pose = np.array([[0.45, 0.0, 0.0, 0.0, 0.0]] * 2)
+    before = predict_tool_offset(arrange_machine(load_machine("pan2013")), pose)
+    offset = predict_tool_offset(model, pose, direction=[[1.0] + [0.0] * 4, [-1.0] + [0.0] * 4])
+    np.testing.assert_allclose((offset - before)[:, 0], [1.5e-6 - 2e-6 - 5.25e-6, 1.5e-6 + 2e-6 - 5.25e-6], atol=0.2e-6)
+    note = yaml.safe_load(machine.read_text(encoding="utf-8"))["machine"]["calibration"]["EXX"]
+    assert note["date"] == DAY
+    assert note["sha256"] == hashlib.sha256(source.read_bytes()).hexdigest()
+    assert note["source"] == "runs.csv"
+    assert 0 < note["uncertainty"] < 1e-7
+    assert note["figures"]["reversal_error"] == pytest.approx(4e-6, rel=0.1)
+    content = machine.read_text(encoding="utf-8")
+    assert "# [T2] 0.05/2000" in content
+    assert "# [T2] 0.07/6000" not in content
+
+
+def test_positioning_of_a_rotary_axis(tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out.yaml"
+    assert (
+        run("positioning", positioning_file(tmp_path, rotary=True), "--machine", machine, "--axis", "C", "-o", out) == 0
+    )
+    assert "arcsec" in capsys.readouterr().out
+    table = load_machine(out).errors["ECC"].table
+    assert table is not None
+    assert table.positions[0] == pytest.approx(-math.radians(300), rel=1e-5)
+    assert table.forward[-1] == pytest.approx(math.radians(8 / 3600), rel=0.05)
+    assert load_machine(machine) == load_machine("pan2013")
+
+
+def test_startup_outlier_is_named_and_counted(
+    tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = positioning_file(tmp_path)
+    lines = source.read_text(encoding="utf-8").splitlines()
+    lines[1] = "-3000,1,1,-2.0"
+    source.write_text("\n".join(lines), encoding="utf-8")
+    assert run("positioning", source, "--machine", machine, "--axis", "X") == 0
+    text = capsys.readouterr().out
+    assert "flagged (start-up): cycle 1, direction +1, target -3000 mm: +10" in text
+    assert "the figures include it" in text
+
+
+def test_targets_beyond_the_travel(tmp_path: Path, machine: Path) -> None:
+    with pytest.raises(InputError, match=r"runs.csv: positions from -3 to 3 leave the travel of Y, -1 to 1"):
+        run("positioning", positioning_file(tmp_path), "--machine", machine, "--axis", "Y")
+    with pytest.raises(InputError, match="no axis"):
+        run("positioning", positioning_file(tmp_path), "--machine", machine, "--axis", "B")
+
+
+def straightness_file(folder: Path, runs: int = 6) -> tuple[Path, Array]:
+    """Z of the grinder at two placements of a 440 mm mirror, measured back and forth."""
+    rng = np.random.default_rng(2)
+    lines = ["segment,run,direction,position_mm,reading_um"]
+    for number, start in enumerate((-800, -440)):
+        tilt = rng.normal(0, 20)
+        for k in range(runs):
+            direction = 1 if k % 2 == 0 else -1
+            x = np.arange(start, start + 440.5, 2)[::direction]
+            y = curve(x * 1e-3) * 1e6 + tilt * (x - start) * 1e-3 + 0.06 * rng.normal(size=x.size)
+            lines += [f"{number},{k},{direction},{p:g},{v:.4f}" for p, v in zip(x, y, strict=True)]
+    path = folder / "straightness.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    q = np.linspace(-0.8, 0.0, 50)
+    truth = curve(q)
+    return path, truth - np.polyval(np.polyfit(q, truth, 1), q)
+
+
+def curve(z: Array) -> Array:
+    return 2.9e-6 * np.sin(9 * z) + 0.5e-6 * np.cos(21 * z)
+
+
+@pytest.mark.parametrize("runs", [6, 1])
+def test_straightness(tmp_path: Path, runs: int, capsys: pytest.CaptureFixture[str]) -> None:
+    source, truth = straightness_file(tmp_path, runs)
+    machine = Path(shutil.copy(config("machines/grinder_zhou2023.yaml"), tmp_path / "grinder.yaml"))
+    figure = tmp_path / "z.png"
+    words = ["--component", "EYZ", "--mirror-length-mm", 440, "--mirror-flatness-um", 0.08, "--noise-um", 0.06]
+    assert run("straightness", source, "--machine", machine, *words, "--monotone", "--figure", figure) == 0
+    text = capsys.readouterr().out
+    # 80 of 440 mm; averaging repeated runs in cells takes half a cell from each end.
+    assert re.search(r"overlap of segments 1 and 2: 1[678]% of the mirror", text)
+    assert ("largest deviation of a run" in text) == (runs > 1)
+    assert figure.stat().st_size > 10_000
+    component = load_machine(machine).errors["EYZ"]
+    assert component.table is not None
+    found = np.interp(np.linspace(-0.8, 0.0, 50), component.table.positions, component.table.forward)
+    assert np.abs(found - truth).max() < (0.15e-6 if runs > 1 else 0.6e-6)
+    # The slope beside the table makes the sum monotone.
+    q = np.array(component.table.positions)
+    rotated = np.array(component.table.forward) + component.poly[1] * (q + 0.4) / 0.4
+    steps = np.diff(rotated)
+    assert steps.min() > -1e-11 or steps.max() < 1e-11
+
+
+def test_straightness_with_an_unknown_mirror_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, _ = straightness_file(tmp_path)
+    machine = Path(shutil.copy(config("machines/grinder_zhou2023.yaml"), tmp_path / "grinder.yaml"))
+    words = ["--mirror-length-mm", 440, "--mirror-flatness-um", "unknown", "--noise-um", 0.06]
+    assert run("straightness", source, "--machine", machine, "--component", "EYZ", *words) == 0
+    assert "warning: the mirror's flatness is unknown" in capsys.readouterr().out
+    with pytest.raises(InputError, match=r"straightness.csv: segment 1 runs from .* beyond the mirror"):
+        run("straightness", source, "--machine", machine, "--component", "EYZ", "--mirror-length-mm", 300, *words[2:])
+    for name, message in (("EZZ", "no straightness of a linear axis"), ("XYZ", "names no straightness")):
+        with pytest.raises(InputError, match=message):
+            run("straightness", source, "--machine", machine, "--component", name, *words)
+    with pytest.raises(InputError, match="'thin' is no number"):
+        run("straightness", source, "--machine", machine, "--component", "EYZ", *words[:3], "thin", *words[4:])
+
+
+def spherical(points: Array) -> Array:
+    distance = np.linalg.norm(points, axis=1)
+    return np.stack(
+        [
+            distance * 1e3,
+            np.rad2deg(np.arcsin(points[:, 2] / distance)),
+            np.rad2deg(np.arctan2(points[:, 1], points[:, 0])),
+        ],
+        axis=1,
+    )
+
+
+def test_squareness(tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Targets moved by the machine model itself, seen by a tracker that stands anywhere: its angles come back."""
+    truth = load_machine("pan2013")
+    parameters = [p for p in list_parameters(truth) if ".rotation." in p.name]
+    shifted = apply_parameters(truth, parameters, np.array([-3e-5, 2e-5, 4e-5, 1.5e-5, -2.5e-5, 1e-5, 3e-5]))
+    # Location errors alone, and a target off the axis of C so that A and C carry it round.
+    shifted = replace(shifted, errors={}, axes=tuple(replace(axis, reversal=0.0) for axis in shifted.axes))
+    model = arrange_machine(shifted)
+    ideal = arrange_machine(without_errors(shifted))
+
+    def path(letter: str, at: float = 0.0) -> Array:
+        q = np.zeros((25, 5))
+        number = model.letters.index(letter)
+        low, high = truth.axis(letter).travel
+        q[:, number] = np.linspace(0.9 * low, 0.9 * high, 25) if letter in "XYZ" else np.linspace(-1.5, 1.5, 25)
+        q[:, 4] += at
+        nominal = stand_tip(ideal, q)
+        return nominal + predict_tool_offset(model, q)[:, :3]
+
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    lines = ["feature,distance_mm,elevation_deg,azimuth_deg"]
+    for feature, points in (
+        ("Y", path("Y")),
+        ("X", path("X")),
+        ("Z", path("Z")),
+        ("C.1", path("C", 0.8)),
+        ("C.2", path("C", 1.4)),
+    ):
+        seen = spherical(points @ turn.T + np.array([6.0, 3.0, -1.0]))
+        lines += [f"{feature},{d:.9f},{e:.12f},{a:.12f}" for d, e, a in seen]
+    source = tmp_path / "tracker.csv"
+    source.write_text("\n".join(lines), encoding="utf-8")
+    assert run("squareness", source, "--machine", machine) == 0
+    assert "X to Y" in capsys.readouterr().out
+    after = load_machine(machine)
+    for name in ("carriage", "ram", "swivel_head"):
+        expected = np.array(shifted.body(name).location_error.rotation)
+        np.testing.assert_allclose(after.body(name).location_error.rotation, expected, atol=2e-8, err_msg=name)
+
+
+def stand_tip(model: MachineModel, q: Array) -> Array:
+    return stand(model, q.T, None).tool_in_workpiece()[:, 3].T
+
+
+def test_squareness_needs_two_linear_axes(tmp_path: Path, machine: Path) -> None:
+    source = tmp_path / "tracker.csv"
+    rows = [f"X,{2000 + k * 100},0,{k}" for k in range(5)]
+    source.write_text("\n".join(["feature,distance_mm,elevation_deg,azimuth_deg", *rows]), encoding="utf-8")
+    with pytest.raises(InputError, match="features of 1 linear axes"):
+        run("squareness", source, "--machine", machine)
+    source.write_text("\n".join(["feature,distance_mm,elevation_deg,azimuth_deg", *rows[:2]]), encoding="utf-8")
+    with pytest.raises(InputError, match=r"tracker.csv: feature X: 2 points"):
+        run("squareness", source, "--machine", machine)
+
+
+def poses_bag(folder: Path, name: str) -> Path:
+    """Poses of a machine a little other than the one of that name, as its bag would hold them."""
+    shipped = load_machine(name)
+    parameters = list_parameters(shipped)
+    rng = np.random.default_rng(7)
+    truth = apply_parameters(shipped, parameters, 3e-6 * rng.normal(size=len(parameters)))
+    positions = sample_volume(truth, 220)
+    direction = rng.choice([-1.0, 1.0], size=positions.shape)
+    offset = predict_tool_offset(arrange_machine(truth), positions, direction=direction, temperature=20.0)
+    contents: dict[str, list[Content]] = {JOINT_STATES: [], TOOL_PROBE: [], TEMPERATURE: []}
+    for k, row in enumerate(offset):
+        stamp = 1_763_700_000_000_000_000 + k * 1_000_000_000
+        point = row[:3] + 1.5e-6 * rng.normal(size=3)
+        state = JointState(stamp, truth.letters, positions[k], direction[k], np.array([]))
+        contents[JOINT_STATES].append(state)
+        contents[TOOL_PROBE].append(PointStamped(stamp, point))
+        contents[TEMPERATURE].append(Temperature(stamp, 20.0))
+    bag = folder / "bag"
+    write_messages(bag, contents)
+    return bag
+
+
+def test_machine_verdict_number_sentence_and_exit_code(
+    tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = poses_bag(tmp_path, "pan2013")
+    limits = ["--limits", "X=-2700,2700", "Y=-900,900", "Z=-900,900", "C=-270,270", "A=-95,95"]
+    assert run("machine", bag, "--machine", machine, *limits) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("The calibration is good: it predicts the tool in the working volume to ")
+    assert "poses that would add most (X, Y, Z, C, A; mm, degrees):" in text
+    # Reading the file again gives a machine that the poses fit: a second calibration finds nothing to change.
+    again = tmp_path / "again.yaml"
+    assert run("machine", bag, "--machine", machine, "-o", again, *limits) == 0
+    first, second = load_machine(machine), load_machine(again)
+    for body in first.bodies:
+        np.testing.assert_allclose(
+            body.location_error.rotation, second.body(body.name).location_error.rotation, rtol=0, atol=2e-10
+        )
+    assert run("machine", bag, "--machine", machine, "-o", again, "--required-um", 0.1, *limits) == calibrate.NOT_GOOD
+    assert "not good" in capsys.readouterr().out
+
+
+def test_tables_and_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "x.comp"
+    assert run("tables", "xyzac_trt", "--axis", "X", "--rows", 50, "--type", 1, "-o", table) == 0
+    assert len(table.read_text(encoding="ascii").splitlines()) == 50
+    assert "COMP_FILE_TYPE = 1" in capsys.readouterr().out
+    grid = tmp_path / "grid.csv"
+    assert run("tables", "xyzac_trt", "--grid", "X=3", "Y=2", "-o", grid) == 0
+    assert len(grid.read_text(encoding="ascii").splitlines()) == 7
+    figure = tmp_path / "errors.png"
+    assert run("errors", "pan2013", "--figure", figure, "--map", "X", "Y", "--limits", "A=-60,60") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1].split()[0] != lines[2].split()[0]
+    assert figure.stat().st_size > 30_000
+    for words, message in (
+        (["errors", "pan2013", "--limits", "X"], "expected an axis, =, and a value"),
+        (["errors", "pan2013", "--limits", "X=5"], "expected two numbers"),
+        (["tables", "xyzac_trt", "--grid", "X=many", "-o", grid], "'many' is no number"),
+    ):
+        with pytest.raises(InputError, match=message):
+            run(*words)
+
+
+def test_a_twin_is_no_machine_file(tmp_path: Path) -> None:
+    twin = tmp_path / "twin.yaml"
+    travel = {letter: [-1.0, 1.0] for letter in "XYZCA"}
+    twin.write_text(
+        yaml.safe_dump({"machine": {"travel": travel, "head_length": 0.3, "tool_length": 0.1}}), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="parameters of a twin"):
+        run("positioning", positioning_file(tmp_path), "--machine", twin, "--axis", "X")
