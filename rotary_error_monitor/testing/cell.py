@@ -231,7 +231,7 @@ class Cell:
                 node.crash.result()
         for process in self._processes:
             if process.exit_code is not None and not process.expected:
-                process.expected = True
+                process.expected = process.judged = True
                 raise RuntimeError(
                     f"while waiting for {what}: {process.name} ended with exit code {process.exit_code}; "
                     f"it wrote:\n{process.output}"

@@ -1,0 +1,124 @@
+"""The harness: what it starts it stops, and what goes wrong it tells."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+
+import pytest
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from rotary_error_monitor.nodes.encoder_head import EncoderHead
+from rotary_error_monitor.testing import Cell
+from rotary_error_monitor.testing.domains import own_domain
+from rotary_error_monitor.testing.processes import parameter_arguments
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_the_example_of_its_documentation():
+    with Cell() as cell:
+        cell.run(EncoderHead, "encoder_head_a")
+        cell.start("encoder_head", "encoder_head_b")
+        blocks = cell.collect(cell.wire.topic("head_samples", "a"))
+        cell.wait_until(lambda: len(blocks) > 3, "blocks of head a")
+        assert blocks[0].width > 0
+        assert cell.status("encoder_head_a: state").message == "active"
+
+
+def test_everything_is_stopped_when_a_test_fails():
+    with pytest.raises(ZeroDivisionError), Cell() as cell:
+        process = cell.start("encoder_head", "encoder_head_a")
+        cell.wait_for_status("encoder_head_a: state", "active", 30)
+        _ = 1 / 0
+    assert not is_alive(process.pid)
+
+
+def test_two_cells_do_not_hear_one_another():
+    with Cell() as one, Cell() as other:
+        heard = other.collect(other.wire.topic("head_samples", "a"))
+        own = one.collect(one.wire.topic("head_samples", "a"))
+        one.run(EncoderHead, "encoder_head_a")
+        one.wait_until(lambda: len(own) > 20, "blocks")
+        other.spin_for(0.2)
+        assert heard == []
+
+
+def test_waiting_has_an_end_and_says_how_the_nodes_fared():
+    with Cell() as cell:
+        cell.run(EncoderHead, "encoder_head_a")
+        cell.status("encoder_head_a: state")
+        with pytest.raises(TimeoutError, match=r"waited 0\.1 s for a miracle") as caught:
+            cell.wait_until(lambda: False, "a miracle", 0.1)
+        assert "encoder_head_a: state: active" in str(caught.value)
+
+
+def test_a_process_that_ends_by_itself_is_told():
+    with Cell() as cell:
+        cell.start("encoder_head", "encoder_head_x")
+        with pytest.raises(RuntimeError, match=r"encoder_head_x ended with exit code 2; it wrote:") as caught:
+            cell.wait_until(lambda: False, "nothing", 30)
+        assert "the stage has the heads" in str(caught.value)
+
+
+def test_a_process_that_ended_badly_fails_a_test_that_did_not_look():
+    with pytest.raises(AssertionError, match="encoder_head_x ended with exit code 2"), Cell() as cell:
+        process = cell.start("encoder_head", "encoder_head_x")
+        cell.node.get_logger().debug("the test does not wait")
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+
+
+def test_a_process_that_ignores_its_end_is_killed():
+    with Cell() as cell:
+        process = cell.start("encoder_head", "encoder_head_a")
+        cell.wait_for_status("encoder_head_a: state", "active", 30)
+        os.kill(process.pid, signal.SIGSTOP)
+        with pytest.raises(TimeoutError, match=r"encoder_head_a did not end within 0\.2 s"):
+            process.stop(deadline=0.2)
+        assert process.exit_code == -signal.SIGKILL
+
+
+def test_any_node_of_a_user_can_take_part():
+    class Mine(Node):
+        def __init__(self, name, *, context, parameter_overrides):
+            super().__init__(name, context=context, parameter_overrides=parameter_overrides)
+            self.declare_parameter("gain", 1.0)
+            self.create_service(Trigger, "~/gain", self._tell)
+
+        def _tell(self, request, response):
+            response.message = str(self.get_parameter("gain").value)
+            return response
+
+    with Cell() as cell:
+        node = cell.run(Mine, "mine", gain=2.5)
+        assert cell.call(Trigger, "/mine/gain").message == "2.5"
+        cell.remove(node)
+
+
+def test_domains_are_reserved_and_errors_of_a_test_pass_through():
+    before = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    with own_domain() as one, own_domain() as other:
+        assert one != other
+        assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    with pytest.raises(OSError, match="of the test"), own_domain():
+        raise OSError("of the test")
+    assert os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == before
+    with socket.socket() as free:
+        free.bind(("", 32768 + one))
+
+
+def test_parameters_on_a_command_line():
+    assert parameter_arguments({"a": True, "b": 1.0, "c": "x y", "d": [1, 2.5]}) == [
+        *("-p", "a:=true"),
+        *("-p", "b:=1.0"),
+        *("-p", "c:='x y'"),
+        *("-p", "d:=[1, 2.5]"),
+    ]
