@@ -133,38 +133,28 @@ def estimate_ring_pose(
         readings: (m, h) rad, free of graduation error.
         variances: (m, h) variance of each reading, rad².
     """
-    heads = range(readings.shape[1])
-    turn = 2 * np.pi
-    relative = [readings[:, i] - readings[:, 0] for i in heads]
-    relative = [difference - turn * np.rint(difference / turn) for difference in relative]
-    # sums over heads are written out: a matrix product may round differently in batches of different size
-    solution = [_weighted(layout.weights[row], relative) for row in range(3)]
-    theta, v_x, v_y = readings[:, 0] * layout.weights[0].sum() + solution[0], solution[1], solution[2]
+    # heads first: a sum over the first axis adds them one by one, the same bits in batches of any size
+    relative = np.ascontiguousarray(readings.T) - readings[:, 0]
+    relative = relative - 2 * np.pi * np.rint(relative / (2 * np.pi))
+    spread = np.ascontiguousarray(variances.T)
+    theta, v_x, v_y = _sum_over_heads(layout.weights, relative)
+    theta = readings[:, 0] * layout.weights[0].sum() + theta
     centre = np.stack([radius * np.tan(v_x), radius * np.tan(v_y)], axis=1)
-    covariance = np.empty((len(theta), 3, 3))
-    scale = (1.0, radius, radius)
-    for row in range(3):
-        for column in range(3):
-            products = layout.weights[row] * layout.weights[column] * scale[row] * scale[column]
-            covariance[:, row, column] = _weighted(products, [variances[:, i] for i in heads])
-    return RingPose(theta, centre, covariance, _disagreement(layout, relative, variances))
+    scale = np.array([1.0, radius, radius])
+    products = layout.weights[:, None] * layout.weights[None] * (scale[:, None] * scale)[:, :, None]
+    covariance = np.moveaxis(_sum_over_heads(products.reshape(9, -1), spread).reshape(3, 3, -1), -1, 0)
+    return RingPose(theta, centre, covariance, _disagreement(layout, relative, spread))
 
 
 def _disagreement(
-    layout: HeadLayout, relative: list[NDArray[np.float64]], variances: NDArray[np.float64]
+    layout: HeadLayout, relative: NDArray[np.float64], variances: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    total = np.zeros(len(variances))
     if layout.redundancy == 0:
-        return total
-    for i in range(len(relative)):
-        residual = _weighted(layout.projector[i], relative)
-        total = total + residual * residual / variances[:, i]
-    return np.asarray(np.sqrt(total / layout.redundancy))
+        return np.zeros(relative.shape[1])
+    residual = _sum_over_heads(layout.projector, relative)
+    return np.asarray(np.sqrt((residual * residual / variances).sum(axis=0) / layout.redundancy))
 
 
-def _weighted(weights: NDArray[np.float64], columns: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    total = np.zeros(len(columns[0]))
-    for weight, column in zip(weights, columns, strict=True):
-        if weight != 0.0:
-            total = total + weight * column
-    return total
+def _sum_over_heads(weights: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(r, m) sums of columns (h, m) with weights (r, h)."""
+    return np.asarray((weights.T[:, :, None] * columns[:, None]).sum(axis=0))

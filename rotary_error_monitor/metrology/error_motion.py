@@ -40,9 +40,9 @@ def rotate(vector: tuple[float, float], theta: NDArray[np.float64]) -> NDArray[n
 
 
 def remove_graduation(
-    reading: NDArray[np.float64], azimuth: float, graduation: tuple[AngularHarmonic, ...]
+    reading: NDArray[np.float64], azimuth: NDArray[np.float64], graduation: tuple[AngularHarmonic, ...]
 ) -> NDArray[np.float64]:
-    """(m,) reading of one head free of the graduation error G(azimuth - theta), the reading itself taken for theta.
+    """(m, h) readings of heads free of the graduation error G(azimuth - theta), each reading taken for theta.
 
     A reading differs from theta by eccentricity over radius, a few 1e-4 rad, which moves G by less than 1e-9 rad.
     """

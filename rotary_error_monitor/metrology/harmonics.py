@@ -19,8 +19,8 @@ def planar_sum(harmonics: tuple[PlanarHarmonic, ...], theta: NDArray[np.float64]
 
 
 def angular_sum(harmonics: tuple[AngularHarmonic, ...], psi: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) sum of angular harmonics at ring positions `psi` (n,) rad."""
-    total = np.zeros(len(psi))
+    """Sum of angular harmonics at ring positions `psi`, rad, of any shape."""
+    total = np.zeros(psi.shape)
     for row in harmonics:
         total += row.cos * np.cos(row.order * psi) + row.sin * np.sin(row.order * psi)
     return total

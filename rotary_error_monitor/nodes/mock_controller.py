@@ -16,7 +16,7 @@ from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition
 from rotary_error_monitor.nodes.managed import ManagedNode, run
 from rotary_error_monitor.nodes.parameters import cell_settings
-from rotary_error_monitor.nodes.sensor import MOCK_SETTINGS, BlockSender, mock_settings
+from rotary_error_monitor.nodes.sensor import MOCK_SETTINGS, RATE, BlockSender, mock_settings
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.mock import MockSource, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
@@ -30,7 +30,7 @@ _TEMPERATURE_PERIOD = NANOSECONDS
 class MockController(ManagedNode):
     """Publishes what a controller and the sensors around a stage would; with a machine also where its axes are."""
 
-    settings = (*cell_settings("machine"), *MOCK_SETTINGS)
+    settings = (*cell_settings("machine"), *MOCK_SETTINGS, RATE)
 
     def open(self) -> None:
         """Begin to send."""

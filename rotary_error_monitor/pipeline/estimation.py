@@ -21,7 +21,7 @@ from rotary_error_monitor.metrology import error_motion as motion
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, estimate_ring_pose
 from rotary_error_monitor.metrology.tilt import check_saturation
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
-from rotary_error_monitor.signals.resampling import Resampled, count_decided, resample, tick_times
+from rotary_error_monitor.signals.resampling import Resampled, count_decided, resample_all, tick_times
 from rotary_error_monitor.signals.streams import SampleStream
 
 COLUMNS = (
@@ -203,10 +203,9 @@ class Estimator:
 
     def _compute(self, ticks: NDArray[np.int64]) -> list[SampleBlock]:
         settings = self._settings
-        sampled = {
-            name: resample(stream.times_ns, stream.values, ticks, settings.period_ns, settings.max_gap_ns)
-            for name, stream in self._streams.items()
-        }
+        signals = [(stream.times_ns, stream.values) for stream in self._streams.values()]
+        resampled = resample_all(signals, ticks, settings.period_ns, settings.max_gap_ns)
+        sampled = dict(zip(self._streams, resampled, strict=True))
         masks = np.zeros(len(ticks), np.int64)
         for name, stream in self._streams.items():
             usable = sampled[name].valid
@@ -218,9 +217,11 @@ class Estimator:
             masks = np.where((masks & decided) == decided, decided, 0)
         rows = np.zeros((len(ticks), len(COLUMNS)))
         publish = np.zeros(len(ticks), np.bool_)
-        for mask in np.unique(masks):
+        for mask in set(masks.tolist()):
             chosen = np.flatnonzero(masks == mask)
-            found = self._estimate(int(mask), {name: _take(part, chosen) for name, part in sampled.items()})
+            whole = len(chosen) == len(ticks)
+            part = sampled if whole else {name: _take(each, chosen) for name, each in sampled.items()}
+            found = self._estimate(mask, part)
             if found is not None:
                 rows[chosen], publish[chosen] = found
             else:
@@ -242,13 +243,11 @@ class Estimator:
         layout = self._layouts.setdefault(azimuths, HeadLayout(azimuths))
         if "theta" not in layout.observable:
             return None
-        readings = [sampled[name].values[:, 0] for name in heads]
-        corrected = [
-            motion.remove_graduation(reading, self._heads[name], encoder.graduation)
-            for name, reading in zip(heads, readings, strict=True)
-        ]
-        variances = [motion.head_variance(encoder, sampled[name].gain, sampled[name].travel[:, 0]) for name in heads]
-        ring = estimate_ring_pose(layout, encoder.disc_radius, np.stack(corrected, 1), np.stack(variances, 1))
+        readings = np.column_stack([sampled[name].values for name in heads])
+        readings = motion.remove_graduation(readings, np.array(azimuths), encoder.graduation)
+        gain = np.column_stack([sampled[name].gain for name in heads])
+        travel = np.column_stack([sampled[name].travel for name in heads])
+        ring = estimate_ring_pose(layout, encoder.disc_radius, readings, motion.head_variance(encoder, gain, travel))
         rows = np.zeros((len(ring.theta), len(COLUMNS)))
         column = {name: i for i, name in enumerate(COLUMNS)}
         rows[:, column["theta"]] = ring.theta

@@ -62,14 +62,14 @@ def stage_clocks(heads: Sequence[str] = "abcd", rate: float | None = None) -> di
 
     Args:
         heads: letters of the read heads.
-        rate: rate of heads and autocollimator, Hz; None takes 250 Hz and 400 Hz as usual recordings do.
+        rate: rate of heads, autocollimator and command, Hz; None takes 250, 400 and 250 Hz as usual recordings do.
     """
-    head_rate, collimator_rate = (250.0, 400.0) if rate is None else (rate, rate)
+    head_rate, collimator_rate, command_rate = (250.0, 400.0, 250.0) if rate is None else (rate,) * 3
     fast = {f"{HEAD}{name}": Clock(head_rate, (0.2 + 0.03 * i) / head_rate) for i, name in enumerate(heads)}
     return fast | {
         "autocollimator": Clock(collimator_rate, 0.4 / collimator_rate),
         "lvdt": Clock(250.0, 0.0028),
-        "command": Clock(250.0),
+        "command": Clock(command_rate),
         "force": Clock(100.0, 0.001),
         "temperature": Clock(5.0),
     }

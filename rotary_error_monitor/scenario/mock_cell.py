@@ -43,7 +43,7 @@ class MockCell:
         machine: name or file of the machine.
         stage: file of the stage; None for the embedded one.
         seed: of the mock stage.
-        rate: samples a second of heads and autocollimator.
+        rate: samples a second of heads, autocollimator and command.
         quiet: no progress line.
     """
 
@@ -90,7 +90,7 @@ def record(cell: MockCell, letters: Sequence[str]) -> Recording:
         # the recorder first: what the others say from their start on is in the bag
         processes = [running.start("recorder", folder=str(recording.bag))]
         running.wait_for_status("recorder: state", "active", STARTING)
-        processes.append(running.start("mock_controller", **mock, **machine))
+        processes.append(running.start("mock_controller", **mock, **machine, rate=cell.rate))
         processes.append(running.start("autocollimator", **mock, rate=cell.rate))
         for letter in letters:
             name = f"encoder_head_{letter}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ class SampleBlock:
     names: tuple[str, ...]
     rows: NDArray[np.float64]
 
-    @property
+    @cached_property
     def times_ns(self) -> NDArray[np.int64]:
         """(n,) timestamp (ns) of each sample."""
         return self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64)

@@ -10,6 +10,7 @@ All operations work element by element, so a tick's value has the same bits what
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,25 +67,61 @@ def resample(
     period_ns: int,
     max_gap_ns: int,
 ) -> Resampled:
-    """Values (n, k) sampled at `times_ns` (n,), given at the ticks `ticks_ns` (m,).
+    """One signal, values (n, k) sampled at `times_ns` (n,), given at the ticks `ticks_ns` (m,); see `resample_all`."""
+    return resample_all([(times_ns, values)], ticks_ns, period_ns, max_gap_ns)[0]
+
+
+def resample_all(
+    signals: Sequence[tuple[NDArray[np.int64], NDArray[np.float64]]],
+    ticks_ns: NDArray[np.int64],
+    period_ns: int,
+    max_gap_ns: int,
+) -> list[Resampled]:
+    """Each signal, values (n, k) sampled at times (n,), given at the ticks `ticks_ns` (m,).
 
     Not valid is a tick whose neighbours are missing: more than `max_gap_ns` apart, or so unevenly spaced that a sample
-    is missing between them.
+    is missing between them. Many signals at once cost little more than one.
     """
-    start, stop = _cells(times_ns, ticks_ns, period_ns)
-    dense = stop - start >= FEWEST_TO_FIT
-    if dense.all():
-        return _fit(times_ns, values, ticks_ns, start, stop, period_ns)
-    sparse = _interpolate(times_ns, values, ticks_ns[~dense], max_gap_ns)
-    if not dense.any():
-        return sparse
-    fitted = _fit(times_ns, values, ticks_ns[dense], start[dense], stop[dense], period_ns)
-    m, k = len(ticks_ns), values.shape[1]
-    result = Resampled(np.empty((m, k)), np.empty(m), np.empty((m, k)), np.empty(m, np.bool_))
-    for chosen, part in ((dense, fitted), (~dense, sparse)):
-        result.values[chosen], result.gain[chosen] = part.values, part.gain
-        result.travel[chosen], result.valid[chosen] = part.travel, part.valid
-    return result
+    results: list[Resampled | None] = [None] * len(signals)
+    dense: list[tuple[int, NDArray[np.bool_], _Cells]] = []
+    for i, (times, values) in enumerate(signals):
+        start, stop = _cells(times, ticks_ns, period_ns)
+        fits = stop - start >= FEWEST_TO_FIT
+        if fits.all():
+            dense.append((i, fits, _Cells(times, values, ticks_ns, start, stop)))
+            continue
+        sparse = _interpolate(times, values, ticks_ns[~fits], max_gap_ns)
+        results[i] = sparse if not fits.any() else _spread(sparse, ~fits)
+        if fits.any():
+            dense.append((i, fits, _Cells(times, values, ticks_ns[fits], start[fits], stop[fits])))
+    for (i, fits, _), part in zip(dense, _fit([cells for _, _, cells in dense], period_ns), strict=True):
+        results[i] = part if results[i] is None else _merged(results[i], part, fits)
+    return [result for result in results if result is not None]
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """A signal and which of its samples, [start, stop), belong to which tick."""
+
+    times: NDArray[np.int64]
+    values: NDArray[np.float64]
+    ticks: NDArray[np.int64]
+    start: NDArray[np.int64]
+    stop: NDArray[np.int64]
+
+
+def _spread(part: Resampled, chosen: NDArray[np.bool_]) -> Resampled:
+    """A result for all ticks of which only the chosen ones are filled."""
+    m, k = len(chosen), part.values.shape[1]
+    whole = Resampled(np.zeros((m, k)), np.ones(m), np.zeros((m, k)), np.zeros(m, np.bool_))
+    return _merged(whole, part, chosen)
+
+
+def _merged(whole: Resampled | None, part: Resampled, chosen: NDArray[np.bool_]) -> Resampled:
+    assert whole is not None
+    whole.values[chosen], whole.gain[chosen] = part.values, part.gain
+    whole.travel[chosen], whole.valid[chosen] = part.travel, part.valid
+    return whole
 
 
 def _fit_end(ticks_ns: NDArray[np.int64], period_ns: int) -> NDArray[np.int64]:
@@ -120,43 +157,60 @@ def _interpolate(
         for j in range(4):
             if j != i:
                 weight = weight * (u[j] / (u[j] - u[i]))
-        # relative to one sample, so that a large unwrapped angle loses no digits
         total = total + weight[:, None] * (samples[i] - samples[1])
         gain = gain + weight * weight
     result = np.where(valid[:, None], samples[1] + total, 0.0)
     return Resampled(result, gain, np.abs(samples[3] - samples[0]), valid)
 
 
-def _fit(
-    times_ns: NDArray[np.int64],
-    values: NDArray[np.float64],
-    ticks_ns: NDArray[np.int64],
-    start: NDArray[np.int64],
-    stop: NDArray[np.int64],
-    period_ns: int,
-) -> Resampled:
-    """Quadratic by least squares in each cell [start, stop), taken at its tick."""
-    sizes = stop - start
-    cell = np.repeat(np.arange(len(ticks_ns)), sizes)
-    index = np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes) + np.repeat(start, sizes)
-    u = (times_ns[index] - ticks_ns[cell]) / period_ns
+def _fit(signals: list[_Cells], period_ns: int) -> list[Resampled]:
+    """Quadratic by least squares in each cell of each signal, taken at its tick."""
+    if not signals:
+        return []
+    columns = [(cells, k) for cells in signals for k in range(cells.values.shape[1])]
+    counts = [len(cells.ticks) for cells, _ in columns]
+    total = sum(counts)
+    first = np.concatenate([cells.times[cells.start] - cells.ticks for cells, _ in columns])
+    sizes = np.concatenate([cells.stop - cells.start for cells, _ in columns])
+    picked = [_picked(cells) for cells in signals]
+    which = [i for i, cells in enumerate(signals) for _ in range(cells.values.shape[1])]
+    cell = np.repeat(np.arange(total), sizes)
+    u = np.concatenate([picked[i][0] for i in which]) / period_ns
+    y = np.concatenate([cells.values[picked[i][1], k] for (cells, k), i in zip(columns, which, strict=True)])
+    begin = np.cumsum(sizes) - sizes
+    reference = y[begin]  # relative to one sample, so that a large unwrapped angle loses no digits
+    y = y - reference[cell]
     u2 = u * u
     # bincount adds in the order of the samples: the same bits in any batch
-    s0, s1, s2, s3, s4 = (_sums(cell, w, len(ticks_ns)) for w in (np.ones(len(u)), u, u2, u2 * u, u2 * u2))
+    s1, s2, s3, s4, t0, t1, t2 = (np.bincount(cell, w, total) for w in (u, u2, u2 * u, u2 * u2, y, u * y, u2 * y))
     c0, c1, c2 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
-    determinant = s0 * c0 + s1 * c1 + s2 * c2
-    reference = values[start]
-    fitted = np.empty((len(ticks_ns), values.shape[1]))
-    for column in range(values.shape[1]):
-        y = values[index, column] - reference[cell, column]
-        t0, t1, t2 = (_sums(cell, w, len(ticks_ns)) for w in (y, u * y, u2 * y))
-        fitted[:, column] = reference[:, column] + (c0 * t0 + c1 * t1 + c2 * t2) / determinant
-    begin = ticks_ns - period_ns // 2
+    determinant = sizes * c0 + s1 * c1 + s2 * c2
+    fitted = reference + (c0 * t0 + c1 * t1 + c2 * t2) / determinant
+    gain = c0 / determinant
+    last = begin + sizes - 1
     margin = MARGIN * period_ns
-    covered = (times_ns[start] - begin <= margin) & (_fit_end(ticks_ns, period_ns) - times_ns[stop - 1] <= margin)
-    travel = np.abs(values[stop - 1] - values[start])
-    return Resampled(np.where(covered[:, None], fitted, 0.0), c0 / determinant, travel, covered)
+    fit_end = round(period_ns * (1 - GUARD)) - period_ns // 2
+    covered = (first + period_ns // 2 <= margin) & (fit_end - u[last] * period_ns <= margin)
+    travel = np.abs(y[last])
+    fitted = np.where(covered, fitted, 0.0)
+    results, at = [], 0
+    for cells in signals:
+        m, k = len(cells.ticks), cells.values.shape[1]
+        part = slice(at, at + m * k)
+        at += m * k
+        results.append(
+            Resampled(
+                fitted[part].reshape(k, m).T.copy(),
+                gain[part][:m].copy(),
+                travel[part].reshape(k, m).T.copy(),
+                covered[part][:m].copy(),
+            )
+        )
+    return results
 
 
-def _sums(cell: NDArray[np.int64], weights: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    return np.asarray(np.bincount(cell, weights, count), np.float64)
+def _picked(cells: _Cells) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Time of each sample after its tick (ns), and its index."""
+    sizes = cells.stop - cells.start
+    index = np.arange(int(sizes.sum())) + np.repeat(cells.start - (np.cumsum(sizes) - sizes), sizes)
+    return cells.times[index] - np.repeat(cells.ticks, sizes), index
