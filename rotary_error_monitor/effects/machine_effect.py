@@ -1,0 +1,38 @@
+"""What an effect of a machine tool changes: the description of the machine, in the words of ISO 230-1."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotary_error_monitor.description.machine import Displacement, MachineDescription
+from rotary_error_monitor.effects.effect import Effect, Values
+
+LINEAR = "linear"
+ROTARY = "rotary"
+
+
+class MachineEffect(Effect):
+    """An effect of a machine: puts itself into the machine's description, whatever its tree of bodies."""
+
+    def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
+        """The description with the effect in it."""
+        raise TypeError(f"{type(self).__name__} does not say what it changes")
+
+
+def axes_of(machine: MachineDescription, kind: str) -> tuple[str, ...]:
+    """Letters of the axes of one kind."""
+    return tuple(axis.letter for axis in machine.axes if axis.kind == kind)
+
+
+def positioning_error(machine: MachineDescription, letter: str) -> str:
+    """Name of the error component along or about the axis's own direction, such as EXX or ECC."""
+    axis = machine.axis(letter)
+    along = "XYZ" if axis.kind == LINEAR else "ABC"
+    return f"E{along[int(np.argmax(np.abs(axis.direction)))]}{letter}"
+
+
+def moved(machine: MachineDescription, body: str, shift: Values, rotation: Values) -> MachineDescription:
+    """The machine with one body displaced on its parent."""
+    x, y, z = (float(value) for value in shift)
+    a, b, c = (float(value) for value in rotation)
+    return machine.with_location_error(body, Displacement((x, y, z), (a, b, c)))

@@ -1,0 +1,281 @@
+"""A machine tool as a problem of diagnosis: the rows are the probe's components at static poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from rotary_error_monitor.description.machine import Harmonic, MachineDescription
+from rotary_error_monitor.effects.effect import Cause, Effect, Role
+from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.machine_where import machine_advice, machine_where
+from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.twin.machine import MachineRecording, predict_probe, uncertain_shifts
+
+PROBE_STD = 1.5e-6
+"""Standard deviation of one component of the laser tracker's result, m, where nothing else is stated."""
+
+CHANNELS = ("x", "y", "z")
+FOLDS = 6
+OUTLIER = 5.0
+"""A pose further than this many standard deviations from every smooth machine is an outlier of the tracker."""
+
+MOST_OUTLIERS = 0.1
+
+PERIODS = (2e-3, 0.5)
+"""Shortest and longest period of a cyclic error that is searched, m."""
+
+_STEP = 0.1
+"""Step of numerical derivatives in usual sizes; the machine is linear in its errors to one part in 10^4."""
+
+
+class MachineProblem:
+    """Poses of a machine beside its twin.
+
+    Args:
+        machine: the description that the twin has.
+        recording: poses and probe.
+        effects: the known effects.
+        probe_std: standard deviation of one component of the probe, m.
+    """
+
+    channels = CHANNELS
+
+    def __init__(
+        self,
+        machine: MachineDescription,
+        recording: MachineRecording,
+        effects: Sequence[MachineEffect],
+        probe_std: float = PROBE_STD,
+    ) -> None:
+        self.machine = machine
+        self.recording = recording
+        self.effects = tuple(effects)
+        self.probe_std = probe_std
+        self.index = np.arange(len(recording.probe), dtype=np.float64)
+        self._shifts = uncertain_shifts(machine)
+        self._starts: dict[tuple[str, str], Array] = {}
+        self._structure_table = self._smooth_machine()
+        self.kept: NDArray[np.bool_] = np.ones(len(self.index), bool)
+        self.kept = self._find_outliers()
+        edges = np.linspace(0, len(self.index), 4 * FOLDS + 1)
+        labels = (np.arange(4 * FOLDS) // 4).astype(np.intp)
+        self._conditions = Conditions(edges - 0.5, labels, tuple(f"poses {i + 1}/{FOLDS}" for i in range(FOLDS)))
+
+    @property
+    def conditions(self) -> Conditions:
+        """Poses in the order of measuring; a sixth of them is held out together."""
+        return self._conditions
+
+    def times(self, channel: str) -> Array:
+        """(n,) number of each pose."""
+        return self.index
+
+    def expected(self, channel: str) -> Array:
+        """(n,) 1 for poses that count, 0 for outliers."""
+        return self.kept.astype(np.float64)
+
+    def residual(self, causes: Sequence[Cause]) -> Rows:
+        """White rows (n, 1) of measured minus predicted."""
+        return self._rows((self.recording.probe - predict_probe(self.machine, self.recording, causes))[:, :, None])
+
+    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
+        """White rows of the derivative of the prediction with respect to values of `cause`, beside `others`."""
+        effect, columns = cause.effect, []
+        for index in indices:
+            step = _STEP * effect.scales()[index]
+            if index in effect.indices(Role.SHAPE):
+                step = 1e-4 * float(cause.values[index])
+            ends = []
+            for sign in (1.0, -1.0):
+                values = cause.values.copy()
+                values[index] += sign * step
+                ends.append(predict_probe(self.machine, self.recording, (*others, cause.with_values(values))))
+            columns.append((ends[0] - ends[1]) / (2 * step))
+        return self._rows(np.stack(columns, axis=2))
+
+    def nuisance(self, causes: Sequence[Cause]) -> Rows:
+        """White rows of one standard uncertainty of each uncertain parameter."""
+        if not self._shifts:
+            return {}
+        base = predict_probe(self.machine, self.recording, causes)
+        moved = [predict_probe(shift.machine, self.recording, causes) - base for shift in self._shifts]
+        return self._rows(np.stack(moved, axis=2))
+
+    def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
+        """Every effect at every place; harmonics of rotary axes of every order, the best period of each linear axis."""
+        found = [candidate for effect in self.effects for candidate in self._of(effect, rest)]
+        self._starts |= {candidate.key: candidate.start for candidate in found}
+        return tuple(found)
+
+    def structure(self, rest: Rows) -> list[Finding]:
+        """Tests of what is left: its power, and every smooth error that a machine's axes can have."""
+        white = np.concatenate([rest[channel][:, 0] for channel in CHANNELS])
+        count = 3 * int(self.kept.sum())
+        power = float(white @ white)
+        findings = [Finding("probe", "power", float(chi2.logsf(power, count)), max(0.0, power - count), "pose: scatter")]
+        for axis, names, table in self._structure_table:
+            kept = table * np.tile(self.kept, 3)[:, None]
+            gains = np.square(kept.T @ white) / np.maximum(np.sum(np.square(kept), axis=0), 1e-300)
+            best = int(np.argmax(gains))
+            chance = min(0.0, float(chi2.logsf(gains[best], 1)) + float(np.log(len(names))))
+            findings.append(Finding("probe", f"axis {axis}", chance, max(0.0, float(gains[best]) - 1), names[best]))
+        return findings
+
+    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+        """Look for outliers again with the causes taken out; whether the rows have changed by it."""
+        white = (self.recording.probe - predict_probe(self.machine, self.recording, causes)) / self.probe_std
+        kept = self._inliers(white)
+        if np.array_equal(kept, self.kept):
+            return False
+        self.kept = kept
+        return True
+
+    def check_plausible(self) -> None:
+        """Refuse a twin that is off by more than the machine's errors.
+
+        Raises:
+            InputError: the twin describes another machine.
+        """
+        predicted = predict_probe(self.machine, self.recording)
+        off = np.median(np.abs(self.recording.probe - predicted))
+        if off > 10 * np.median(np.abs(predicted)) and off > 1e-3:
+            raise InputError(
+                f"the twin is off by {off * 1e6:.0f} µm at the median, far more than the errors it describes: "
+                "it is of another machine; give the twin of this one"
+            )
+
+    def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
+        """Shares of the probe's components."""
+        return machine_where(self, causes, rest, explained)
+
+    def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
+        """Poses that would tell effects apart."""
+        return machine_advice(self, keys, causes)
+
+    def remarks(self, rest: Rows) -> tuple[str, ...]:
+        """Outliers that were left out."""
+        lost = int(np.count_nonzero(~self.kept))
+        return (*self.recording.remarks, *([f"{lost} poses are outliers of the probe and were left out"] if lost else []))
+
+    def idle(self, key: tuple[str, str]) -> Cause:
+        """An effect without size, its shape as it was proposed."""
+        effect = next(e for e in self.effects if e.name == key[0])
+        return Cause(effect, key[1], self._starts.get(key, effect.start(key[1])))
+
+    def _rows(self, values: Array) -> Rows:
+        white = values / self.probe_std * self.kept[:, None, None]
+        return {channel: white[:, i] for i, channel in enumerate(CHANNELS)}
+
+    def _of(self, effect: MachineEffect, rest: Rows) -> Iterator[Candidate]:
+        places = effect.locations(self.machine)
+        most = int(getattr(effect, "harmonics", 0))
+        for place in places:
+            if most:
+                yield from self._harmonics(effect, place, most, len(places))
+            elif getattr(effect, "wave", None):
+                start, trials = self._period(effect, place, rest)
+                yield Candidate(effect, place, start, trials, -float(np.log(len(places) * trials)))
+            else:
+                yield Candidate(effect, place, effect.start(place), len(places), -float(np.log(len(places))))
+
+    def _harmonics(self, effect: MachineEffect, place: str, most: int, places: int) -> Iterator[Candidate]:
+        for order in range(1, most + 1):
+            start = effect.start(place)
+            start[effect.slices()["order"]] = order
+            # Lower orders are likelier: eccentricity and oval shapes come before teeth.
+            prior = -float(np.log(order * places * np.sum(1 / np.arange(1, most + 1))))
+            yield Candidate(effect, place, start, most * places, prior)
+
+    def _period(self, effect: Effect, place: str, rest: Rows) -> tuple[Array, int]:
+        """Period with the most power along the axis, from a Lomb-Scargle scan of the positions."""
+        column = self.machine.letters.index(place)
+        position = self.recording.positions[:, column]
+        unit = effect.start(place)
+        amplitude = effect.slices()["cos"]
+        flat = unit.copy()
+        # A period far above the travel makes the wave a constant: the direction in which the axis's error shows.
+        flat[effect.slices()["period"]], flat[amplitude] = 1e6, effect.scales()[amplitude]
+        shown = predict_probe(self.machine, self.recording, (Cause(effect, place, flat),))
+        shown = shown - predict_probe(self.machine, self.recording)
+        along = shown / np.linalg.norm(shown, axis=1, keepdims=True)
+        signal = np.sum(np.stack([rest[c][:, 0] for c in CHANNELS], axis=1) * along, axis=1)
+        span = float(np.ptp(position))
+        frequencies = np.arange(1 / PERIODS[1], 1 / PERIODS[0], 0.2 / span)
+        power = _scan(position, signal, frequencies)
+        best = float(frequencies[int(np.argmax(power))])
+        fine = best + np.linspace(-0.2, 0.2, 41) / span
+        start = unit.copy()
+        start[effect.slices()["period"]] = 1 / float(fine[int(np.argmax(_scan(position, signal, fine)))])
+        return start, max(int(span * (1 / PERIODS[0] - 1 / PERIODS[1])), 1)
+
+    def _smooth_machine(self) -> list[tuple[str, list[str], Array]]:
+        """For each axis, white columns (3 n, p) of smooth errors: powers or harmonics of each component, reversal, warmth."""
+        base = predict_probe(self.machine, self.recording)
+        tables = []
+        for axis in self.machine.axes:
+            names, columns = [], []
+            for direction in "XYZABC":
+                component = f"E{direction}{axis.letter}"
+                size = 1e-5
+                shapes: list[tuple[str, MachineDescription]]
+                if axis.kind == LINEAR:
+                    shapes = [
+                        (f"power {k}", self.machine.with_error(component, poly=(*(0.0,) * k, size))) for k in range(6)
+                    ]
+                else:
+                    shapes = [
+                        (f"order {k}", self.machine.with_error(component, harmonic=(Harmonic(k, *pair),)))
+                        for k in range(1, 5)
+                        for pair in ((size, 0.0), (0.0, size))
+                    ]
+                for words, machine in shapes:
+                    names.append(f"pose: {component}, {words} of {axis.letter}")
+                    columns.append(self._column(machine, base))
+            for words, machine in (
+                ("direction", self.machine.with_axis(axis.letter, reversal=1e-5)),
+                ("temperature", self.machine.with_axis(axis.letter, expansion=1e-5)),
+            ):
+                names.append(f"{words} of {axis.letter}")
+                columns.append(self._column(machine, base))
+            tables.append((axis.letter, names, np.stack(columns, axis=1)))
+        return tables
+
+    def _column(self, machine: MachineDescription, base: Array) -> Array:
+        return (predict_probe(machine, self.recording) - base).T.ravel() / self.probe_std
+
+    def _find_outliers(self) -> NDArray[np.bool_]:
+        white = (self.recording.probe - predict_probe(self.machine, self.recording)) / self.probe_std
+        return self._inliers(white)
+
+    def _inliers(self, white: Array) -> NDArray[np.bool_]:
+        """Poses that a smooth machine can explain, by a fit that gives distant poses little weight.
+
+        Every smooth error of every axis takes part, lightly held, so that an effect, however large, is no outlier.
+        """
+        table = np.concatenate([columns for _, _, columns in self._structure_table], axis=1)
+        table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-12) * np.sqrt(len(table))
+        rows = white.T.ravel()
+        weight = np.ones(len(self.index))
+        for _ in range(12):
+            tripled = np.tile(weight, 3)
+            gram = table.T @ (tripled[:, None] * table) + np.eye(table.shape[1])
+            left = rows - table @ np.linalg.solve(gram, table.T @ (tripled * rows))
+            distance = np.sqrt(np.mean(np.square(left.reshape(3, -1)), axis=0))
+            spread = max(1.0, float(np.median(distance)) / np.sqrt(chi2.median(3) / 3))
+            # Weights of Student's t with three degrees of freedom: a distant pose counts with the inverse of its square.
+            weight = 4.0 / (3.0 + np.square(distance / spread) * 1.0)
+            weight = np.minimum(weight, 1.0)
+        outlying = distance > OUTLIER * spread
+        if outlying.mean() > MOST_OUTLIERS:
+            outlying &= distance >= np.quantile(distance, 1 - MOST_OUTLIERS)
+        return ~outlying
+
+
+def _scan(position: Array, signal: Array, frequencies: Array) -> Array:
+    """Power of waves in a position that is not evenly sampled."""
+    return np.abs(np.exp(-2j * np.pi * np.outer(frequencies, position)) @ signal) ** 2 / len(signal)

@@ -1,0 +1,145 @@
+"""Where the gap of a machine lies, in the probe's components and in words, and the poses that would tell effects apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.gap.problem import Array, Rows, Share
+from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
+
+if TYPE_CHECKING:
+    from rotary_error_monitor.gap.machine import MachineProblem
+
+TOPIC = "/machine/tool_probe"
+TELLING = 0.1
+DECISIVE = 5.0
+POSES = 120
+
+
+def machine_where(problem: MachineProblem, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
+    """Shares of x, y and z, largest first; empty if nothing exceeds the noise."""
+    noise = problem.probe_std
+    if explained:
+        machine, recording = problem.machine, problem.recording
+        signals = predict_probe(machine, recording, causes) - predict_probe(machine, recording)
+        powers = np.mean(np.square(signals), axis=0)
+    else:
+        kept = problem.kept
+        signals = np.stack([rest[channel][:, 0] for channel in problem.channels], axis=1) * noise
+        powers = np.maximum(0.0, np.sum(np.square(signals), axis=0) / max(int(kept.sum()), 1) - noise**2)
+    total = float(powers.sum())
+    if total <= 0:
+        return []
+    return [
+        Share(
+            f"{TOPIC}.{problem.channels[i]}",
+            float(powers[i]) / total,
+            float(np.sqrt(powers[i])),
+            noise,
+            _describe(problem, signals[:, i], float(powers[i])),
+        )
+        for i in np.argsort(-powers)
+    ]
+
+
+def _describe(problem: MachineProblem, values: Array, power: float) -> str:
+    """Axes, directions and temperature on which a component of the gap depends, with what each explains alone."""
+    if power <= 0:
+        return "noise"
+    excess, parts = power * len(values), []
+    for column, letter in enumerate(problem.machine.letters):
+        axis = problem.machine.axis(letter)
+        position = problem.recording.positions[:, column]
+        if axis.kind == "linear":
+            scaled = (2 * position - sum(axis.travel)) / np.ptp(axis.travel)
+            table = np.stack([scaled, scaled**2, scaled**3], axis=1)
+        else:
+            table = np.stack([wave(k * position) for k in (1, 2) for wave in (np.cos, np.sin)], axis=1)
+        parts.append((_gain(table, values) / excess, f"pose, axis {letter}"))
+        direction = problem.recording.direction[:, column : column + 1]
+        parts.append((_gain(direction, values) / excess, f"direction of {letter}"))
+    warming = problem.recording.temperature - problem.machine.reference_temperature
+    if np.ptp(warming) > 0:
+        linear = [i for i, axis in enumerate(problem.machine.axes) if axis.kind == "linear"]
+        parts.append(
+            (_gain(warming[:, None] * problem.recording.positions[:, linear], values) / excess, "temperature x position")
+        )
+    parts.append((float(np.mean(values)) ** 2 * len(values) / excess, "constant"))
+    named = sorted((part for part in parts if part[0] > TELLING), reverse=True)[:4]
+    return "; ".join(f"{name} ({min(part, 1.0):.0%})" for part, name in named) or "no simple dependence"
+
+
+def _gain(table: Array, values: Array) -> float:
+    centred = table - table.mean(axis=0)
+    kept = centred[:, np.abs(centred).max(axis=0) > 1e-12]
+    if kept.shape[1] == 0:
+        return 0.0
+    fitted, *_ = np.linalg.lstsq(kept, values, rcond=None)
+    return float(np.sum(np.square(kept @ fitted)))
+
+
+def machine_advice(problem: MachineProblem, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
+    """Words for the set of poses that tells the first of these effects apart from the others best."""
+    first = next(cause for cause in causes if cause.key == tuple(keys[0]))
+    rivals = [problem.idle(key) for key in keys[1:]]
+    scored = [
+        (min(_distance(problem, first, rival, planned) for rival in rivals), words)
+        for words, planned in _experiments(problem)
+    ]
+    best, words = max(scored)
+    if best < DECISIVE:
+        return f"no poses that were tried tell them apart: the best ones ({words}) would by {best:.1f} standard deviations"
+    return f"{words}: expected to tell them apart by {best:.0f} standard deviations"
+
+
+def _experiments(problem: MachineProblem) -> list[tuple[str, MachineRecording]]:
+    """Sets of poses that a person can run: one axis at a time over its travel, warm, with another tool, both ways."""
+    machine, recording = problem.machine, problem.recording
+    middle = np.array([sum(axis.travel) / 2 for axis in machine.axes])
+    rng = np.random.default_rng(0)
+    low, high = np.array([axis.travel for axis in machine.axes]).T
+    spread = rng.uniform(low, high, (POSES, len(middle)))
+    direction = rng.choice([-1.0, 1.0], spread.shape)
+    calm = np.full(POSES, machine.reference_temperature)
+    found = [
+        ("probe more poses over the whole travel", _poses(recording, spread, direction, calm)),
+        ("probe the poses again 10 K warmer", _poses(recording, spread, direction, calm + 10.0)),
+    ]
+    for column, axis in enumerate(machine.axes):
+        alone = np.tile(middle, (POSES, 1))
+        alone[:, column] = np.linspace(*axis.travel, POSES)
+        ways = np.ones_like(alone)
+        ways[::2] = -1.0
+        found.append((f"probe along {axis.letter} alone, both ways", _poses(recording, alone, ways, calm)))
+    return found
+
+
+def _poses(recording: MachineRecording, positions: Array, direction: Array, temperature: Array) -> MachineRecording:
+    return replace(
+        recording,
+        positions=np.concatenate([recording.positions, positions]),
+        direction=np.concatenate([recording.direction, direction]),
+        temperature=np.concatenate([recording.temperature, temperature]),
+    )
+
+
+def _distance(problem: MachineProblem, first: Cause, rival: Cause, planned: MachineRecording) -> float:
+    """Standard deviations between the first cause as sized and the nearest that the rival can do, old and new poses."""
+    base = predict_probe(problem.machine, planned)
+
+    def shown(cause: Cause) -> Array:
+        return (predict_probe(problem.machine, planned, (cause,)) - base).ravel() / problem.probe_std
+
+    columns = []
+    for index in rival.effect.indices(Role.LINEAR):
+        values = rival.values.copy()
+        values[index] += rival.effect.scales()[index]
+        columns.append(shown(rival.with_values(values)))
+    table, wanted = np.stack(columns, axis=1), shown(first)
+    fitted, *_ = np.linalg.lstsq(table, wanted, rcond=None)
+    return float(np.linalg.norm(wanted - table @ fitted))
