@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from rotary_error_monitor.description.machine import Harmonic, MachineDescription
+from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.effects.effect import Cause, Effect, Role
-from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
+from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect, positioning_error
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.machine_where import machine_advice, machine_where
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe, uncertain_shifts
 
 PROBE_STD = 1.5e-6
@@ -28,6 +29,9 @@ MOST_OUTLIERS = 0.1
 
 PERIODS = (2e-3, 0.5)
 """Shortest and longest period of a cyclic error that is searched, m."""
+
+_LEVER = 1e-5
+"""Size of an error component, m or rad, by which its lever at a pose is found: far above rounding, far below curvature."""
 
 _STEP = 0.1
 """Step of numerical derivatives in usual sizes; the machine is linear in its errors to one part in 10^4."""
@@ -162,6 +166,20 @@ class MachineProblem:
         lost = int(np.count_nonzero(~self.kept))
         return (*self.recording.remarks, *([f"{lost} poses are outliers of the probe and were left out"] if lost else []))
 
+    def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
+        """Residuals of the probe's components over each axis, before and after the causes, in µm."""
+        before = 1e6 * (self.recording.probe - predict_probe(self.machine, self.recording))
+        after = 1e6 * (self.recording.probe - predict_probe(self.machine, self.recording, causes))
+        found = []
+        for channel in channels:
+            component = CHANNELS.index(channel[-1])
+            for column, axis in enumerate(self.machine.axes):
+                words, scale = ("mm", 1e3) if axis.kind == LINEAR else ("°", 180 / np.pi)
+                x = scale * self.recording.positions[:, column]
+                quantity = f"{axis.letter}, {words}"
+                found.append(View(channel, quantity, x, before[:, component], after[:, component], "µm"))
+        return found
+
     def idle(self, key: tuple[str, str]) -> Cause:
         """An effect without size, its shape as it was proposed."""
         effect = next(e for e in self.effects if e.name == key[0])
@@ -214,39 +232,28 @@ class MachineProblem:
         return start, max(int(span * (1 / PERIODS[0] - 1 / PERIODS[1])), 1)
 
     def _smooth_machine(self) -> list[tuple[str, list[str], Array]]:
-        """For each axis, white columns (3 n, p) of smooth errors: powers or harmonics of each component, reversal, warmth."""
+        """For each axis, white columns (3 n, p) of smooth errors: powers or harmonics of each component, reversal, warmth.
+
+        To first order a component's effect is its value times where that axis stands at the pose: one prediction for
+        each component gives that lever, and every shape is a multiple of it.
+        """
         base = predict_probe(self.machine, self.recording)
+        warming = self.recording.temperature - self.machine.reference_temperature
         tables = []
-        for axis in self.machine.axes:
+        for column, axis in enumerate(self.machine.axes):
+            position, direction = self.recording.positions[:, column], self.recording.direction[:, column]
+            shapes = _shapes(position, axis)
             names, columns = [], []
-            for direction in "XYZABC":
-                component = f"E{direction}{axis.letter}"
-                size = 1e-5
-                shapes: list[tuple[str, MachineDescription]]
-                if axis.kind == LINEAR:
-                    shapes = [
-                        (f"power {k}", self.machine.with_error(component, poly=(*(0.0,) * k, size))) for k in range(6)
-                    ]
-                else:
-                    shapes = [
-                        (f"order {k}", self.machine.with_error(component, harmonic=(Harmonic(k, *pair),)))
-                        for k in range(1, 5)
-                        for pair in ((size, 0.0), (0.0, size))
-                    ]
-                for words, machine in shapes:
+            for about in "XYZABC":
+                component = f"E{about}{axis.letter}"
+                lever = predict_probe(self.machine.with_error(component, poly=(_LEVER,)), self.recording) - base
+                own = component == positioning_error(self.machine, axis.letter)
+                found = {**shapes, "direction": direction, "temperature": warming * position} if own else shapes
+                for words, shape in found.items():
                     names.append(f"pose: {component}, {words} of {axis.letter}")
-                    columns.append(self._column(machine, base))
-            for words, machine in (
-                ("direction", self.machine.with_axis(axis.letter, reversal=1e-5)),
-                ("temperature", self.machine.with_axis(axis.letter, expansion=1e-5)),
-            ):
-                names.append(f"{words} of {axis.letter}")
-                columns.append(self._column(machine, base))
+                    columns.append((lever * shape[:, None]).T.ravel() / self.probe_std)
             tables.append((axis.letter, names, np.stack(columns, axis=1)))
         return tables
-
-    def _column(self, machine: MachineDescription, base: Array) -> Array:
-        return (predict_probe(machine, self.recording) - base).T.ravel() / self.probe_std
 
     def _find_outliers(self) -> NDArray[np.bool_]:
         white = (self.recording.probe - predict_probe(self.machine, self.recording)) / self.probe_std
@@ -276,6 +283,21 @@ class MachineProblem:
         return ~outlying
 
 
+def _shapes(position: Array, axis: Axis) -> dict[str, Array]:
+    """Smooth functions of an axis's position, by their names: powers of a linear one, harmonics of a rotary one."""
+    if axis.kind == LINEAR:
+        scaled = (2 * position - sum(axis.travel)) / np.ptp(axis.travel)
+        return {f"power {k}": scaled**k for k in range(6)}
+    waves = {f"order {k}, {wave.__name__}": wave(k * position) for k in range(1, 5) for wave in (np.cos, np.sin)}
+    return {"order 0": np.ones(len(position)), **waves}
+
+
 def _scan(position: Array, signal: Array, frequencies: Array) -> Array:
-    """Power of waves in a position that is not evenly sampled."""
-    return np.abs(np.exp(-2j * np.pi * np.outer(frequencies, position)) @ signal) ** 2 / len(signal)
+    """Power of waves, at equally spaced frequencies, in a position that is not evenly sampled."""
+    turns = np.exp(-2j * np.pi * frequencies[0] * position)
+    step = np.exp(-2j * np.pi * (frequencies[1] - frequencies[0]) * position)
+    power = np.empty(len(frequencies))
+    for i in range(len(frequencies)):
+        power[i] = abs(turns @ signal) ** 2
+        turns = turns * step
+    return power / len(signal)

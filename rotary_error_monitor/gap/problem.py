@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.effects.effect import Cause, Effect, Role, Values
+from rotary_error_monitor.gap.views import View
 
 Array = NDArray[np.float64]
 
@@ -172,3 +173,6 @@ class DiagnosableProblem(Problem, Protocol):
 
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """Findings that are no effect, such as noise that is larger than stated."""
+
+    def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
+        """Residuals of some channels before and after the causes, against what they may depend on."""

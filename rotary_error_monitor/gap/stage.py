@@ -11,13 +11,14 @@ from scipy.signal import welch
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.effects.rotor import LVDT, StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.stage_experiments import advise
 from rotary_error_monitor.gap.stage_search import StageSearch
 from rotary_error_monitor.gap.stage_where import stage_where
 from rotary_error_monitor.gap.structure import Track, find_structure
+from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise, fit_jitter
@@ -31,7 +32,7 @@ MOST_BLOCKS = 64
 FEWEST_ROWS = 100
 """Rows of a channel below which its structure is not looked at."""
 
-SAME_SPECTRUM = 0.05
+SAME_SPECTRUM = 0.12
 """Mean difference of two spectra, as a logarithm, that is within the scatter of an estimate from 40 s."""
 
 SUSPICIOUS = -6.0
@@ -51,13 +52,20 @@ class StageProblem:
         stage: the description that the twin has.
         recording: what was measured.
         effects: the known effects.
+        known: effects that the twin has besides its parameters.
     """
 
-    def __init__(self, stage: StageDescription, recording: StageRecording, effects: Sequence[StageEffect]) -> None:
+    def __init__(
+        self,
+        stage: StageDescription,
+        recording: StageRecording,
+        effects: Sequence[StageEffect],
+        known: Sequence[Cause] = (),
+    ) -> None:
         self.stage = stage
         self.recording = recording
         self.effects = tuple(effects)
-        self.twin: StageTwin = twin_of(stage, recording)
+        self.twin: StageTwin = twin_of(stage, recording, tuple(known))
         self._uncertain: tuple[UncertainParameter, ...] = uncertain_parameters(stage)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
         raw = self._raw_residual(())
@@ -209,6 +217,22 @@ class StageProblem:
             if level > 1 + max(NOISIER, 5 / np.sqrt(len(track.rows))):
                 found.append(f"{track.channel}: noise is {level:.2f} times what the twin states")
         return tuple(found)
+
+    def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
+        """Residuals of channels over rotation and over time, before and after the causes, in µrad or µm."""
+        before, after = self._raw_residual(()), self._raw_residual(causes)
+        found = []
+        for channel in channels:
+            topic, _, field = channel.partition(".")
+            stream = topic.removeprefix("/stage/").removesuffix("/samples")
+            if stream == COMMAND:
+                stream = self.recording.heads[0]
+            axis = 1 if field.endswith("_y") else 0
+            state, unit = self.twin.state(stream), "µm" if stream == LVDT else "µrad"
+            pair = 1e6 * before[stream][:, axis], 1e6 * after[stream][:, axis]
+            found.append(View(channel, "rotation, °", np.degrees(np.mod(state.command, 2 * np.pi)), *pair, unit))
+            found.append(View(channel, "time, s", state.time, *pair, unit))
+        return found
 
     def known_start(self, key: tuple[str, str]) -> Array | None:
         """Values from which a candidate that was proposed before is sized."""

@@ -11,7 +11,7 @@ from rotary_error_monitor.effects.effect import Role
 from rotary_error_monitor.gap.problem import Finding, Problem
 from rotary_error_monitor.gap.selection import Stage
 
-PRIOR_OF_UNKNOWN = 0.05
+PRIOR_OF_UNKNOWN = 0.02
 """Chance, before a recording is seen, that something no effect describes is at work beside the known ones."""
 
 OWN_CHANNEL = 0.05

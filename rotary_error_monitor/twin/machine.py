@@ -90,14 +90,27 @@ def _shifted(machine: MachineDescription, name: str, size: float) -> list[tuple[
     if name == "expansion":
         linear = [axis.letter for axis in machine.axes if axis.kind == "linear"]
         return [(f"{name}.{letter}", machine.with_axis(letter, expansion=size)) for letter in linear]
+    if name in ("reversal.linear", "reversal.angular"):
+        kind = "linear" if name == "reversal.linear" else "rotary"
+        letters = [axis.letter for axis in machine.axes if axis.kind == kind]
+        return [(f"{name}.{letter}", machine.with_axis(letter, reversal=size)) for letter in letters]
+    if name in ("location.linear", "location.angular"):
+        moving = [body.name for body in machine.bodies if body.axis is not None]
+        units = _SHIFTS if name == "location.linear" else _TURNS
+        return [
+            (f"{name}.{body}[{i}]", machine.with_location_error(body, _scaled(unit, size)))
+            for body in moving
+            for i, unit in enumerate(units)
+        ]
     if name not in _PLACES:
         raise InputError(
             f"uncertainty: no parameter is called '{name}'; known are errors.linear, errors.angular, expansion, "
-            f"{', '.join(_PLACES)}"
+            f"reversal.linear, reversal.angular, location.linear, location.angular, {', '.join(_PLACES)}"
         )
+    found = [(carrier, unit) for carrier, unit in _PLACES[name] if carrier == "tool" or carrier in machine.letters]
     return [
         (f"{name}[{i}]", machine.with_location_error(_body(machine, carrier), _scaled(unit, size)))
-        for i, (carrier, unit) in enumerate(_PLACES[name])
+        for i, (carrier, unit) in enumerate(found)
     ]
 
 
@@ -124,6 +137,9 @@ def _turn(*rotation: float) -> Displacement:
     a, b, c = rotation
     return Displacement(rotation=(a, b, c))
 
+
+_SHIFTS = (Displacement((1, 0, 0)), Displacement((0, 1, 0)), Displacement((0, 0, 1)))
+_TURNS = (_turn(1, 0, 0), _turn(0, 1, 0), _turn(0, 0, 1))
 
 _PLACES: Mapping[str, Sequence[tuple[str, Displacement]]] = {
     "squareness": (("X", _turn(0, 0, -1)), ("Z", _turn(0, 1, 0)), ("Z", _turn(-1, 0, 0))),

@@ -81,12 +81,14 @@ class StageTwin:
         inputs: what drives it.
         times: sample times of each predicted stream, s.
         observed: what each head read, rad; carries the phase of errors within a line.
+        known: effects that the stage has besides the description's parameters.
     """
 
     stage: StageDescription
     inputs: StageInputs
     times: dict[str, Array]
     observed: dict[str, Array] = field(default_factory=dict)
+    known: tuple[Cause, ...] = ()
     _states: dict[str, RotorState] = field(default_factory=dict, repr=False)
 
     def predict(
@@ -103,7 +105,8 @@ class StageTwin:
             stage: another description than the twin's own.
         """
         wanted = tuple(self.times) if streams is None else streams
-        return {name: self._stream(name, causes, self.stage if stage is None else stage) for name in wanted}
+        described = self.stage if stage is None else stage
+        return {name: self._stream(name, (*self.known, *causes), described) for name in wanted}
 
     def state(self, stream: str, delay: float = 0.0) -> RotorState:
         """The rotor at the sample times of a stream, `delay` seconds earlier."""
@@ -211,7 +214,7 @@ _SENSORS: dict[str, Callable[[str, StageDescription, RotorState, _Acting], Array
 }
 
 
-def twin_of(stage: StageDescription, recording: StageRecording) -> StageTwin:
+def twin_of(stage: StageDescription, recording: StageRecording, known: tuple[Cause, ...] = ()) -> StageTwin:
     """Twin of the recorded stage: predicts every sensor stream that was recorded and that the stage has."""
     sensors = [name for name in recording.sensors if name != LVDT or stage.lvdt is not None]
     return StageTwin(
@@ -219,4 +222,5 @@ def twin_of(stage: StageDescription, recording: StageRecording) -> StageTwin:
         stage_inputs(recording, stage.reference_temperature),
         {name: recording.streams[name].time for name in sensors},
         {name: recording.streams[name].values[:, 0] for name in recording.heads},
+        known,
     )

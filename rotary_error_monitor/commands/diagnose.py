@@ -1,0 +1,87 @@
+"""`rotary_error_monitor diagnose`: where a recording differs from its digital twin, why, and how far that is mended."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import yaml
+from tqdm import tqdm
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
+from rotary_error_monitor.gap.loading import improved_twin, load_problem, load_twin
+from rotary_error_monitor.gap.selection import MOST_CAUSES
+from rotary_error_monitor.gap.sentences import verdict_sentence
+from rotary_error_monitor.report.diagnosis import write_report
+
+_STEPS = 4 + MOST_CAUSES
+_EPILOG = (
+    "exit codes: 0 no gap; 10 explained; 11 partly explained; 12 unknown; 2 wrong input. "
+    "OUT/diagnosis.json holds everything that OUT/diagnosis.html shows."
+)
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Describe the command's arguments."""
+    parser = subparsers.add_parser(
+        "diagnose", help="say where, why and how far a recording differs from its digital twin", epilog=_EPILOG
+    )
+    parser.add_argument("bag", type=Path, metavar="BAG")
+    parser.add_argument("--twin", type=Path, required=True, help="YAML with a section 'stage' or 'machine'")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder for the results")
+    parser.add_argument(
+        "--effects", type=Path, action="append", default=[], metavar="FILE.py", help="file with effects of your own"
+    )
+    parser.add_argument(
+        "--false-alarms",
+        type=float,
+        default=0.01,
+        metavar="RATE",
+        help="chance that anything is found where there is no gap (default: 0.01)",
+    )
+    parser.add_argument(
+        "--most-causes", type=int, default=MOST_CAUSES, metavar="N", help="effects combined at most (default: 2)"
+    )
+    parser.add_argument(
+        "--write-twin", type=Path, metavar="TWIN.yaml", help="write the twin with the causes added, if there are any"
+    )
+    parser.add_argument("--no-report", action="store_true", help="write diagnosis.json only, no HTML and no picture")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Diagnose, write the results, and give the verdict's exit code."""
+    if not 0 < arguments.false_alarms < 1:
+        raise InputError(f"--false-alarms is {arguments.false_alarms}; it must lie between 0 and 1")
+    if arguments.most_causes < 1:
+        raise InputError(f"--most-causes is {arguments.most_causes}; it must be at least 1")
+    with tqdm(total=_STEPS, desc="diagnose", unit="step", disable=None, leave=False, file=sys.stderr) as bar:
+
+        def progress(step: str) -> None:
+            bar.set_postfix_str(step)
+            bar.update()
+
+        progress("reading")
+        twin = load_twin(arguments.twin, arguments.effects)
+        problem = load_problem(arguments.bag, twin)
+        diagnosis = diagnose(problem, arguments.false_alarms, arguments.most_causes, progress)
+        arguments.output.mkdir(parents=True, exist_ok=True)
+        write_json(diagnosis, arguments.output / "diagnosis.json")
+        if not arguments.no_report:
+            progress("report")
+            write_report(problem, diagnosis, arguments.output, title=f"{arguments.bag} beside {arguments.twin}")
+    if arguments.write_twin is not None and diagnosis.causes:
+        content = improved_twin(twin, [found.cause for found in diagnosis.causes])
+        arguments.write_twin.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    print(verdict_sentence(diagnosis))
+    for remark in diagnosis.remarks:
+        print(f"note: {remark}", file=sys.stderr)
+    return diagnosis.verdict.exit_code
+
+
+def write_json(diagnosis: Diagnosis, path: Path) -> None:
+    """Write `diagnosis.json`."""
+    path.write_text(json.dumps(diagnosis.as_mapping(), indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,0 +1,189 @@
+"""A recording and a twin from files, joined to a problem of diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from rotary_error_monitor.bags.messages import Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.library import load_effects
+from rotary_error_monitor.effects.machine_effect import MachineEffect
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.machine import MachineProblem
+from rotary_error_monitor.gap.stage import StageProblem
+from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.twin.document import causes_from_rows, effect_rows, machine_mapping, stage_mapping
+from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
+from rotary_error_monitor.twin.recording import StageRecording, record_stage, stage_topic
+
+POSE = "/machine/joint_states"
+PROBE = "/machine/tool_probe"
+WARMTH = "/machine/temperature"
+
+
+@dataclass(frozen=True)
+class TwinFile:
+    """A twin as read from a file.
+
+    Attributes:
+        description: of a stage or a machine.
+        effects: the effects known in this run, of its kind.
+        known: effects that the twin already has besides its parameters.
+    """
+
+    path: Path
+    description: StageDescription | MachineDescription
+    effects: tuple[StageEffect, ...] | tuple[MachineEffect, ...]
+    known: tuple[Cause, ...] = ()
+
+
+def load_twin(path: Path, effect_files: Sequence[Path] = ()) -> TwinFile:
+    """Twin of a stage or of a machine, by the section that its file has.
+
+    Raises:
+        InputError: the file is missing, holds neither section, or breaks its schema.
+    """
+    content = _content(path)
+    if "stage" in content:
+        stage_effects = load_effects(StageEffect, effect_files)
+        known = causes_from_rows(content.get("effects", []), stage_effects, str(path))
+        return TwinFile(path, load_stage(path), stage_effects, known)
+    if "machine" in content:
+        machine_effects = load_effects(MachineEffect, effect_files)
+        known = causes_from_rows(content.get("effects", []), machine_effects, str(path))
+        return TwinFile(path, load_machine(path), machine_effects, known)
+    raise InputError(f"{path}: no section 'stage' or 'machine'; it has {sorted(map(str, content)) or 'nothing'}")
+
+
+def load_problem(bag: Path, twin: TwinFile) -> StageProblem | MachineProblem:
+    """The recording in a bag beside a twin.
+
+    A bag whose end is missing gives what is readable, and the problem's remarks say how much that is.
+
+    Raises:
+        InputError: topics are missing, values are not finite, or the recording is too short.
+    """
+    reader = BagReader(bag)
+    remarks = (reader.damage,) if reader.damage else ()
+    if isinstance(twin.description, StageDescription):
+        return _stage_problem(reader, twin, twin.description, remarks)
+    return _machine_problem(reader, twin, twin.description, remarks)
+
+
+def improved_twin(twin: TwinFile, causes: Sequence[Cause]) -> dict[str, Any]:
+    """Content of a twin file with the causes in it: in its parameters where they have a place there, else as effects."""
+    content = _content(twin.path)
+    description, others = twin.description, list(twin.known)
+    for cause in causes:
+        effect = cause.effect
+        if isinstance(description, StageDescription) and isinstance(effect, StageEffect):
+            amended = effect.amend(description, cause.values, cause.location)
+            if amended is description or amended == description:
+                others.append(cause)
+            description = amended
+        elif isinstance(description, MachineDescription) and isinstance(effect, MachineEffect):
+            description = effect.amend(description, cause.values, cause.location)
+    if isinstance(description, StageDescription):
+        content["stage"] = stage_mapping(description)
+    else:
+        content["machine"] = machine_mapping(description)
+    content.pop("effects", None)
+    if others:
+        content["effects"] = effect_rows(others)
+    return content
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); give the path of a twin's YAML file") from error
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: no valid YAML: {error}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: no twin; expected a mapping with a section 'stage' or 'machine'")
+    return content
+
+
+def _stage_problem(
+    reader: BagReader, twin: TwinFile, stage: StageDescription, remarks: tuple[str, ...]
+) -> StageProblem:
+    letters = sorted(stage.encoder.azimuths)
+    needed = [*(stage_topic(f"head_{letter}") for letter in letters), stage_topic("autocollimator"), stage_topic("command")]
+    reader.check_topics(needed)
+    optional = [stage_topic(name) for name in ("lvdt", "force", "temperature")]
+    topics: Mapping[str, list[SampleBlock]] = reader.read_blocks(
+        [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
+    )
+    recording = record_stage(topics, letters)
+    recording = StageRecording(recording.start_ns, recording.streams, (*remarks, *recording.remarks))
+    effects = tuple(effect for effect in twin.effects if isinstance(effect, StageEffect))
+    return StageProblem(stage, recording, effects, twin.known)
+
+
+def _machine_problem(
+    reader: BagReader, twin: TwinFile, machine: MachineDescription, remarks: tuple[str, ...]
+) -> MachineProblem:
+    reader.check_topics([POSE, PROBE])
+    names = [name for name in (POSE, PROBE, WARMTH) if name in reader.topics]
+    recording = record_poses(reader.read(names), machine, str(reader.path))
+    recording = MachineRecording(
+        recording.positions, recording.direction, recording.temperature, recording.probe, (*remarks, *recording.remarks)
+    )
+    effects = tuple(effect for effect in twin.effects if isinstance(effect, MachineEffect))
+    for cause in twin.known:
+        assert isinstance(cause.effect, MachineEffect)
+        machine = cause.effect.amend(machine, cause.values, cause.location)
+    return MachineProblem(machine, recording, effects)
+
+
+def record_poses(
+    topics: Mapping[str, Sequence[Content]], machine: MachineDescription, origin: str
+) -> MachineRecording:
+    """Poses of a machine: joint states, probe and temperature that share a stamp.
+
+    Raises:
+        InputError: an axis is missing, a value is not finite, or fewer than 12 poses are complete.
+    """
+    probes = {item.stamp_ns: item.point for item in topics[PROBE] if isinstance(item, PointStamped)}
+    warmth = {item.stamp_ns: item.temperature for item in topics.get(WARMTH, ()) if isinstance(item, Temperature)}
+    states = [item for item in topics[POSE] if isinstance(item, JointState) and item.stamp_ns in probes]
+    if len(states) < FEWEST_POSES:
+        raise InputError(f"{origin}: {len(states)} poses with a probe of the same stamp; {FEWEST_POSES} are needed")
+    positions, directions = [], []
+    for state in states:
+        missing = [letter for letter in machine.letters if letter not in state.names]
+        if missing:
+            raise InputError(f"{origin}: {POSE} at {state.stamp_ns} ns has {state.names}, but no {', '.join(missing)}")
+        order = [state.names.index(letter) for letter in machine.letters]
+        positions.append(state.position[order])
+        directions.append(np.sign(state.velocity[order]) if len(state.velocity) else np.zeros(len(order)))
+    temperature = [warmth.get(state.stamp_ns, machine.reference_temperature) for state in states]
+    recording = MachineRecording(
+        np.asarray(positions),
+        np.asarray(directions),
+        np.asarray(temperature, np.float64),
+        np.asarray([probes[state.stamp_ns] for state in states]),
+        _lost_poses(len(topics[POSE]), len(states)),
+    )
+    for name, values in (("position", recording.positions), ("probe", recording.probe)):
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if len(bad):
+            raise InputError(
+                f"{origin}: {name} at {states[int(bad[0])].stamp_ns} ns is {values[bad[0]]}; expected finite numbers"
+            )
+    return recording
+
+
+def _lost_poses(all_poses: int, used: int) -> tuple[str, ...]:
+    return (f"{all_poses - used} of {all_poses} poses have no probe and were left out",) if used < all_poses else ()

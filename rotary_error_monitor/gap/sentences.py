@@ -1,0 +1,45 @@
+"""A diagnosis in sentences."""
+
+from __future__ import annotations
+
+from rotary_error_monitor.effects.effect import Estimate
+from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause
+from rotary_error_monitor.gap.verdict import Verdict
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """The verdict and its causes with their sizes, in one or two sentences."""
+    gap = diagnosis.gap
+    if diagnosis.verdict is Verdict.NO_GAP:
+        return "No gap: twin and recording agree to the noise."
+    if diagnosis.verdict is Verdict.UNKNOWN:
+        left = _left(diagnosis)
+        return f"Unknown: there is a gap ({gap.before:.3g} times the noise) that no known effect explains. {left}"
+    causes = " and ".join(describe_cause(found) for found in diagnosis.causes)
+    shrink = f"the gap shrinks from {gap.before:.3g} to {gap.after:.3g} times the noise ({gap.shrink:.1%})"
+    if diagnosis.verdict is Verdict.EXPLAINED:
+        alike = " Other effects look the same in this recording." if diagnosis.indistinguishable else ""
+        return f"Explained by {causes}: {shrink}.{alike}"
+    return f"Partly explained by {causes}: {shrink}. {_left(diagnosis)}"
+
+
+def describe_cause(found: FoundCause) -> str:
+    """Name, place, size and probability."""
+    place = f" at {found.cause.location}" if found.cause.location else ""
+    sizes = ", ".join(f"{name} {describe_estimate(value)}" for name, value in found.parameters.items())
+    return f"{found.cause.effect.name}{place} ({sizes}; probability {found.probability:.0%})"
+
+
+def describe_estimate(estimate: Estimate) -> str:
+    """Value with its standard deviation, as far as there is one."""
+    values = estimate.value if isinstance(estimate.value, tuple) else (estimate.value,)
+    stds = estimate.std if isinstance(estimate.std, tuple) else (estimate.std,)
+    parts = [f"{value:.4g} ± {std:.1g}" if std > 0 else f"{value:.6g}" for value, std in zip(values, stds, strict=True)]
+    return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
+
+
+def _left(diagnosis: Diagnosis) -> str:
+    if not diagnosis.remainder:
+        return "What remains has no structure that was looked for."
+    first = diagnosis.remainder[:3]
+    return "What remains: " + "; ".join(f"{finding.channel}: {finding.pattern}" for finding in first) + "."

@@ -1,0 +1,150 @@
+"""Twins as the content of YAML files: descriptions written back, and effects that have no place in a description."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from rotary_error_monitor.description.machine import Displacement, ErrorComponent, MachineDescription
+from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.effects.effect import Cause, Effect
+from rotary_error_monitor.effects.library import effect_named
+from rotary_error_monitor.errors import InputError
+
+Kind = TypeVar("Kind", bound=Effect)
+
+
+def stage_mapping(stage: StageDescription) -> dict[str, Any]:
+    """Content of a `stage` section: the inverse of `stage_from_mapping`."""
+    encoder, collimator, spindle = stage.encoder, stage.autocollimator, stage.spindle
+    content: dict[str, Any] = {
+        "encoder": {
+            "disc_radius": encoder.disc_radius,
+            "lines_per_revolution": encoder.lines_per_revolution,
+            "counts_per_line": encoder.counts_per_line,
+            "noise": encoder.noise,
+            "heads": {letter: {"azimuth": azimuth} for letter, azimuth in encoder.azimuths.items()},
+            "eccentricity": list(encoder.eccentricity),
+            "graduation": [{"order": row.order, "cos": row.cos, "sin": row.sin} for row in encoder.graduation],
+        },
+        "mirror": {"tilt": list(stage.mirror.tilt), "flatness": _rows(stage.mirror.flatness)},
+        "autocollimator": {
+            "range": collimator.range,
+            "resolution": collimator.resolution,
+            "noise": collimator.noise,
+        },
+        "spindle": {
+            "radial": _rows(spindle.radial),
+            "tilt": _rows(spindle.tilt),
+            "radial_compliance": spindle.radial_compliance,
+            "tilt_compliance": spindle.tilt_compliance,
+            "radial_thermal": list(spindle.radial_thermal),
+        },
+        "environment": {"reference_temperature": stage.reference_temperature},
+    }
+    if collimator.turbulence is not None:
+        turbulence = collimator.turbulence
+        content["autocollimator"]["turbulence"] = {
+            "std": turbulence.std,
+            "correlation_time": turbulence.correlation_time,
+        }
+    if stage.lvdt is not None:
+        content["lvdt"] = {
+            "height": stage.lvdt.height,
+            "noise": stage.lvdt.noise,
+            "artefact_eccentricity": list(stage.lvdt.artefact_eccentricity),
+        }
+    if stage.uncertainty:
+        content["uncertainty"] = dict(stage.uncertainty)
+    return content
+
+
+def machine_mapping(machine: MachineDescription) -> dict[str, Any]:
+    """Content of a `machine` section as a tree of bodies, whatever form it was read from."""
+    content: dict[str, Any] = {
+        "name": machine.name,
+        "tool": machine.tool,
+        "workpiece": machine.workpiece,
+        "reference_temperature": machine.reference_temperature,
+        "axes": {
+            axis.letter: {
+                "kind": axis.kind,
+                "direction": list(axis.direction),
+                "travel": list(axis.travel),
+                "expansion": axis.expansion,
+                "reversal": axis.reversal,
+            }
+            for axis in machine.axes
+        },
+        "bodies": [
+            {
+                "name": body.name,
+                "parent": body.parent,
+                "pose": _displacement(body.pose, "position"),
+                "location_error": _displacement(body.location_error, "shift"),
+                **({} if body.axis is None else {"axis": body.axis}),
+            }
+            for body in machine.bodies
+        ],
+        "errors": {name: _component(component) for name, component in machine.errors.items()},
+    }
+    if machine.monitored is not None:
+        content["monitored"] = machine.monitored
+    if machine.uncertainty:
+        content["uncertainty"] = dict(machine.uncertainty)
+    return content
+
+
+def effect_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
+    """Causes as rows of a twin's `effects` section."""
+    rows = []
+    for cause in causes:
+        reported = cause.effect.report(cause.values, np.zeros((len(cause.values), len(cause.values))))
+        parameters = {
+            name: list(e.value) if isinstance(e.value, tuple) else e.value for name, e in reported.items()
+        }
+        rows.append({"effect": cause.effect.name, "location": cause.location, "parameters": parameters})
+    return rows
+
+
+def causes_from_rows(rows: object, effects: Sequence[Kind], origin: str) -> tuple[Cause, ...]:
+    """Causes from a twin's `effects` section.
+
+    Raises:
+        InputError: a row is no mapping with effect, location and parameters, or names an unknown effect or parameter.
+    """
+    if not isinstance(rows, list):
+        raise InputError(f"{origin}: effects: expected a list of rows {{effect, location, parameters}}")
+    found = []
+    for number, row in enumerate(rows, start=1):
+        if not isinstance(row, Mapping) or not {"effect", "parameters"} <= set(row):
+            raise InputError(f"{origin}: effects, row {number}: {row}; expected effect, location and parameters")
+        effect = effect_named(str(row["effect"]), effects)
+        found.append(Cause(effect, str(row.get("location") or ""), effect.values_from(row["parameters"])))
+    return tuple(found)
+
+
+def _rows(rows: Sequence[PlanarHarmonic]) -> list[dict[str, Any]]:
+    return [{"order": row.order, "x": list(row.x), "y": list(row.y)} for row in rows]
+
+
+def _displacement(displacement: Displacement, shift: str) -> dict[str, Any]:
+    return {shift: list(displacement.shift), "rotation": list(displacement.rotation)}
+
+
+def _component(component: ErrorComponent) -> dict[str, Any]:
+    content: dict[str, Any] = {}
+    if component.poly:
+        content["poly"] = list(component.poly)
+    if component.harmonic:
+        content["harmonic"] = [{"order": w.order, "cos": w.cos, "sin": w.sin} for w in component.harmonic]
+    if component.table is not None:
+        table = component.table
+        content["table"] = {
+            "positions": list(table.positions),
+            "forward": list(table.forward),
+            "backward": list(table.backward),
+        }
+    return content
