@@ -85,7 +85,9 @@ class Replay:
             arrays["tool_offset"] = self.tool_offset
             arrays["correction_stamp_ns"] = np.array([each.stamp_ns for each in self.corrections], np.int64)
             arrays["corrections"] = np.array([each.values for each in self.corrections])
-            arrays["remaining_offset"] = np.array([each.remaining for each in self.corrections])
+            reports = [(each.stamp_ns, each.report.remaining) for each in self.corrections if each.report is not None]
+            arrays["remaining_stamp_ns"] = np.array([stamp for stamp, _ in reports], np.int64)
+            arrays["remaining_offset"] = np.array([remaining for _, remaining in reports])
         try:
             with Path(path).open("wb") as file:
                 np.savez(file, **arrays)  # type: ignore[arg-type]  # numpy's stub takes **kwds for allow_pickle

@@ -25,7 +25,6 @@ from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorS
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 NAME = "compensation"
-_HUMAN_PERIOD = 20_000_000
 _WATCH_PERIOD = 0.05
 _DEFAULTS = CompensatorSettings()
 
@@ -100,7 +99,7 @@ class Compensation(ManagedNode):
         self.hardware = name
         self._compensator = Compensator(load_machine(name), self._compensator_settings())
         self._age_limit_ns = round(self.setting("age_limit") * NANOSECONDS)
-        self._hold, self._human_ns = "", 0
+        self._hold = ""
         self._latest: Correction | None = None
         self._stale, self._worst_age, self._reported_stale = 0, 0.0, 0
         self._open_outputs()
@@ -178,14 +177,14 @@ class Compensation(ManagedNode):
                 correction.rates,
             )
         )
-        if correction.stamp_ns - self._human_ns < _HUMAN_PERIOD:
+        report = correction.report
+        if report is None:
             return
-        self._human_ns = correction.stamp_ns
-        observable = np.isfinite(np.diag(correction.covariance))
-        for key, offset in (("tool_offset_pose", correction.offset), ("corrected_offset_pose", correction.remaining)):
+        observable = np.isfinite(np.diag(report.covariance))
+        for key, offset in (("tool_offset_pose", report.offset), ("corrected_offset_pose", report.remaining)):
             self._outputs[key].publish(
                 messages.pose_message(
-                    correction.stamp_ns, self._topics[key].frame, offset, correction.covariance, observable
+                    correction.stamp_ns, self._topics[key].frame, offset, report.covariance, observable
                 )
             )
 

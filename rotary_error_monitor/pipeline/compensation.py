@@ -39,6 +39,7 @@ class CompensatorSettings:
         patience_ns: how far joint states may stay behind before ticks go without an offset, ns.
         age_limit_ns: oldest joint state from which an offset is computed, ns.
         correction_period_ns: distance of two corrections, ns.
+        report_period_ns: distance of two reports on what remains of the offset, ns.
         position_tolerance: largest difference of the monitored axis between encoder and joint states, rad.
         ring_height: height of the monitored body's origin above the ring, m.
         ring_azimuth: angle from the machine's x to the stage's x about the axis, rad.
@@ -52,6 +53,7 @@ class CompensatorSettings:
     patience_ns: int = 100_000_000
     age_limit_ns: int = 500_000_000
     correction_period_ns: int = 10_000_000
+    report_period_ns: int = 20_000_000
     position_tolerance: float = 0.05
     ring_height: float = 0.0
     ring_azimuth: float = 0.0
@@ -76,30 +78,41 @@ class InputsUsed:
 
 
 @dataclass(frozen=True)
+class OffsetReport:
+    """The offset at one tick, before and after.
+
+    Attributes:
+        offset: (6,) tool-to-workpiece offset as the machine is, m and rad.
+        covariance: (6, 6) of it.
+        remaining: (6,) offset with the correction applied.
+    """
+
+    offset: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    remaining: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
 class Correction:
-    """The machine at one tick: its offset, the correction that nulls it, and what remains.
+    """The correction that nulls the offset at one tick.
 
     Attributes:
         stamp_ns: time of the tick, ns.
         axes: letters of the axes.
         values: (axes,) correction to add to each axis's command, m or rad, within the limits.
         rates: (axes,) its rate of change since the last one, m/s or rad/s.
-        offset: (6,) tool-to-workpiece offset as the machine is, m and rad.
-        covariance: (6, 6) of it.
-        remaining: (6,) offset with the correction applied.
         level: what became of the wanted correction.
         direction_spanned: whether the axes reach every direction of the tool here.
+        report: what remains; only now and then.
     """
 
     stamp_ns: int
     axes: tuple[str, ...]
     values: NDArray[np.float64]
     rates: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    remaining: NDArray[np.float64]
     level: Level
     direction_spanned: bool
+    report: OffsetReport | None
 
 
 @dataclass(frozen=True)
@@ -143,6 +156,7 @@ class Compensator:
         self._limits = axis_limits(machine, linear=self._settings.linear_limits, rotary=self._settings.rotary_limits)
         self._state = initial_state(len(machine.axes))
         self._last_period = -1
+        self._last_report = -1
         self._last_tick = -1
         self.hold = ""
         self.held = 0
@@ -314,33 +328,55 @@ class Compensator:
         before_ns = self._state.time_ns
         limited = limit_corrections(self._limits, self._state, stamps, wanted.corrections, wanted.converged)
         self._state = limited.state
-        remaining = remaining_offset(
-            self._model,
-            poses.positions,
-            limited.corrections,
-            direction=poses.directions,
-            temperature=poses.temperature,
-            monitored=poses.live,
-        )
-        spread = propagate_covariance(self._model, poses.positions, covariance)
         elapsed = np.diff(stamps, prepend=stamps[0] if before_ns is None else before_ns) * 1e-9
         moved = np.diff(limited.corrections, axis=0, prepend=before[None])
         rates = np.where(elapsed[:, None] > 0, moved / np.where(elapsed > 0, elapsed, 1.0)[:, None], 0.0)
+        usable = np.flatnonzero(limited.levels < Level.HELD)
+        due = self._reports_due(stamps[usable])
+        reports = self._report(
+            poses.at(usable[due]), limited.corrections[usable[due]], offset[usable[due]], covariance[usable[due]]
+        )
+        by_index = dict(zip(usable[due].tolist(), reports, strict=True))
         return tuple(
             Correction(
                 int(stamps[i]),
                 self._machine.letters,
                 limited.corrections[i],
                 rates[i],
-                offset[i],
-                spread[i],
-                remaining[i],
                 Level(int(limited.levels[i])),
                 bool(wanted.direction_spanned[i]),
+                by_index.get(int(i)),
             )
-            for i in range(len(stamps))
-            if limited.levels[i] < Level.HELD
+            for i in usable
         )
+
+    def _reports_due(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The first tick in each report period."""
+        period = stamps // self._settings.report_period_ns
+        due = np.flatnonzero(np.diff(period, prepend=self._last_report) > 0)
+        if len(stamps):
+            self._last_report = int(period[-1])
+        return due
+
+    def _report(
+        self,
+        poses: _Poses,
+        corrections: NDArray[np.float64],
+        offset: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+    ) -> list[OffsetReport]:
+        if len(offset) == 0:
+            return []
+        remaining = remaining_offset(
+            self._model,
+            poses.positions,
+            corrections,
+            direction=poses.directions,
+            temperature=poses.temperature,
+            monitored=poses.live,
+        )
+        spread = propagate_covariance(self._model, poses.positions, covariance)
+        return [OffsetReport(*each) for each in zip(offset, spread, remaining, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -351,6 +387,10 @@ class _Poses:
     directions: NDArray[np.float64]
     temperature: NDArray[np.float64]
     live: NDArray[np.float64]
+
+    def at(self, chosen: NDArray[np.int64]) -> _Poses:
+        """Some of the poses."""
+        return _Poses(self.positions[chosen], self.directions[chosen], self.temperature[chosen], self.live[chosen])
 
 
 def _transfer(height: float, azimuth: float) -> NDArray[np.float64]:
