@@ -1,0 +1,89 @@
+"""The mock cell from starting processes to the table, and what the table says of figures out of bounds."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.cli import main
+from rotary_error_monitor.scenario.mock_cell_figures import Row, table
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """One short run, its exit code and what it printed."""
+    folder = tmp_path_factory.mktemp("cell") / "run"
+    code = main(["run", "--duration", "12", "--folder", str(folder)])
+    return code, folder
+
+
+@pytest.mark.cell
+def test_every_figure_of_a_run_is_within_its_bound(run, capsys):
+    code, folder = run
+    assert code == 0, capsys.readouterr().out
+    assert (folder / "bag" / "metadata.yaml").is_file()
+    assert (folder / "cell.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.cell
+def test_its_recording_replays_to_what_was_published(run, tmp_path):
+    """The command gives again, bit for bit, what estimator and compensation published on the wire."""
+    from rotary_error_monitor.bags.reader import BagReader
+
+    bag, out = run[1] / "bag", tmp_path / "out.npz"
+    assert main(["replay", str(bag), "--machine", "xyzac_trt", "-o", str(out)]) == 0
+    topics = ("/stage/error_motion/samples", "/machine/tool_offset/samples")
+    motion, offsets = (BagReader(bag).read_blocks([topic])[topic] for topic in topics)
+    with np.load(out) as found:
+        stamps = np.concatenate([block.times_ns for block in motion])
+        np.testing.assert_array_equal(found["stamp_ns"], stamps)
+        np.testing.assert_array_equal(found["theta"], np.concatenate([block.column("theta") for block in motion]))
+        for i, name in enumerate(("exc", "eyc", "ezc", "eac", "ebc", "ecc")):
+            published = np.concatenate([block.column(name) for block in motion])
+            again = found["error_motion"][:, i]
+            seen = np.isfinite(again)
+            np.testing.assert_array_equal(again[seen], published[seen])
+            assert (published[~seen] == 0).all()
+        at = np.searchsorted(stamps, np.concatenate([block.times_ns for block in offsets]))
+        published = np.concatenate([block.rows[:, 1:7] for block in offsets])
+        np.testing.assert_array_equal(found["tool_offset"][at], published)
+        assert len(at) > 0.9 * len(stamps)
+
+
+@pytest.mark.cell
+def test_make_run_does_all_of_it():
+    """The command of the README as a user types it."""
+    done = subprocess.run(["make", "run"], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    for height in (5, 16, 60):
+        assert re.search(rf"radial error motion at h = {height} mm: RMS against LVDT, µm +0\.0\d+ .* ok", done.stdout)
+    assert "tool offset, position, after correction" in done.stdout
+    assert "OUT OF BOUNDS" not in done.stdout
+
+
+def test_a_figure_out_of_its_bound_is_said():
+    rows = [Row("good", 1.0, 2.0), Row("bad", 3.0, 2.0), Row("not a number", float("nan"), 2.0), Row("free", 9.0)]
+    assert [row.ok for row in rows] == [True, False, False, True]
+    lines = table(rows).splitlines()
+    assert lines[0].endswith("at most 2.000  ok")
+    assert lines[1].endswith("OUT OF BOUNDS")
+    assert lines[3].rstrip().endswith("9.000")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--duration", "2"], "--duration is 2.0 s; 9.0 s are needed"),
+        (["--folder", "."], "--folder . exists already"),
+        (["--machine", "no_such"], "no machine 'no_such'"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, message, capsys):
+    assert main(["run", *arguments]) == 2
+    assert message in capsys.readouterr().err

@@ -1,0 +1,121 @@
+"""Every command that the README shows is run, here or in the test named beside it."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.bags.writer import write_messages
+from rotary_error_monitor.cli import main
+from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.testing import Cell
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+ELSEWHERE = {
+    "make run": "test/scenario/test_mock_cell.py",
+    "make run-linuxcnc": "test/scenario/test_linuxcnc_run.py",
+    "make test": ".ci/run",
+    "colcon build": "test/test_package.py",
+}
+ONLY_WITH_APT = {"rosdep install --from-paths src --ignore-src -y"}
+
+
+def commands() -> list[str]:
+    """Lines of the README's sh blocks, without their comments."""
+    blocks = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+    return [line.split("#")[0].strip() for block in blocks for line in block.splitlines() if line.strip()]
+
+
+def of_kind(beginning: str) -> list[str]:
+    found = [command for command in commands() if command.startswith(beginning)]
+    assert found, f"the README shows no command that begins with '{beginning}'"
+    return found
+
+
+def test_no_command_is_left_out():
+    known = ("ros2 run rotary_error_monitor ", "rotary_error_monitor ", "python3 -m pip install ")
+    for command in commands():
+        assert command in ELSEWHERE or command in ONLY_WITH_APT or command.startswith(known), command
+
+
+@pytest.mark.parametrize("command", sorted(ELSEWHERE))
+def test_a_command_that_is_run_elsewhere_is_run_there(command):
+    assert command in commands()
+    words = command.split()[-1]
+    assert words in (ROOT / ELSEWHERE[command]).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("command", of_kind("make "))
+def test_the_makefile_knows_the_target(command):
+    assert subprocess.run(["make", "-n", *command.split()[1:]], cwd=ROOT, capture_output=True).returncode == 0
+
+
+def test_pip_installs_what_setup_py_asks_for():
+    (command,) = of_kind("python3 -m pip install")
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    for requirement in shlex.split(command)[4:]:
+        assert f'"{requirement}"' in setup
+
+
+@pytest.mark.parametrize("command", of_kind("ros2 run rotary_error_monitor "))
+def test_a_node_runs_as_shown(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    executable, *arguments = shlex.split(command)[3:]
+    ros_args = [word for word in arguments if word != "--ros-args"]
+    name = next((w.removeprefix("__node:=") for w in ros_args if w.startswith("__node:=")), executable)
+    with Cell() as cell:
+        process = cell.start(executable, name, ros_args=ros_args)
+        cell.wait_for_status(f"{name}: state", "active", 40.0)
+        assert process.stop() == 0
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """A recording of the mock cell's signals, made without starting it."""
+    from rotary_error_monitor.bags.messages import JointState
+    from rotary_error_monitor.description.machine import load_machine
+    from rotary_error_monitor.description.stage import load_stage
+    from rotary_error_monitor.sources.mock import MockSettings, mock_stage
+    from rotary_error_monitor.sources.mock_machine import MachineMotion
+
+    stage, epoch_ns = load_stage(), 1_763_700_000_000_000_000
+    wire = load_wire()
+    plant = mock_stage(stage, MockSettings(1, epoch_ns, (3.0,), True, 2_000.0))
+    topics = {wire.topic("head_samples", name).name: f"head_{name}" for name in "abcd"}
+    topics |= {wire.topic(f"{name}_samples").name: name for name in ("autocollimator", "command")}
+    contents = {
+        topic: [plant.samples(stream, first, 200) for first in range(0, 4000, 200)] for topic, stream in topics.items()
+    }
+    motion = MachineMotion(load_machine("xyzac_trt"), plant)
+    states = [(epoch_ns + k * 10_000_000, motion.at(epoch_ns + k * 10_000_000)) for k in range(200)]
+    contents[wire.topic("machine_joint_states").name] = [
+        JointState(
+            stamp,
+            tuple(axis.letter for axis in state),
+            np.array([axis.position for axis in state]),
+            np.array([axis.velocity for axis in state]),
+            np.zeros(len(state)),
+        )
+        for stamp, state in states
+    ]
+    folder = tmp_path_factory.mktemp("readme") / "bag"
+    write_messages(folder, contents, wire)
+    return folder
+
+
+@pytest.mark.parametrize("command", of_kind("rotary_error_monitor "))
+def test_the_command_line_works_as_shown(command, bag, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "out.npz"
+    words = [{"BAG": str(bag), "OUT.npz": str(out)}.get(word, word) for word in shlex.split(command)[1:]]
+    monkeypatch.chdir(ROOT)
+    assert main(words) == 0
+    assert capsys.readouterr().out
+    if str(out) in words:
+        with np.load(out) as found:
+            assert np.isfinite(found["tool_offset"]).all(axis=1).mean() > 0.9
