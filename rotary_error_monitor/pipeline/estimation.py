@@ -209,7 +209,8 @@ class Estimator:
         masks = np.zeros(len(ticks), np.int64)
         for name, stream in self._streams.items():
             usable = sampled[name].valid
-            if stream.usable_from_ns is not None:
+            # what a live run decided stands: the bag may begin later than the stream did
+            if self._decisions is None and stream.usable_from_ns is not None:
                 usable = usable & (ticks >= stream.usable_from_ns)
             masks += np.where(usable, self._bits[name], 0)
         if self._decisions is not None:

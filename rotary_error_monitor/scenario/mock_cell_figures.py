@@ -101,9 +101,9 @@ def figures(cell: MockCell, recording: Recording, stage: StageDescription, machi
     rows = [
         *_accuracy(comparisons),
         *_offset_rows(offsets),
-        *_repetition(reader, wire, replayed),
-        *_losses(reader, wire),
-        *_latencies(reader, wire),
+        *_repetition(reader, wire, replayed, recording.heights[0][1]),
+        *_losses(reader, wire, recording.heights[0][1]),
+        *_latencies(reader, wire, recording.heights[0][1]),
         Row(
             "processes that did not end with exit code 0",
             sum(code != 0 for code in recording.exit_codes.values()),
@@ -179,8 +179,8 @@ def _rms(vectors: NDArray[np.float64]) -> float:
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
-def _repetition(reader: BagReader, wire: Wire, replayed: Replay) -> Iterator[Row]:
-    """Published numbers that the replay does not give again bit for bit."""
+def _repetition(reader: BagReader, wire: Wire, replayed: Replay, since_ns: int) -> Iterator[Row]:
+    """Published numbers that the replay does not give again bit for bit, from when the recorder had found everyone."""
     assert replayed.tool_offset is not None
     for key, columns, again in (
         ("error_motion_samples", ("theta",), replayed.theta[:, None]),
@@ -188,28 +188,36 @@ def _repetition(reader: BagReader, wire: Wire, replayed: Replay) -> Iterator[Row
     ):
         topic = wire.topic(key)
         times, values = _samples(reader, topic, columns)
+        times, values = times[times >= since_ns], values[times >= since_ns]
         index = np.clip(np.searchsorted(replayed.stamp_ns, times), 0, len(replayed.stamp_ns) - 1)
         same = (replayed.stamp_ns[index] == times) & (again[index] == values).all(axis=1)
         yield Row(f"{topic.name}: published numbers that a replay does not repeat", float((~same).sum()), 0, 0)
 
 
-def _losses(reader: BagReader, wire: Wire) -> Iterator[Row]:
-    """Samples missing between the first and the last of each fast stream."""
-    lost = 0
+def _losses(reader: BagReader, wire: Wire, since_ns: int) -> Iterator[Row]:
+    """Samples missing between the first and the last, of the sensors and of the estimate."""
+    lost = {"the sensors": 0, "the estimate": 0}
     for topic in wire:
-        if topic.is_sample_block and topic.key != "lvdt_samples" and topic.name in reader.topics:
-            times, _ = _samples(reader, topic)
-            if len(times) > 2:
-                steps = np.diff(times)
-                lost += int(np.rint(steps / np.median(steps) - 1).sum())
-    yield Row("samples lost, all streams", lost, 0, 0)
+        if not topic.is_sample_block or topic.key == "lvdt_samples" or topic.name not in reader.topics:
+            continue
+        times, _ = _samples(reader, topic)
+        steps = np.diff(times[times >= since_ns])
+        if len(steps) > 1:
+            part = "the estimate" if _is_computed(topic) else "the sensors"
+            lost[part] += int(np.rint(steps / np.median(steps) - 1).sum())
+    for part, count in lost.items():
+        yield Row(f"samples lost of {part}", count, 0, 0)
 
 
-def _latencies(reader: BagReader, wire: Wire) -> Iterator[Row]:
+def _is_computed(topic: Topic) -> bool:
+    return topic.key in ("error_motion_samples", "tool_offset_samples")
+
+
+def _latencies(reader: BagReader, wire: Wire, since_ns: int) -> Iterator[Row]:
     """Age of the latest sample in a block when the recorder had it."""
     for key, bound in (("error_motion_samples", None), ("tool_offset_samples", None)):
         topic = wire.topic(key)
-        ages = np.array(list(_ages(reader, topic)))
+        ages = np.array(list(_ages(reader, topic, since_ns)))
         if len(ages) == 0:
             raise InputError(f"{reader.path}: no message on {topic.name}")
         for part in (50, 99):
@@ -218,12 +226,13 @@ def _latencies(reader: BagReader, wire: Wire) -> Iterator[Row]:
             )
 
 
-def _ages(reader: BagReader, topic: Topic) -> Iterator[float]:
+def _ages(reader: BagReader, topic: Topic, since_ns: int) -> Iterator[float]:
     decoder = Decoder(topic.type)
     for message in reader.messages([topic.name]):
         block = decoder.decode(message.data)
         assert isinstance(block, SampleBlock)
-        yield (message.log_time_ns - int(block.times_ns[-1])) * 1e-9
+        if block.stamp_ns >= since_ns:
+            yield (message.log_time_ns - int(block.times_ns[-1])) * 1e-9
 
 
 def _samples(
