@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.calibration.identification import Identification, check_held_out, identify_machine
-from rotary_error_monitor.calibration.machine_file import MachineFile, Provenance, hash_source
+from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.measurements import (
     read_positioning,
     read_probed_poses,
@@ -22,6 +22,7 @@ from rotary_error_monitor.calibration.measurements import (
 from rotary_error_monitor.calibration.parameters import Orders, list_parameters
 from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits
+from rotary_error_monitor.calibration.yaml_document import Provenance, hash_source
 from rotary_error_monitor.description.machine import DIRECTIONS, Axis, MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.axis_fits import LineFit, fit_axis_average_line, fit_line_in_space
