@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.calibration import reports
+from rotary_error_monitor.calibration.assembly import assembly_text, calibrate_assembly
 from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.parameters import Orders
@@ -42,6 +43,7 @@ def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
     _add_positioning(steps)
     _add_straightness(steps)
     _add_squareness(steps)
+    _add_assembly(steps)
     _add_machine(steps)
     _add_tables(steps)
     _add_errors(steps)
@@ -88,6 +90,15 @@ def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--angle-arcsec", type=float, default=0.5, help="of both angles (default 0.5)")
 
 
+def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
+    parser = steps.add_parser("assembly", help="ring and mirror of a stage, from a bag of its shaft between centres")
+    parser.add_argument("source", type=Path, metavar="BAG")
+    parser.add_argument("--stage", type=Path, required=True, metavar="STAGE.yaml", help="the file to calibrate")
+    parser.add_argument("-o", "--output", type=Path, help="write here instead of changing STAGE.yaml")
+    parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
+    parser.set_defaults(run=_assembly)
+
+
 def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser = _step(steps, "machine", _machine, "all parameters from probed poses: a bag, or a CSV file")
     parser.add_argument("--noise-um", type=float, default=1.5, help="standard deviation of the probe (default 1.5)")
@@ -121,8 +132,12 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 
 def _job(arguments: argparse.Namespace) -> Job:
-    day = arguments.date or datetime.now(UTC).date()
+    day = arguments.date or _today()
     return Job(arguments.source, MachineFile(arguments.machine), arguments.output or arguments.machine, day)
+
+
+def _today() -> date:
+    return datetime.now(UTC).date()
 
 
 def _positioning(arguments: argparse.Namespace) -> int:
@@ -154,6 +169,13 @@ def _squareness(arguments: argparse.Namespace) -> int:
     angle = math.radians(arguments.angle_arcsec / 3600)
     noise = TrackerNoise(arguments.distance_um * 1e-6, arguments.distance_ppm * 1e-6, angle, angle)
     print(reports.squareness_text(calibrate_squareness(job, noise), job.output))
+    return 0
+
+
+def _assembly(arguments: argparse.Namespace) -> int:
+    output = arguments.output or arguments.stage
+    result = calibrate_assembly(arguments.source, arguments.stage, output, arguments.date or _today())
+    print(assembly_text(result, output))
     return 0
 
 
