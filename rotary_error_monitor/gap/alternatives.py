@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from rotary_error_monitor.gap.problem import Problem
 from rotary_error_monitor.gap.selection import Stage
-from rotary_error_monitor.gap.shrink import held_out_rms
+from rotary_error_monitor.gap.shrink import HeldOut
 from rotary_error_monitor.gap.weighing import Weighing, Weight
 
 Key = tuple[str, str]
@@ -61,8 +61,9 @@ def weigh_alternatives(problem: Problem, stage: Stage, unknown: float) -> Altern
         for member in row.members:
             best[member] = max(best[member], row.log_evidence)
     order = _distinct(weighing, sorted(range(len(best)), key=lambda i: (-share[i], -best[i])))
+    held_out = HeldOut(weighing.blocks, problem.conditions)
     ranking = tuple(
-        (*weighing.candidates[i].key, float(share[i]), _held_out(problem, weighing, _with(causes, i, rows)))
+        (*weighing.candidates[i].key, float(share[i]), _rms(held_out, weighing, _with(causes, i, rows)))
         for i in order[:RANKED]
     )
     return Alternatives(ranking, _groups(weighing, causes, chosen))
@@ -80,11 +81,11 @@ def _with(causes: tuple[int, ...], candidate: int, rows: list[Weight]) -> tuple[
     return max(holding, key=lambda row: row.log_evidence).members if holding else (*causes, candidate)
 
 
-def _held_out(problem: Problem, weighing: Weighing, members: tuple[int, ...]) -> float:
+def _rms(held_out: HeldOut, weighing: Weighing, members: tuple[int, ...]) -> float:
     columns = np.concatenate([np.arange(weighing.nuisances), weighing.nuisances + weighing.columns_of(members)])
     widths = [100 * weighing.candidates[i].effect.scales()[weighing.candidates[i].linear] for i in members]
     prior = np.concatenate([np.ones(weighing.nuisances), *(1 / np.square(width) for width in widths)])
-    return held_out_rms(weighing.blocks, problem.conditions, columns.astype(np.intp), prior)
+    return held_out.rms(columns.astype(np.intp), prior)
 
 
 def _groups(weighing: Weighing, causes: tuple[int, ...], chosen: Weight) -> tuple[tuple[Key, ...], ...]:

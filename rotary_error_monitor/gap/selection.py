@@ -117,6 +117,7 @@ class _Search:
         self._level = false_alarms / 2
         self._known: dict[tuple[str, str, bytes], Candidate] = {}
         self._columns: dict[tuple[str, str, bytes], Rows] = {}
+        self._promising: list[tuple[str, str, bytes]] = []
 
     def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Stage:
         """Test what a fit leaves."""
@@ -126,7 +127,8 @@ class _Search:
             fit = fit_causes(self._problem, fit.causes)
             findings = self._findings(fit)
         weighing, included = self._table(fit)
-        newcomers = [dataclasses.replace(w) for w in weighing.singles(included)]
+        newcomers = weighing.singles(included)
+        self._keep_promising(weighing, newcomers)
         base = weighing.weigh(included)
         allowance = 0.0 if power_before is None else MODEL_ACCURACY**2 * max(power_before - fit.squares, 0.0)
         best, chance = self._newcomer(newcomers, base, allowance)
@@ -157,6 +159,12 @@ class _Search:
         fit = fit_causes(self._problem, weighing.causes(best), stage.fit.nuisance)
         return self.look(fit, best, stage.fit.squares)
 
+    def _keep_promising(self, weighing: Weighing, newcomers: Sequence[Weight]) -> None:
+        """Remember the best candidates: the next table holds them whatever the next search proposes."""
+        best = sorted(newcomers, key=lambda weight: -weight.log_evidence)[:SHORTLIST]
+        found = [weighing.candidates[weight.members[-1]] for weight in best]
+        self._promising = list(dict.fromkeys([*self._promising, *((*c.key, c.start.tobytes()) for c in found)]))
+
     def _findings(self, fit: Fit) -> list[Finding]:
         return sorted(self._problem.structure(fit.rest), key=lambda finding: finding.log_chance)
 
@@ -176,17 +184,24 @@ class _Search:
 
     def _table(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:
         """All candidates so far and those that the remainder proposes, weighed on data with the causes put back."""
-        for candidate in self._problem.candidates(fit.rest, fit.causes):
-            self._known[(*candidate.key, candidate.start.tobytes())] = candidate
-        for key, candidate in self._known.items():
+        proposed = [(*c.key, c.start.tobytes()) for c in self._remember(self._problem.candidates(fit.rest, fit.causes))]
+        wanted = dict.fromkeys([*proposed, *self._promising])
+        for key in wanted:
             if key not in self._columns:
+                candidate = self._known[key]
                 idle = candidate.cause(np.zeros(len(candidate.linear)))
                 self._columns[key] = self._problem.signature(idle, candidate.linear)
-        return self._weigh(fit)
+        return self._weigh(fit, list(wanted))
 
-    def _weigh(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:
+    def _remember(self, candidates: Sequence[Candidate]) -> Sequence[Candidate]:
+        for candidate in candidates:
+            self._known[(*candidate.key, candidate.start.tobytes())] = candidate
+        return candidates
+
+    def _weigh(self, fit: Fit, wanted: Sequence[tuple[str, str, bytes]]) -> tuple[Weighing, tuple[int, ...]]:
         included = {cause.key for cause in fit.causes}
-        others = [(c, self._columns[key]) for key, c in self._known.items() if c.key not in included]
+        keys = [key for key in wanted if self._known[key].key not in included]
+        others = [(self._known[key], self._columns[key]) for key in keys]
         own = [self._sized(fit, i) for i in range(len(fit.causes))]
         candidates = [c for c, _, _ in own] + [c for c, _ in others]
         columns = [rows for _, rows, _ in own] + [rows for _, rows in others]

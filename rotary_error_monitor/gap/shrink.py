@@ -64,19 +64,25 @@ def measure_gap(fit: Fit, conditions: Conditions, floor: float | None = None, se
     return Gap(float(rms[0]), float(rms[1]), float(rms[2]), shrink, interval if freedom else (0.0, 0.0))
 
 
-def held_out_rms(blocks: BlockNormal, conditions: Conditions, columns: NDArray[np.intp], prior: Array) -> float:
-    """Root mean square of rows predicted from the other conditions by some columns, each with a prior precision."""
-    total = 0.0
-    for label in np.unique(conditions.labels):
-        test = conditions.labels == label
-        train = blocks.total(~test)
-        gram = train.gram[np.ix_(columns, columns)] + np.diag(prior)
-        scale = 1 / np.sqrt(np.diag(gram))
-        solved = scale * np.linalg.solve(gram * np.outer(scale, scale), scale * train.moment[columns])
-        held = blocks.total(test)
-        part = held.gram[np.ix_(columns, columns)]
-        total += held.power - 2 * float(held.moment[columns] @ solved) + float(solved @ part @ solved)
-    return float(np.sqrt(max(total, 0.0) / float(blocks.count.sum())))
+class HeldOut:
+    """Predictions of each condition from all the others, for many sets of columns."""
+
+    def __init__(self, blocks: BlockNormal, conditions: Conditions) -> None:
+        self._whole = blocks.total()
+        self._parts = [blocks.total(conditions.labels == label) for label in np.unique(conditions.labels)]
+
+    def rms(self, columns: NDArray[np.intp], prior: Array) -> float:
+        """Root mean square of held-out rows, the columns sized with these prior precisions on the other conditions."""
+        total, whole = 0.0, self._whole
+        inner = np.ix_(columns, columns)
+        for part in self._parts:
+            gram = whole.gram[inner] - part.gram[inner] + np.diag(prior)
+            scale = 1 / np.sqrt(np.diag(gram))
+            moment = whole.moment[columns] - part.moment[columns]
+            solved = scale * np.linalg.solve(gram * np.outer(scale, scale), scale * moment)
+            fitted = float(solved @ part.gram[inner] @ solved)
+            total += part.power - 2 * float(part.moment[columns] @ solved) + fitted
+        return float(np.sqrt(max(total, 0.0) / whole.count))
 
 
 def _shrink(before: float, after: float, floor: float) -> float:

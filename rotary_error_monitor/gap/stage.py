@@ -21,7 +21,7 @@ from rotary_error_monitor.gap.structure import Track, find_structure
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageTwin, twin_of
-from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise, fit_jitter
+from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise, find_lines, fit_jitter
 from rotary_error_monitor.twin.stage_parameters import UncertainParameter, uncertain_parameters
 
 SHORTEST_BLOCK = 1.0
@@ -75,7 +75,7 @@ class StageProblem:
         self._search = StageSearch(self)
         self._expected: dict[str, Array] = {}
         self._starts: dict[tuple[str, str], Array] = {}
-        self.noise.with_jitter(self._estimate_jitter(raw))
+        self.noise.with_jitter(*self._estimate_jitter(raw))
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
 
     @property
@@ -167,13 +167,13 @@ class StageProblem:
         worst = min((f.log_chance for f in findings if f.channel == COMMAND), default=0.0)
         if worst > SUSPICIOUS:
             return False
-        jitter = self._estimate_jitter(self._raw_residual(causes))
+        jitter, lines = self._estimate_jitter(self._raw_residual(causes))
         frequency = np.linspace(0.5, 40.0, 80)
         floor = self.noise.command_floor
         ratio = (jitter.density(frequency) + floor) / (self.noise.jitter.density(frequency) + floor)
         if float(np.mean(np.abs(np.log(ratio)))) < SAME_SPECTRUM:
             return False
-        self.noise.with_jitter(jitter)
+        self.noise.with_jitter(jitter, lines)
         self._expected = {}
         return True
 
@@ -256,7 +256,7 @@ class StageProblem:
             channel: rows for channel, rows in self.noise.whiten(stacked).items() if np.any(rows)
         }
 
-    def _estimate_jitter(self, raw: Signals) -> Jitter:
+    def _estimate_jitter(self, raw: Signals) -> tuple[Jitter, Array]:
         """Jitter's spectrum from what the heads share, once anything that goes with the motion is taken out of it."""
         grid = self.noise.grid
         mean, enough = self.noise.shared({name: raw[name][:, :, None] for name in grid.heads})
@@ -266,11 +266,17 @@ class StageProblem:
         fitted, *_ = np.linalg.lstsq(basis[enough], shared[enough], rcond=None)
         shared[enough] -= basis[enough] @ fitted
         shared[~enough] = 0.0
+        lines = find_lines(grid.time, shared)
+        if len(lines):
+            turns = 2 * np.pi * np.outer(grid.time, lines)
+            waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
+            fitted, *_ = np.linalg.lstsq(waves, shared, rcond=None)
+            shared -= waves @ fitted
         length = min(2000, len(shared))
         frequency, power = welch(shared, 1 / grid.period, nperseg=length)
         floor = self.noise.command_floor
         # Welch's mean of many periodograms scatters little, so its median is nearly its mean.
-        return fit_jitter(frequency[1:], power[1:] * np.log(2.0), floor, Jitter())
+        return fit_jitter(frequency[1:], power[1:] * np.log(2.0), floor, Jitter()), lines
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,8 @@ class Jitter:
         from scipy.special import gamma
 
         area = self.bandwidth * gamma(1 + 1 / self.shape)
-        return np.asarray(self.std**2 / area * np.exp(-((frequency / self.bandwidth) ** self.shape)), np.float64)
+        power = np.minimum((frequency / self.bandwidth) ** self.shape, 600.0)
+        return np.asarray(self.std**2 / area * np.exp(-power), np.float64)
 
 
 @dataclass(frozen=True)
@@ -130,13 +131,33 @@ class StageNoise:
         self.spikes = {name: self._find_spikes(name, residual[name], collimator.turbulence) for name in self._sensors}
         self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
         self._turbulence = collimator.turbulence
+        self._line_basis: Array | None = None
         self._collimator_whitener = self._collimator_filter()
         self._command_whitener = self._command_filter()
 
-    def with_jitter(self, jitter: Jitter) -> None:
-        """Take another spectrum of the jitter."""
+    def with_jitter(self, jitter: Jitter, lines: Array | None = None) -> None:
+        """Take another spectrum of the jitter, and frequencies (k,) in Hz at which it holds lines of its own."""
         self.jitter = jitter
         self._command_whitener = self._command_filter()
+        self._line_basis = None if lines is None or len(lines) == 0 else self._whitened_lines(lines)
+
+    def _whitened_lines(self, lines: Array) -> Array:
+        """(m, 4 k) orthonormal rows of the lines: what they span takes no part in the command's channel.
+
+        Beside each wave stands the wave times time, which takes up a frequency that is a little off.
+        """
+        turns = 2 * np.pi * np.outer(self.grid.time, lines)
+        middle = self.grid.time - self.grid.time.mean()
+        waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
+        table = self._shared_rows(np.concatenate([waves, waves * middle[:, None] / np.ptp(middle)], axis=1))
+        basis, triangle = np.linalg.qr(table)
+        size = np.abs(np.diag(triangle))
+        return np.asarray(basis[:, size > 1e-8 * float(size.max())], np.float64)
+
+    def _shared_rows(self, mean: Array) -> Array:
+        """Whitened rows (m, p) of what the heads share (m, p)."""
+        enough = segments_of(self._present.sum(axis=1) * 2 >= len(self.grid.heads))
+        return self._command_whitener.apply(mean, enough) * self._weight[:, None]
 
     @property
     def command_floor(self) -> float:
@@ -186,6 +207,8 @@ class StageNoise:
         ones = np.ones((len(self.grid.time), 1))
         enough = segments_of(count * 2 >= len(self.grid.heads))
         expected[COMMAND] = (self._command_whitener.apply(ones, enough)[:, 0] != 0) * weight
+        if self._line_basis is not None:
+            expected[COMMAND] = expected[COMMAND] * (1 - np.sum(np.square(self._line_basis), axis=1))
         for name in self._sensors:
             ones = np.ones((len(self._streams[name].time), 2, 1))
             for channel, rows in self._sensor(name, ones).items():
@@ -223,8 +246,9 @@ class StageNoise:
         table -= mean[:, None, :]
         table *= (present * (self._weight * (count > 1))[:, None])[:, :, None] / self.std["head"]
         rows = {name: table[:, i] for i, name in enumerate(self.grid.heads)}
-        enough = segments_of(count * 2 >= len(self.grid.heads))
-        rows[COMMAND] = self._command_whitener.apply(mean, enough) * self._weight[:, None]
+        rows[COMMAND] = self._shared_rows(mean)
+        if self._line_basis is not None:
+            rows[COMMAND] = rows[COMMAND] - self._line_basis @ (self._line_basis.T @ rows[COMMAND])
         return rows
 
     def _sensor(self, name: str, values: Array) -> dict[str, Array]:
@@ -292,6 +316,56 @@ def fit_jitter(frequency: Array, power: Array, floor: float, start: Jitter) -> J
     found = minimize(misfit, first, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5, "maxiter": 400})
     std, bandwidth, shape = np.exp(found.x)
     return Jitter(float(std), float(np.clip(bandwidth, 0.1, 100.0)), float(np.clip(shape, 0.5, 4.0)))
+
+
+def find_lines(time: Array, shared: Array, highest: float = 25.0, most: int = 24) -> Array:
+    """Frequencies (k,) in Hz, below `highest`, of lines in what the heads share: resonances of the rotor's own.
+
+    A line stands out of the spectrum around it by far more than chance allows and is as narrow as the recording is long;
+    waves of an order are not, because the speed changes. Each is refined with all others in the model.
+    """
+    span = float(np.ptp(time))
+    found: list[float] = []
+    left = shared - shared.mean()
+    for _ in range(most):
+        frequency, power = _periodogram(time, left)
+        band = (frequency > 3 / span) & (frequency < highest)
+        around = median_filter(power, 129, mode="nearest") / np.log(2.0)
+        ratio = np.where(band, power / np.maximum(around, 1e-300), 0.0)
+        best = int(np.argmax(ratio))
+        if ratio[best] < LINE or power[best] < 4 * max(power[best - 8], power[best + 8]):
+            break
+        found.append(float(frequency[best]))
+        found, left = _refined(time, shared, found)
+    return np.asarray(found)
+
+
+LINE = 40.0
+"""A line is this many times the power of the spectrum around it: one in 10^17 by chance."""
+
+
+def _periodogram(time: Array, values: Array) -> tuple[Array, Array]:
+    """Frequencies and power, twice as fine as the recording resolves, with a window that keeps leakage low."""
+    period = (time[-1] - time[0]) / (len(time) - 1)
+    window = np.hanning(len(values))
+    power = np.abs(np.fft.rfft(values * window, 2 * len(values))) ** 2
+    return np.fft.rfftfreq(2 * len(values), period), power
+
+
+def _refined(time: Array, shared: Array, lines: list[float]) -> tuple[list[float], Array]:
+    """Frequencies after Gauss-Newton steps, and what is left when all lines are taken out."""
+    frequencies = np.asarray(lines)
+    middle = time - time.mean()
+    for _ in range(3):
+        turns = 2 * np.pi * np.outer(middle, frequencies)
+        cos, sin = np.cos(turns), np.sin(turns)
+        table = np.concatenate([cos, sin, middle[:, None] * cos, middle[:, None] * sin], axis=1)
+        fitted, *_ = np.linalg.lstsq(table, shared, rcond=None)
+        a, b, da, db = fitted.reshape(4, -1)
+        # a cos + b sin with the frequency off by d: the slopes are (2 pi d) (b, -a).
+        step = (da * b - db * a) / (2 * np.pi * np.maximum(a**2 + b**2, 1e-300))
+        frequencies = frequencies + np.clip(step, -0.5 / np.ptp(time), 0.5 / np.ptp(time))
+    return frequencies.tolist(), shared - table @ fitted
 
 
 def _input_gaps(recording: StageRecording) -> Array:
