@@ -24,6 +24,9 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
 
+LONGEST_CARRY = 0.05
+"""How long a correction is carried on by its rate, s."""
+
 SETTLING_NS = 500_000_000
 """Left out after the start and after each setting of the LVDT: processes find one another, the probe comes to rest."""
 
@@ -151,9 +154,12 @@ def true_offsets(
     recording: Recording, reader: BagReader, wire: Wire, machine: MachineDescription, plant: StagePlant
 ) -> TrueOffsets:
     """True tool offset without correction, and with the correction that was in force at each time."""
-    stamps, arrived, values = _corrections(reader, wire.topic("axis_corrections"), machine)
+    stamps, arrived, values, rates = _corrections(reader, wire.topic("axis_corrections"), machine)
     late = stamps > stamps[0] + SETTLING_NS
-    in_force = np.searchsorted(arrived, stamps[late], side="right") - 1
+    in_force = np.maximum(np.searchsorted(arrived, stamps[late], side="right") - 1, 0)
+    # a controller carries the correction that it has to the present, for a short while
+    age = np.clip((stamps[late] - stamps[in_force]) * 1e-9, 0.0, LONGEST_CARRY)
+    carried = values[in_force] + rates[in_force] * age[:, None]
     motion = MachineMotion(machine, plant)
     states = [motion.at(int(stamp)) for stamp in stamps[late]]
     positions = np.array([[axis.position for axis in state] for state in states])
@@ -164,7 +170,7 @@ def true_offsets(
     true = MachinePlant(machine)
     poses = make_poses(machine, positions, directions, scene.warming + machine.reference_temperature)
     before = true.tool_offset(poses, monitored=live)
-    return TrueOffsets(stamps[late], before, true.tool_offset(poses, values[in_force], live))
+    return TrueOffsets(stamps[late], before, true.tool_offset(poses, carried, live))
 
 
 def _offset_rows(offsets: TrueOffsets) -> Iterator[Row]:
@@ -247,19 +253,20 @@ def _samples(
 
 def _corrections(
     reader: BagReader, topic: Topic, machine: MachineDescription
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Stamp, time of arrival at the recorder, and values in the order of the machine's axes."""
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Stamp, time of arrival at the recorder, values and rates in the order of the machine's axes."""
     reader.check_topics([topic.name])
     decoder = Decoder(topic.type)
-    stamps, arrived, values = [], [], []
+    stamps, arrived, values, rates = [], [], [], []
     for message in reader.messages([topic.name]):
         state = decoder.decode(message.data)
         assert isinstance(state, JointState)
-        told = dict(zip(state.names, state.position.tolist(), strict=True))
+        told = dict(zip(state.names, zip(state.position, state.velocity, strict=True), strict=True))
         stamps.append(state.stamp_ns)
         arrived.append(message.log_time_ns)
-        values.append([told[letter] for letter in machine.letters])
-    return np.array(stamps), np.array(arrived), np.array(values)
+        values.append([told[letter][0] for letter in machine.letters])
+        rates.append([told[letter][1] for letter in machine.letters])
+    return np.array(stamps), np.array(arrived), np.array(values), np.array(rates)
 
 
 def table(rows: list[Row]) -> str:
