@@ -33,6 +33,9 @@ LENGTH = 100.0
 ANGLE = 100 * 2 * math.pi
 LINEAR_ERROR = 1e-3
 ANGULAR_ERROR = math.radians(0.5)
+SAME_POSITION = 1e-6
+"""Commanded positions nearer than this are the same, m or rad."""
+
 LEAST_GAP = 5.0
 """Steps this much longer than the median step are gaps."""
 
@@ -104,6 +107,38 @@ def _check_runs(table: Table, targets: Array, column: Column) -> None:
             raise table.error(
                 row, f"{name}: target {shown[1]:g} after {shown[0]:g}; are the rows sorted and directions unmixed?"
             )
+
+
+def read_positioning_poses(path: Path | str, machine: MachineDescription, letter: str) -> PositioningRuns:
+    """Bidirectional runs of one linear axis from a bag of probed poses in which no other axis moves.
+
+    The deviation is the tool's, along the axis; the cycle is how often the axis has come to the target from that side.
+
+    Raises:
+        InputError: what `read_probed_poses` raises, a rotary axis, another axis that moves, or an unknown direction.
+    """
+    axis, number = machine.axis(letter), machine.letters.index(letter)
+    if axis.kind == "rotary":
+        raise InputError(f"{path}: a tool probe sees no angle of axis {letter}; give a CSV file of its deviations")
+    poses = read_probed_poses(path, machine, 1e-6)
+    others = np.delete(poses.positions, number, axis=1)
+    if np.ptp(others, axis=0).max(initial=0.0) > SAME_POSITION:
+        raise InputError(f"{path}: other axes than {letter} move; a positioning test moves one axis")
+    if np.any(poses.direction[:, number] == 0):
+        at = int(np.argmax(poses.direction[:, number] == 0))
+        raise InputError(f"{path}: pose {at + 1} does not say from which side axis {letter} came (velocity +1 or -1)")
+    targets, place = np.unique(np.round(poses.positions[:, number] / SAME_POSITION), return_inverse=True)
+    deviations = poses.deviations @ np.array(axis.direction)
+    runs: dict[int, Array] = {}
+    for sign in (1, -1):
+        rows = [deviations[(place == k) & (poses.direction[:, number] == sign)] for k in range(len(targets))]
+        runs[sign] = np.full((len(targets), max(len(row) for row in rows)), np.nan)
+        for values, row in zip(runs[sign], rows, strict=True):
+            values[: len(row)] = row
+    try:
+        return PositioningRuns(targets * SAME_POSITION, runs[1], runs[-1] if runs[-1].size else None)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def read_straightness(path: Path | str) -> dict[str, list[Run]]:
@@ -191,7 +226,7 @@ def _poses_of_table(path: Path, machine: MachineDescription, noise: float) -> Pr
         Column(f"{a.letter}_mm", LENGTH) if a.kind == "linear" else Column(f"{a.letter}_deg", ANGLE)
         for a in machine.axes
     ]
-    rest = [Column("temperature_degC", 200.0), *(Column(f"d{letter}_um", 10 * LINEAR_ERROR) for letter in "xyz")]
+    rest = [Column("temperature_degC", 200.0), *(Column(f"d{letter}_um", LINEAR_ERROR) for letter in "xyz")]
     ways = [Column(f"{letter}_direction") for letter in machine.letters]
     table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]])
     count = len(table.lines)
@@ -215,6 +250,11 @@ def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> Prob
     rows: list[tuple[Array, Array, float, Array]] = []
     for probe in contents[TOOL_PROBE]:
         assert isinstance(probe, PointStamped)
+        if not np.all(np.abs(probe.point) <= LINEAR_ERROR):
+            raise InputError(
+                f"{path}: {TOOL_PROBE}, stamp {probe.stamp_ns} ns: deviation {probe.point.tolist()} m is beyond "
+                f"±{LINEAR_ERROR:g} m: is it in m, and minus the ideal position?"
+            )
         position, direction = _axes_of(joints.get(probe.stamp_ns), machine, f"{path}: probe at {probe.stamp_ns} ns")
         rows.append((position, direction, _warmth(warmth.get(probe.stamp_ns), machine), probe.point))
     positions, directions, temperatures, deviations = (np.array(column) for column in zip(*rows, strict=True))

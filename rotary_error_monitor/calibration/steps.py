@@ -15,6 +15,7 @@ from rotary_error_monitor.calibration.identification import Identification, chec
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.measurements import (
     read_positioning,
+    read_positioning_poses,
     read_probed_poses,
     read_straightness,
     read_tracker,
@@ -87,7 +88,10 @@ def calibrate_positioning(job: Job, letter: str) -> PositioningResult:
         InputError: the machine has no such axis, the table is wrong, or its targets leave the travel.
     """
     axis = job.file.machine.axis(letter)
-    runs = read_positioning(job.source, rotary=axis.kind == "rotary")
+    if job.source.suffix == ".csv":
+        runs = read_positioning(job.source, rotary=axis.kind == "rotary")
+    else:
+        runs = read_positioning_poses(job.source, job.file.machine, letter)
     _check_travel(axis, runs.targets, job.source)
     figures = estimate_positioning(runs)
     name, sign = _own_component(axis)

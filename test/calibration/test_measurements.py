@@ -7,13 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rotary_error_monitor.bags.messages import Content, JointState, PointStamped
+from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.calibration.measurements import (
+    JOINT_STATES,
+    TOOL_PROBE,
     read_positioning,
+    read_positioning_poses,
     read_probed_poses,
     read_straightness,
     read_tracker,
 )
-from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
 
 HEADER = "target_mm,direction,cycle,deviation_um"
@@ -165,6 +170,56 @@ def test_poses_table(tmp_path: Path) -> None:
     header = "X_mm,X_direction,Z_mm,Z_direction,Y_mm,Y_direction,temperature_degC,dx_um,dy_um,dz_um"
     poses = read_probed_poses(written(tmp_path, header, "-100,1,-20,-1,30,1,20.5,1,2,3"), machine, 1.5e-6)
     np.testing.assert_array_equal(poses.direction, [[1, -1, 1]])
+
+
+def poses_bag(folder: Path, machine: MachineDescription, positions: np.ndarray, direction: np.ndarray) -> Path:
+    """Poses along X: 1 µm more at each target, 3 µm more from below, 0.1 µm more in each cycle."""
+    contents: dict[str, list[Content]] = {JOINT_STATES: [], TOOL_PROBE: []}
+    for k, (row, way) in enumerate(zip(positions, direction, strict=True)):
+        stamp = (k + 1) * 1_000_000_000
+        point = np.array([1e-5 * row[0] + 1.5e-6 * way[0] + 1e-7 * (k // 6), 7e-6, 0.0])
+        contents[JOINT_STATES].append(JointState(stamp, machine.letters, row, way, np.array([])))
+        contents[TOOL_PROBE].append(PointStamped(stamp, point))
+    bag = folder / "bag"
+    write_messages(bag, contents)
+    return bag
+
+
+def test_positioning_from_a_bag(tmp_path: Path) -> None:
+    machine = load_machine("pan2013")
+    positions, direction = np.zeros((18, 5)), np.ones((18, 5))
+    positions[:, 0] = np.tile([0.0, 0.1, 0.2, 0.2, 0.1, 0.0], 3)
+    direction[:, 0] = np.tile([1, 1, 1, -1, -1, -1], 3)
+    runs = read_positioning_poses(poses_bag(tmp_path, machine, positions, direction), machine, "X")
+    np.testing.assert_allclose(runs.targets, [0.0, 0.1, 0.2], atol=1e-12)
+    expected = 1e-6 * np.array([[1.5, 1.6, 1.7], [2.5, 2.6, 2.7], [3.5, 3.6, 3.7]])
+    np.testing.assert_allclose(runs.forward, expected, atol=1e-15)
+    assert runs.backward is not None
+    np.testing.assert_allclose(runs.backward, expected - 3e-6, atol=1e-15)
+    with pytest.raises(InputError, match="other axes than Y move"):
+        read_positioning_poses(tmp_path / "bag", machine, "Y")
+    with pytest.raises(InputError, match="sees no angle of axis C"):
+        read_positioning_poses(tmp_path / "bag", machine, "C")
+
+
+def test_a_bag_that_does_not_say_the_direction(tmp_path: Path) -> None:
+    machine = load_machine("pan2013")
+    bag = poses_bag(tmp_path, machine, np.zeros((2, 5)), np.zeros((2, 5)))
+    with pytest.raises(InputError, match="pose 1 does not say from which side"):
+        read_positioning_poses(bag, machine, "X")
+
+
+def test_a_probe_without_joint_state_is_named(tmp_path: Path) -> None:
+    machine = load_machine("pan2013")
+    state = JointState(1, ("X", "Y"), np.zeros(2), np.zeros(2), np.zeros(2))
+    for name, stamp, message in (
+        ("late", 2, "no /machine/joint_states with the same stamp"),
+        ("few", 1, "axis Z, C, A"),
+    ):
+        bag = tmp_path / name
+        write_messages(bag, {JOINT_STATES: [state], TOOL_PROBE: [PointStamped(stamp, np.zeros(3))]})
+        with pytest.raises(InputError, match=message):
+            read_probed_poses(bag, machine, 1.5e-6)
 
 
 def test_a_bag_without_poses_says_what_it_lacks(tmp_path: Path) -> None:
