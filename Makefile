@@ -44,7 +44,7 @@ lint: setup ## ruff and mypy
 	$(BIN)/mypy
 
 bench: setup ## the figures of speed and accuracy, side by side with what a user would use instead
-	$(BIN)/python -m pytest -s -q test/benchmark -o norecursedirs= --no-header
+	$(BIN)/python -m pytest -s -q test/benchmark -o python_files='bench_*.py' --no-header
 
 clean: ## remove what was built
 	rm -rf $(VENV) build install log .coverage* *.egg-info

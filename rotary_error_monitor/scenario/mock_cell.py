@@ -105,6 +105,7 @@ def record(cell: MockCell, letters: Sequence[str]) -> Recording:
             processes.append(running.start("encoder_head", name, **mock, head=letter, rate=cell.rate))
         processes.append(running.start("error_estimator"))
         processes.append(running.start("compensation", **machine))
+        running.wait_for_status("compensation: state", "active", STARTING)
         running.wait_until(lambda: _corrects(running), "the cell to correct", STARTING)
         for height in HEIGHTS:
             lvdt = running.start("lvdt", **{**mock, "mock.height": height})
