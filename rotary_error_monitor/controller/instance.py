@@ -30,6 +30,7 @@ _LOG = "linuxcnc.log"
 # on a fixed port: each of these becomes the instance's own. Whoever talks to it enters the first two alone (`enter`),
 # and so keeps the machine's network and /dev/shm, which ROS needs.
 _UNSHARE = ("unshare", "--ipc", "--pid", "--net", "--mount", "--fork", "--mount-proc", "--kill-child")
+_ON_TIME = "chrt --all-tasks --rr --pid 1 $(pidof rtapi_app)"
 _AS_USER = ("--user", "--map-current-user", "--keep-caps")
 _PRIVATE_TMP = 'mount -t tmpfs -o mode=1777 tmpfs /tmp && exec "$@"'
 _FOLDERS = "/var/tmp"  # outside /tmp, which an isolated instance does not see
@@ -156,6 +157,7 @@ class Instance:
                 launch, stdin=subprocess.PIPE, stdout=log, stderr=log, env=self.environment, start_new_session=True
             )
         self._wait()
+        self._keep_on_time()
 
     def _wait(self) -> None:
         """Wait until the task process stands, inside the namespaces if there are any."""
@@ -170,6 +172,14 @@ class Instance:
             time.sleep(_STEP)
         last = "\n".join(self.log.splitlines()[-_LAST_LINES:])
         raise InputError(f"LinuxCNC did not start with {self._ini}; its log ends:\n{last}")
+
+    def _keep_on_time(self) -> None:
+        """Let the servo thread run before ordinary processes, where the system allows it.
+
+        Without a real-time kernel it is an ordinary thread, and stops for as long as the computer is busy with others.
+        """
+        inside = (*self.enter, "--mount") if self.isolated else ()
+        subprocess.run([*inside, "sh", "-c", _ON_TIME], capture_output=True, check=False)
 
     def _has_task(self) -> bool:
         # The table first: asking LinuxCNC's own tools too early would make the shared memory that they look for.

@@ -160,6 +160,8 @@ def run(
     parser.add_argument("settings", type=json.loads, help="settings by name, as a JSON object")
     settings = parser.parse_args(arguments).settings
     signal.signal(signal.SIGTERM, _terminate)
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))  # little work, but on time
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the other side decides
     try:
         reason = _run(start, settings)
