@@ -43,6 +43,7 @@ setup(
         "numpy>=1.26,<3",
         "scipy>=1.11,<2",
         "PyYAML>=6,<7",
+        "ruamel.yaml>=0.17,<1",
         "jsonschema>=4.10,<5",
         "matplotlib>=3.6,<4",
         "tqdm>=4.60,<5",

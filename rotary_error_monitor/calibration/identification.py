@@ -1,7 +1,7 @@
 """Identification of a whole machine: all its parameters from poses and measured tool deviations at once.
 
-The tool offset is linear in the parameters but for products of errors (10 µrad times 10 µrad): least squares on the
-exact model, linearised anew where the last solution is, needs two or three rounds.
+The tool offset is linear in the parameters but for products of errors (10 µrad times 10 µrad): with the derivatives at
+the start, each round of least squares on the exact model leaves a hundred-thousandth of the error before it.
 
 What a set of poses cannot see is told rather than guessed. Columns are scaled to errors of a typical size; a
 combination of parameters of that size that moves all readings together by less than their noise counts as unseen and is
@@ -149,10 +149,10 @@ def identify_machine(start: MachineDescription, parameters: Sequence[Parameter],
     _check(parameters, poses)
     machine = start
     scales = parameter_scales(parameters)
+    jacobian = estimate_jacobian(start, parameters, poses) * scales / poses.noise
+    left, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+    rank = int(np.count_nonzero(singular >= 1.0))
     for _ in range(ROUNDS):
-        jacobian = estimate_jacobian(machine, parameters, poses) * scales / poses.noise
-        left, singular, right = np.linalg.svd(jacobian, full_matrices=False)
-        rank = int(np.count_nonzero(singular >= 1.0))
         step = right[:rank].T @ ((left[:, :rank].T @ (_residual(machine, poses) / poses.noise)) / singular[:rank])
         machine = apply_parameters(machine, parameters, step * scales)
     residual = _residual(machine, poses) / poses.noise

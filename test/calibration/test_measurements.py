@@ -215,9 +215,10 @@ def test_a_probe_without_joint_state_is_named(tmp_path: Path) -> None:
     for name, stamp, message in (
         ("late", 2, "no /machine/joint_states with the same stamp"),
         ("few", 1, "axis Z, C, A"),
+        ("unit", 3, "beyond ±0.001 m: is it in m"),
     ):
         bag = tmp_path / name
-        write_messages(bag, {JOINT_STATES: [state], TOOL_PROBE: [PointStamped(stamp, np.zeros(3))]})
+        write_messages(bag, {JOINT_STATES: [state], TOOL_PROBE: [PointStamped(stamp, np.full(3, 5.0 * (stamp == 3)))]})
         with pytest.raises(InputError, match=message):
             read_probed_poses(bag, machine, 1.5e-6)
 
