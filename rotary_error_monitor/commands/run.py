@@ -33,7 +33,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Run, replay, print; the exit code says whether all figures are within their bounds."""
-    # plotting-free and ROS-free commands must start fast: the cell is imported only where it is run
+    # ROS is imported only where it is used, so that the commands without it start fast and work without it
     from rotary_error_monitor.scenario import mock_cell, mock_cell_figures
     from rotary_error_monitor.scenario.mock_cell_picture import draw_cell
 
