@@ -18,8 +18,8 @@ COMPONENTS = ("exc", "eyc", "ezc", "eac", "ebc", "ecc")
 PERIOD = 0.005
 SIGMAS = 6.0
 RAMP_ECC = 6e-6
-"""What ecc may err by, rad, where the command changes speed within 31 ms: eight samples do not tell the whole ramp, and the
-stated variance does not cover that."""
+"""What ecc may err by, rad, where the command changes speed within 31 ms: eight samples do not tell the whole
+ramp, and the stated variance does not cover that."""
 PERIOD_NS = 5_000_000
 
 
