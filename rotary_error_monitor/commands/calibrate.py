@@ -13,6 +13,7 @@ import numpy as np
 from rotary_error_monitor.calibration import reports
 from rotary_error_monitor.calibration.assembly import assembly_text, calibrate_assembly
 from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
+from rotary_error_monitor.calibration.grinding import flatness_text, predict_flatness
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.parameters import Orders
 from rotary_error_monitor.calibration.steps import (
@@ -47,6 +48,7 @@ def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
     _add_machine(steps)
     _add_tables(steps)
     _add_errors(steps)
+    _add_flatness(steps)
 
 
 def _step(
@@ -129,6 +131,20 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--map", nargs=2, metavar=("X", "Z"), help="axes of the map (default: the first two)")
     parser.add_argument("--figure", type=Path, metavar="PNG", help="draw map and ranked bars")
     parser.set_defaults(run=_errors)
+
+
+def _add_flatness(steps: Subparsers[argparse.ArgumentParser]) -> None:
+    text = "flatness that straightness leaves on a ground workpiece, and with compensation by a third axis"
+    parser = steps.add_parser("flatness", help=text)
+    parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
+    parser.add_argument("--vertical", required=True, metavar="Y", help="the axis that compensates")
+    parser.add_argument(
+        "--workpiece", nargs=2, required=True, metavar="X=LOW,HIGH", help="two axes, mm; passes: the first"
+    )
+    parser.add_argument("--reversal-um", type=float, required=True, help="reversal error of the vertical axis")
+    parser.add_argument("--positioning-um", type=float, required=True, help="its positioning error")
+    parser.add_argument("--figure", type=Path, metavar="PNG", help="draw the three surfaces")
+    parser.set_defaults(run=_flatness_step)
 
 
 def _job(arguments: argparse.Namespace) -> Job:
@@ -217,6 +233,19 @@ def _errors(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _flatness_step(arguments: argparse.Namespace) -> int:
+    machine = load_machine(arguments.machine)
+    limits = _limits(arguments.workpiece, machine)
+    sizes = arguments.reversal_um * 1e-6, arguments.positioning_um * 1e-6
+    prediction = predict_flatness(machine, arguments.vertical, limits, *sizes)
+    print(flatness_text(prediction))
+    if arguments.figure:
+        from rotary_error_monitor.report.calibration import draw_flatness
+
+        draw_flatness(arguments.figure, prediction)
+    return 0
+
+
 def _flatness(text: str) -> float | None:
     return None if text == "unknown" else _number(text, f"--mirror-flatness-um {text}") * 1e-6
 
@@ -224,11 +253,12 @@ def _flatness(text: str) -> float | None:
 def _limits(words: list[str], machine: MachineDescription) -> dict[str, tuple[float, float]]:
     limits = {}
     for name, value in map(_split, words):
-        scale = 1e-3 if machine.axis(name).kind == "linear" else math.pi / 180
+        # Division keeps -1400 mm at -1.4 m; a product with 1e-3 would leave the travel by its last bit.
+        scale = 1e3 if machine.axis(name).kind == "linear" else 180 / math.pi
         low, comma, high = value.partition(",")
         if not comma:
             raise InputError(f"{name}={value}: expected two numbers, such as {name}=-100,100")
-        limits[name] = (_number(low, f"{name}={value}") * scale, _number(high, f"{name}={value}") * scale)
+        limits[name] = (_number(low, f"{name}={value}") / scale, _number(high, f"{name}={value}") / scale)
     return limits
 
 
