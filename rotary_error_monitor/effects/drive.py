@@ -18,7 +18,7 @@ class ReversalBacklash(StageEffect):
 
     def rotation(self, values: Values, state: RotorState) -> Array:
         """Half the width against the direction of travel."""
-        return -0.5 * values[0] * np.sign(state.omega)
+        return -0.5 * values[0] * state.direction
 
 
 class FollowingError(StageEffect):

@@ -10,6 +10,9 @@ from rotary_error_monitor.description.stage import AngularHarmonic, StageDescrip
 from rotary_error_monitor.effects.effect import Parameter, Role, Values
 from rotary_error_monitor.effects.rotor import HEAD, Array, RotorState, StageEffect, head_locations
 
+_SUBSTITUTIONS = 6
+"""Each one shrinks the phase's mistake by the error in radians of its own period, a tenth for a bad head."""
+
 _CONTRACT = "Lou et al. 2019, Section 2 (read heads on a displaced ring)"
 
 
@@ -65,9 +68,21 @@ class SubdivisionalError(StageEffect):
         return head_locations(machine)
 
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
-        """Add one wave per line; the observed reading carries its phase, the ideal one jitters by part of a line."""
-        phase = state.lines * (ideal if state.observed is None else state.observed)
-        return ideal + values[0] * np.cos(phase) + values[1] * np.sin(phase)
+        """Add one wave per line.
+
+        Its phase is that of the angle before the error. The observed reading tells it far better than the command, which
+        the rotor follows only to part of a line; the error itself is taken off it by repeated substitution.
+        """
+        if state.observed is None:
+            return ideal + _line_wave(values, state.lines * ideal)
+        error = np.zeros(len(ideal))
+        for _ in range(_SUBSTITUTIONS):
+            error = _line_wave(values, state.lines * (state.observed - error))
+        return ideal + error
+
+
+def _line_wave(values: Values, phase: Array) -> Array:
+    return values[0] * np.cos(phase) + values[1] * np.sin(phase)
 
 
 class HeadMisplacement(StageEffect):

@@ -18,6 +18,9 @@ HEAD = "head"
 AUTOCOLLIMATOR = "autocollimator"
 LVDT = "lvdt"
 
+_AT_REST = 1e-9
+"""Speed, rad/s, below which the rotor is at rest."""
+
 _SMALL_TURN = 1e-4
 """Phase, rad, up to which a second-order expansion of a harmonic errs by less than 1e-12."""
 
@@ -54,6 +57,11 @@ class RotorState:
     _harmonics: dict[float, tuple[Array, Array]] = field(default_factory=dict, repr=False, compare=False)
     _unturned: tuple[RotorState, float] | None = field(default=None, repr=False, compare=False)
     _tables: dict[tuple[int, ...], Array] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def direction(self) -> Array:
+        """(n,) direction of travel: 1, -1, or 0 at rest, where interpolation leaves the speed a little off zero."""
+        return np.sign(np.where(np.abs(self.omega) > _AT_REST, self.omega, 0.0))
 
     def harmonic(self, order: float) -> tuple[Array, Array]:
         """Cosine and sine of `order * theta`, kept because many effects share them."""

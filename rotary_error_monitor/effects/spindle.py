@@ -154,7 +154,7 @@ class RadialHysteresis(StageEffect):
 
     def radial(self, values: Values, state: RotorState) -> Array:
         """Half of it in the direction of rotation."""
-        return 0.5 * np.sign(state.omega)[:, None] * values
+        return 0.5 * state.direction[:, None] * values
 
 
 class Unbalance(StageEffect):

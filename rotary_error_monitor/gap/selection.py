@@ -21,6 +21,14 @@ from rotary_error_monitor.gap.weighing import Weighing, Weight
 MOST_CAUSES = 2
 """Effects that are combined at most: three freely chosen ones resemble too much."""
 
+MOST_EXCHANGES = 2
+"""How often causes are replaced at one size before it is taken as it is."""
+
+NEARLY_THE_SAME = 20.0
+"""Difference in log evidence on the table up to which a replacement is sized exactly."""
+
+MOST_RIVALS = 2
+
 SHORTLIST = 12
 """Candidates from which every pair is weighed with every other candidate."""
 
@@ -38,7 +46,8 @@ class Stage:
         weighing: table on which it was chosen.
         findings: structure that is left, the least likely first.
         log_alarm: logarithm of the level below which a finding counts.
-        newcomer: the candidate that would add most to the set, and the logarithm of its chance under noise.
+        newcomer: the candidate that would add most to the set.
+        log_newcomer_chance: logarithm of its chance under noise, over its share of the false-alarm rate.
         log_newcomer_alarm: logarithm of the level below which that counts.
         allowance: chi-square that the causes may leave because a twin's formulas and inputs are not perfect.
     """
@@ -105,7 +114,7 @@ def select_causes(
     stages = [search.look(fit_causes(problem, ()), None)]
     while not stages[-1].settled and len(stages) <= most:
         progress(f"{len(stages)} effect{'s' if len(stages) > 1 else ''}")
-        stages.append(search.grow(stages[-1], len(stages)))
+        stages.append(search.spare(search.exchange(search.grow(stages[-1], len(stages)))))
     return Selection(tuple(stages))
 
 
@@ -131,7 +140,7 @@ class _Search:
         self._keep_promising(weighing, newcomers)
         base = weighing.weigh(included)
         allowance = 0.0 if power_before is None else MODEL_ACCURACY**2 * max(power_before - fit.squares, 0.0)
-        best, chance = self._newcomer(newcomers, base, allowance)
+        best, chance = self._newcomer(weighing, newcomers, base, allowance)
         return Stage(
             fit,
             weight,
@@ -140,14 +149,14 @@ class _Search:
             self._log_alarm(findings),
             best,
             chance,
-            float(np.log(self._level / weighing.trials)),
+            float(np.log(self._level)),
             allowance,
         )
 
     def grow(self, stage: Stage, size: int) -> Stage:
         """The best set of one more effect."""
         weighing = stage.weighing
-        included = tuple(i for i in (weighing.position(c.key) for c in stage.fit.causes) if i is not None)
+        included = self._members(stage)
         singles = sorted(weighing.singles(included), key=lambda w: -w.log_evidence)
         best = singles[0]
         if size == 2:
@@ -156,7 +165,9 @@ class _Search:
             pair = weighing.best_pair(sorted({*(w.members[0] for w in alone), *beside}))
             best = max((w for w in (best, pair) if w is not None), key=lambda w: w.log_evidence)
         best = weighing.exchange(best)
-        fit = fit_causes(self._problem, weighing.causes(best), stage.fit.nuisance)
+        rough = fit_causes(self._problem, weighing.causes(best), stage.fit.nuisance)
+        # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the causes.
+        fit = fit_causes(self._problem, rough.causes)
         return self.look(fit, best, stage.fit.squares)
 
     def _keep_promising(self, weighing: Weighing, newcomers: Sequence[Weight]) -> None:
@@ -171,15 +182,74 @@ class _Search:
     def _log_alarm(self, findings: Sequence[Finding]) -> float:
         return float(np.log(self._level / max(len(findings), 1)))
 
-    def _newcomer(self, newcomers: Sequence[Weight], base: Weight, allowance: float) -> tuple[Weight | None, float]:
-        """The candidate whose gain beside the set is least likely by chance, the allowance taken off its gain."""
+    def exchange(self, stage: Stage) -> Stage:
+        """The stage with a cause replaced where that is better now that causes and noise are known exactly."""
+        for _ in range(MOST_EXCHANGES):
+            members = self._members(stage)
+            full = stage.weighing.weigh(members)
+            better = stage.weighing.exchange(full)
+            if set(better.members) == set(members) or better.log_evidence < full.log_evidence + 1.0:
+                break
+            fit = fit_causes(self._problem, stage.weighing.causes(better))
+            stage = self.look(fit, better, stage.fit.squares + stage.allowance / MODEL_ACCURACY**2)
+        return stage if stage.settled else self._rivals(stage)
+
+    def _rivals(self, stage: Stage) -> Stage:
+        """The stage with a cause replaced by one that looked nearly the same, if it does better when sized exactly.
+
+        On the table two effects can look the same although the twin's uncertain parameters act differently beside each:
+        those are computed for the chosen causes only.
+        """
+        weighing, members = stage.weighing, self._members(stage)
+        full = weighing.weigh(members)
+        near = [
+            weight
+            for k in range(len(members))
+            for i in weighing.free(members)
+            for weight in (weighing.weigh((*members[:k], i, *members[k + 1 :])),)
+            if weight.log_evidence > full.log_evidence - NEARLY_THE_SAME
+        ]
+        best = stage
+        for weight in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
+            fit = fit_causes(self._problem, fit_causes(self._problem, weighing.causes(weight), stage.fit.nuisance).causes)
+            if fit.squares < best.fit.squares - 2 * max(full.log_evidence - weight.log_evidence, 0.0) - 2.0:
+                best = self.look(fit, weight, stage.fit.squares + stage.allowance / MODEL_ACCURACY**2)
+        return best
+
+    def _members(self, stage: Stage) -> tuple[int, ...]:
+        found = (stage.weighing.position(cause.key) for cause in stage.fit.causes)
+        return tuple(i for i in found if i is not None)
+
+    def spare(self, stage: Stage) -> Stage:
+        """The stage without causes that are not needed after all, now that the noise is known better."""
+        weighing, members = stage.weighing, self._members(stage)
+        full = weighing.weigh(members)
+        for k in range(len(members)):
+            fewer = weighing.weigh((*members[:k], *members[k + 1 :]))
+            gain, freedom = full.gain - fewer.gain, max(full.freedom - fewer.freedom, 1)
+            lost = dataclasses.replace(full, gain=gain, freedom=freedom)
+            if lost.log_chance - weighing.log_prior(members[k]) > stage.log_newcomer_alarm:
+                fit = fit_causes(self._problem, weighing.causes(fewer))
+                return self.look(fit, fewer, stage.fit.squares + stage.allowance / MODEL_ACCURACY**2)
+        return stage
+
+    def _newcomer(
+        self, weighing: Weighing, newcomers: Sequence[Weight], base: Weight, allowance: float
+    ) -> tuple[Weight | None, float]:
+        """The candidate that stands out most: its chance over its share of the false-alarm rate.
+
+        Each candidate has the part of the rate that its prior chance is (a weighted Bonferroni bound: the parts add up
+        to the whole), so a place among hundreds must show more than an effect that can sit in one place only. The
+        allowance is taken off its gain.
+        """
         best, lowest = None, 0.0
         for weight in newcomers:
             gain = dataclasses.replace(
                 weight, gain=max(weight.gain - base.gain - allowance, 0.0), freedom=max(weight.freedom - base.freedom, 1)
             )
-            if gain.log_chance < lowest:
-                best, lowest = weight, gain.log_chance
+            chance = gain.log_chance - weighing.log_prior(weight.members[-1])
+            if chance < lowest:
+                best, lowest = weight, chance
         return best, lowest
 
     def _table(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:

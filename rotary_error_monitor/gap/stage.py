@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role
@@ -15,13 +14,14 @@ from rotary_error_monitor.effects.rotor import LVDT, StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.stage_experiments import advise
+from rotary_error_monitor.gap.stage_jitter import SharedMotion, estimate_jitter
 from rotary_error_monitor.gap.stage_search import StageSearch
 from rotary_error_monitor.gap.stage_where import stage_where
 from rotary_error_monitor.gap.structure import Track, find_structure
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageTwin, twin_of
-from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise, find_lines, fit_jitter
+from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise
 from rotary_error_monitor.twin.stage_parameters import UncertainParameter, uncertain_parameters
 
 SHORTEST_BLOCK = 1.0
@@ -260,23 +260,11 @@ class StageProblem:
         """Jitter's spectrum from what the heads share, once anything that goes with the motion is taken out of it."""
         grid = self.noise.grid
         mean, enough = self.noise.shared({name: raw[name][:, :, None] for name in grid.heads})
-        basis = self._search.motion_basis(grid.time)
-        shared = mean[:, 0].copy()
-        basis = np.column_stack([basis, self._search.line_basis(grid.time[enough], shared[enough], grid.time)])
-        fitted, *_ = np.linalg.lstsq(basis[enough], shared[enough], rcond=None)
-        shared[enough] -= basis[enough] @ fitted
-        shared[~enough] = 0.0
-        lines = find_lines(grid.time, shared)
-        if len(lines):
-            turns = 2 * np.pi * np.outer(grid.time, lines)
-            waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
-            fitted, *_ = np.linalg.lstsq(waves, shared, rcond=None)
-            shared -= waves @ fitted
-        length = min(2000, len(shared))
-        frequency, power = welch(shared, 1 / grid.period, nperseg=length)
-        floor = self.noise.command_floor
-        # Welch's mean of many periodograms scatters little, so its median is nearly its mean.
-        return fit_jitter(frequency[1:], power[1:] * np.log(2.0), floor, Jitter()), lines
+        command = np.asarray(self.twin.inputs.command(grid.time), np.float64)
+        smooth = self._search.motion_basis(grid.time)
+        return estimate_jitter(
+            SharedMotion(grid.time, command, mean[:, 0], enough, smooth, self.noise.command_floor)
+        )
 
 
 @dataclass(frozen=True)

@@ -67,16 +67,6 @@ class StageSearch:
             columns += [np.cos(order * command), np.sin(order * command)]
         return np.stack(columns, axis=1)
 
-    def line_basis(self, time: Array, rows: Array, at: Array) -> Array:
-        """(m, 2 p) cosines and sines, at the times `at` (m,), of the orders that stand out in `rows` at `time` (n,)."""
-        command = np.asarray(self._problem.twin.inputs.command(time), np.float64)
-        smooth = self.motion_basis(time)
-        fitted, *_ = np.linalg.lstsq(smooth, rows, rcond=None)
-        power = order_spectrum(command, rows - smooth @ fitted, LINES)
-        orders = np.argsort(power)[::-1][:PROPOSED_ORDERS] + 1
-        angle = np.outer(np.asarray(self._problem.twin.inputs.command(at), np.float64), orders)
-        return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-
     def _of_order(self, effect: Effect, order: int) -> Candidate:
         place = order_location(order)
         return Candidate(effect, place, effect.start(place), effect.orders, effect.log_prior_of(order))

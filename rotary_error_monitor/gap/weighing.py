@@ -103,7 +103,7 @@ class Weighing:
         part = (vectors.T @ moment)[seen]
         gain = float(np.sum(part**2 / values[seen]))
         occam = 0.5 * float(np.sum(np.log1p(np.maximum(values, 0.0))))
-        prior = sum(float(np.log(self._effects)) - self.candidates[i].log_prior for i in members)
+        prior = -sum(self.log_prior(i) for i in members)
         amplitudes = scale * (vectors[:, seen] @ (part / values[seen]))
         return Weight(tuple(members), gain, int(seen.sum()), 0.5 * gain - occam - float(prior), amplitudes)
 
@@ -136,12 +136,9 @@ class Weighing:
                 return best
             best = found
 
-    @property
-    def trials(self) -> int:
-        """Number of independent tests on this table: a chance is to be held against it."""
-        return sum(candidate.trials if candidate.effect.orders else 1 for candidate in self.candidates) + sum(
-            candidate.trials for candidate in self.candidates if not candidate.effect.orders and candidate.trials > 8
-        )
+    def log_prior(self, member: int) -> float:
+        """Logarithm of the chance of one candidate among all effects, places, orders and moments."""
+        return self.candidates[member].log_prior - float(np.log(self._effects))
 
     def causes(self, weight: Weight) -> tuple[Cause, ...]:
         """The members with their amplitudes."""

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.optimize import minimize
 
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, LVDT
@@ -298,74 +297,6 @@ class StageNoise:
     def _command_filter(self) -> Whitener:
         floor = self.command_floor
         return predictor(lambda frequency: self.jitter.density(frequency) + floor, self.grid.period)
-
-
-def fit_jitter(frequency: Array, power: Array, floor: float, start: Jitter) -> Jitter:
-    """Jitter whose spectrum, above a white floor, fits a periodogram (one-sided, rad^2/Hz).
-
-    The logarithm of a periodogram scatters about that of the density by the same law at all frequencies and sizes; its
-    median is used (an absolute deviation), so that the lines of a cyclic effect do not count as jitter.
-    """
-    levels = np.log(power[1:]) - np.log(np.log(2.0))
-
-    def misfit(values: Array) -> float:
-        jitter = Jitter(float(np.exp(values[0])), float(np.exp(values[1])), float(np.exp(values[2])))
-        return float(np.mean(np.abs(levels - np.log(jitter.density(frequency[1:]) + floor))))
-
-    first = np.log([start.std, start.bandwidth, start.shape])
-    found = minimize(misfit, first, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5, "maxiter": 400})
-    std, bandwidth, shape = np.exp(found.x)
-    return Jitter(float(std), float(np.clip(bandwidth, 0.1, 100.0)), float(np.clip(shape, 0.5, 4.0)))
-
-
-def find_lines(time: Array, shared: Array, highest: float = 25.0, most: int = 24) -> Array:
-    """Frequencies (k,) in Hz, below `highest`, of lines in what the heads share: resonances of the rotor's own.
-
-    A line stands out of the spectrum around it by far more than chance allows and is as narrow as the recording is long;
-    waves of an order are not, because the speed changes. Each is refined with all others in the model.
-    """
-    span = float(np.ptp(time))
-    found: list[float] = []
-    left = shared - shared.mean()
-    for _ in range(most):
-        frequency, power = _periodogram(time, left)
-        band = (frequency > 3 / span) & (frequency < highest)
-        around = median_filter(power, 129, mode="nearest") / np.log(2.0)
-        ratio = np.where(band, power / np.maximum(around, 1e-300), 0.0)
-        best = int(np.argmax(ratio))
-        if ratio[best] < LINE or power[best] < 4 * max(power[best - 8], power[best + 8]):
-            break
-        found.append(float(frequency[best]))
-        found, left = _refined(time, shared, found)
-    return np.asarray(found)
-
-
-LINE = 40.0
-"""A line is this many times the power of the spectrum around it: one in 10^17 by chance."""
-
-
-def _periodogram(time: Array, values: Array) -> tuple[Array, Array]:
-    """Frequencies and power, twice as fine as the recording resolves, with a window that keeps leakage low."""
-    period = (time[-1] - time[0]) / (len(time) - 1)
-    window = np.hanning(len(values))
-    power = np.abs(np.fft.rfft(values * window, 2 * len(values))) ** 2
-    return np.fft.rfftfreq(2 * len(values), period), power
-
-
-def _refined(time: Array, shared: Array, lines: list[float]) -> tuple[list[float], Array]:
-    """Frequencies after Gauss-Newton steps, and what is left when all lines are taken out."""
-    frequencies = np.asarray(lines)
-    middle = time - time.mean()
-    for _ in range(3):
-        turns = 2 * np.pi * np.outer(middle, frequencies)
-        cos, sin = np.cos(turns), np.sin(turns)
-        table = np.concatenate([cos, sin, middle[:, None] * cos, middle[:, None] * sin], axis=1)
-        fitted, *_ = np.linalg.lstsq(table, shared, rcond=None)
-        a, b, da, db = fitted.reshape(4, -1)
-        # a cos + b sin with the frequency off by d: the slopes are (2 pi d) (b, -a).
-        step = (da * b - db * a) / (2 * np.pi * np.maximum(a**2 + b**2, 1e-300))
-        frequencies = frequencies + np.clip(step, -0.5 / np.ptp(time), 0.5 / np.ptp(time))
-    return frequencies.tolist(), shared - table @ fitted
 
 
 def _input_gaps(recording: StageRecording) -> Array:

@@ -114,7 +114,7 @@ class RadialHysteresis(StageFault):
 
     def displace(self, radial: Plane, scene: Scene) -> Plane:
         """Side of the clearance."""
-        return radial + complex(*self.radial) / 2 * np.sign(scene.velocity)
+        return radial + complex(*self.radial) / 2 * _way(scene.velocity)
 
 
 @vocabulary("reversal_backlash")
@@ -126,7 +126,7 @@ class ReversalBacklash(StageFault):
 
     def drive(self, theta: Reals, scene: Scene) -> Reals:
         """Lag."""
-        return theta - self.width / 2 * np.sign(scene.velocity)
+        return theta - self.width / 2 * _way(scene.velocity)
 
 
 @vocabulary("following_error")
@@ -154,3 +154,8 @@ class DriveCyclicError(StageFault):
         """Wave in the rotation."""
         phase = self.order * scene.command
         return theta + self.cos * np.cos(phase) + self.sin * np.sin(phase)
+
+
+def _way(velocity: Reals) -> Reals:
+    """Direction of travel: 1, -1, or 0 at rest, where rounding leaves the velocity a little off zero."""
+    return np.sign(np.where(np.abs(velocity) > 1e-9, velocity, 0.0))

@@ -1,0 +1,76 @@
+"""Effects are found because they are defined, in the package and in files of users."""
+
+from __future__ import annotations
+
+import pytest
+
+from rotary_error_monitor.effects.effect import order_of
+from rotary_error_monitor.effects.library import effect_named, load_effects
+from rotary_error_monitor.effects.machine_effect import MachineEffect
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.errors import InputError
+
+OWN = '''
+from rotary_error_monitor.effects.effect import Parameter
+from rotary_error_monitor.effects.rotor import StageEffect
+
+
+class HeadOffset(StageEffect):
+    """All heads read a constant too much."""
+
+    name = "{name}"
+    parameters = (Parameter("offset", "rad", 1e-6),)
+    acts_on = ("head",)
+
+    def measured(self, values, location, state, ideal):
+        return ideal + values[0]
+'''
+
+
+def test_a_users_file_adds_an_effect(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(OWN.format(name="head_offset"))
+    names = [effect.name for effect in load_effects(StageEffect, [file])]
+    assert "head_offset" in names and names == sorted(names)
+    assert "head_offset" not in [effect.name for effect in load_effects(StageEffect)]
+    assert "head_offset" not in [effect.name for effect in load_effects(MachineEffect, [file])]
+
+
+def test_a_name_that_is_taken_is_refused(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(OWN.format(name="disc_scale"))
+    with pytest.raises(InputError, match=r"mine\.py: effect 'disc_scale' is already known"):
+        load_effects(StageEffect, [file])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "no Python file"), ("import nothing_like_this", "ModuleNotFoundError"), ("x = 1", "defines no effect")],
+)
+def test_a_file_without_effects_is_an_error(tmp_path, content, message):
+    file = tmp_path / "mine.py"
+    if content is not None:
+        file.write_text(content)
+    with pytest.raises(InputError, match=message):
+        load_effects(StageEffect, [file])
+
+
+def test_an_unknown_effect_is_named_with_the_known_ones():
+    effects = load_effects(StageEffect)
+    assert effect_named("unbalance", effects).name == "unbalance"
+    with pytest.raises(InputError, match=r"no effect is called 'wobble'; known are .*disc_scale"):
+        effect_named("wobble", effects)
+
+
+def test_parameters_that_do_not_fit_are_an_error():
+    effect = effect_named("disc_eccentricity", load_effects(StageEffect))
+    with pytest.raises(InputError, match="expected \\['shift'\\]"):
+        effect.values_from({"shft": [0, 0]})
+    with pytest.raises(InputError, match="expected 2 finite number"):
+        effect.values_from({"shift": [1e-6]})
+
+
+@pytest.mark.parametrize("location", ["order_", "order_x", "5", "head_a"])
+def test_a_location_that_names_no_order_is_an_error(location):
+    with pytest.raises(InputError, match="order_K"):
+        order_of(location)

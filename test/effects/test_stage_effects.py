@@ -1,0 +1,343 @@
+"""Each effect of the stage against the formula of its page, written out here once more and evaluated sample by sample."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.description.stage import (
+    AngularHarmonic,
+    Autocollimator,
+    Encoder,
+    Lvdt,
+    Mirror,
+    PlanarHarmonic,
+    Spindle,
+    StageDescription,
+)
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.library import load_effects
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.twin.stage import StageInputs, StageTwin
+
+LINES = 900
+STAGE = StageDescription(
+    encoder=Encoder(
+        disc_radius=0.1,
+        lines_per_revolution=LINES,
+        counts_per_line=100,
+        noise=3e-7,
+        azimuths={"a": 0.0, "b": math.pi, "c": math.pi / 2, "d": 1.5 * math.pi},
+        eccentricity=(2e-5, -1e-5),
+        graduation=(AngularHarmonic(2, 1e-6, -2e-6),),
+    ),
+    autocollimator=Autocollimator(range=5e-4, resolution=5e-7, noise=5e-7),
+    mirror=Mirror((1e-4, -5e-5), (PlanarHarmonic(3, (1e-6, 2e-6), (-1e-6, 3e-6)),)),
+    spindle=Spindle(
+        radial=(PlanarHarmonic(2, (1e-6, -2e-6), (3e-6, 1e-6)),),
+        tilt=(PlanarHarmonic(1, (5e-6, 1e-5), (-1e-5, 3e-6)),),
+        radial_compliance=2e-8,
+        tilt_compliance=5e-8,
+        radial_thermal=(3e-7, -1e-7),
+    ),
+    lvdt=Lvdt(height=0.06, noise=5e-8, artefact_eccentricity=(4e-6, 2e-6)),
+)
+TIMES = np.linspace(0.3, 9.7, 23)
+SPEED, SWING = 0.8, 3.0
+
+
+def command(t):
+    """Forward and backward."""
+    return SWING * np.sin(SPEED * t)
+
+
+def velocity(t):
+    return SWING * SPEED * np.cos(SPEED * t)
+
+
+def force(t):
+    return np.array([40.0 * math.sin(t), -30.0 * math.cos(2 * t)])
+
+
+def warming(t):
+    return 0.3 * t
+
+
+@dataclass
+class Bench:
+    """Numbers and additions of one sample, as the page names them; an effect changes some of them."""
+
+    t: float
+    stage: StageDescription = STAGE
+    theta_added: object = None
+    d_added: object = None
+    g_added: object = None
+    head_added: dict = field(default_factory=dict)
+    delays: dict = field(default_factory=dict)
+    tilt_changed: object = None
+    radial_changed: object = None
+
+    def reading(self, stream):
+        t = self.t - self.delays.get(stream, 0.0)
+        s = self.stage
+        theta = command(t) + (self.theta_added(t) if self.theta_added else 0.0)
+        turn = np.array([[math.cos(theta), -math.sin(theta)], [math.sin(theta), math.cos(theta)]])
+
+        def harm(rows):
+            x = sum(w.x[0] * math.cos(w.order * theta) + w.x[1] * math.sin(w.order * theta) for w in rows)
+            y = sum(w.y[0] * math.cos(w.order * theta) + w.y[1] * math.sin(w.order * theta) for w in rows)
+            return np.array([x, y])
+
+        fx, fy = force(t)
+        d = harm(s.spindle.radial) + s.spindle.radial_compliance * force(t)
+        d = d + warming(t) * np.array(s.spindle.radial_thermal)
+        g = harm(s.spindle.tilt) + s.spindle.tilt_compliance * np.array([-fy, fx])
+        d = d + (self.d_added(t, theta, turn) if self.d_added else 0.0)
+        g = g + (self.g_added(t, theta) if self.g_added else 0.0)
+        if stream == "autocollimator":
+            tilt = turn @ np.array(s.mirror.tilt) + g + harm(s.mirror.flatness)
+            return self.tilt_changed(self.t, tilt) if self.tilt_changed else tilt
+        if stream == "lvdt":
+            radial = d + s.lvdt.height * np.array([g[1], -g[0]]) + turn @ np.array(s.lvdt.artefact_eccentricity)
+            return self.radial_changed(radial) if self.radial_changed else radial
+        phi = s.encoder.azimuths[stream[-1]]
+        c = d + turn @ np.array(s.encoder.eccentricity)
+        psi = phi - theta
+        angle = theta + (-c[0] * math.sin(phi) + c[1] * math.cos(phi)) / s.encoder.disc_radius
+        angle += sum(w.cos * math.cos(w.order * psi) + w.sin * math.sin(w.order * psi) for w in s.encoder.graduation)
+        return np.array([angle + self.head_added[stream](self.t, angle) if stream in self.head_added else angle])
+
+
+def stage_with(**changes):
+    """Keyword `encoder_x` replaces x of the encoder, and so on."""
+    stage = STAGE
+    for name, value in changes.items():
+        part, _, key = name.partition("_")
+        stage = replace(stage, **{part: replace(getattr(stage, part), **{key: value})})
+    return stage
+
+
+def azimuths(letter, by):
+    return {**STAGE.encoder.azimuths, letter: STAGE.encoder.azimuths[letter] + by}
+
+
+ROW = PlanarHarmonic(4, (1e-6, -2e-6), (3e-6, 4e-6))
+ORDER = {"order": 4, "x": ROW.x, "y": ROW.y}
+
+
+def plus(pair, shift):
+    return (pair[0] + shift[0], pair[1] + shift[1])
+
+
+CLOSED_FORMS = {
+    "disc_eccentricity": (
+        "",
+        {"shift": (3e-6, 2e-6)},
+        lambda t: Bench(t, stage_with(encoder_eccentricity=plus(STAGE.encoder.eccentricity, (3e-6, 2e-6)))),
+    ),
+    "graduation_error": (
+        "order_7",
+        {"order": 7, "cos": 2e-6, "sin": -1e-6},
+        lambda t: Bench(
+            t, stage_with(encoder_graduation=(*STAGE.encoder.graduation, AngularHarmonic(7, 2e-6, -1e-6)))
+        ),
+    ),
+    "subdivisional_error": (
+        "head_b",
+        {"cos": 2e-7, "sin": 3e-7},
+        lambda t: Bench(
+            t, head_added={"head_b": lambda _, a: 2e-7 * math.cos(LINES * a) + 3e-7 * math.sin(LINES * a)}
+        ),
+    ),
+    "head_misplacement": (
+        "head_c",
+        {"azimuth": 0.02},
+        lambda t: Bench(t, stage_with(encoder_azimuths=azimuths("c", 0.02))),
+    ),
+    "head_latency": ("head_d", {"delay": 2e-3}, lambda t: Bench(t, delays={"head_d": 2e-3})),
+    "encoder_latency": (
+        "",
+        {"delay": 2e-3},
+        lambda t: Bench(t, delays=dict.fromkeys(("head_a", "head_b", "head_c", "head_d"), 2e-3)),
+    ),
+    "head_missed_counts": (
+        "head_a",
+        {"time": 4.0, "step": 2e-5},
+        lambda t: Bench(t, head_added={"head_a": lambda now, _: 2e-5 if now >= 4.0 else 0.0}),
+    ),
+    "disc_scale": ("", {"relative": 0.02}, lambda t: Bench(t, stage_with(encoder_disc_radius=0.1 * 1.02))),
+    "autocollimator_gain": (
+        "y",
+        {"relative": 0.03},
+        lambda t: Bench(t, tilt_changed=lambda _, tilt: tilt * np.array([1.0, 1.03])),
+    ),
+    "autocollimator_roll": (
+        "",
+        {"angle": 0.05},
+        lambda t: Bench(
+            t,
+            tilt_changed=lambda _, p: np.array(
+                [math.cos(0.05) * p[0] + math.sin(0.05) * p[1], -math.sin(0.05) * p[0] + math.cos(0.05) * p[1]]
+            ),
+        ),
+    ),
+    "autocollimator_nonlinearity": (
+        "",
+        {"cubic": 2e6},
+        lambda t: Bench(t, tilt_changed=lambda _, tilt: tilt + 2e6 * tilt**3),
+    ),
+    "autocollimator_drift": (
+        "",
+        {"rate": (1e-7, -2e-7)},
+        lambda t: Bench(t, tilt_changed=lambda now, tilt: tilt + now * np.array([1e-7, -2e-7])),
+    ),
+    "autocollimator_latency": ("", {"delay": 3e-3}, lambda t: Bench(t, delays={"autocollimator": 3e-3})),
+    "mirror_wobble": (
+        "",
+        {"tilt": (2e-6, -3e-6)},
+        lambda t: Bench(t, stage_with(mirror_tilt=plus(STAGE.mirror.tilt, (2e-6, -3e-6)))),
+    ),
+    "mirror_flatness": (
+        "order_4",
+        ORDER,
+        lambda t: Bench(t, stage_with(mirror_flatness=(*STAGE.mirror.flatness, ROW))),
+    ),
+    "spindle_radial": ("order_4", ORDER, lambda t: Bench(t, stage_with(spindle_radial=(*STAGE.spindle.radial, ROW)))),
+    "spindle_tilt": ("order_4", ORDER, lambda t: Bench(t, stage_with(spindle_tilt=(*STAGE.spindle.tilt, ROW)))),
+    "bearing_asynchronous": (
+        "",
+        {"order": 2.37, "radial": 1e-6, "tilt": 2e-6, "phase": 0.7},
+        lambda t: Bench(
+            t,
+            d_added=lambda _, th, turn: 1e-6 * np.array([math.cos(2.37 * th + 0.7), math.sin(2.37 * th + 0.7)]),
+            g_added=lambda _, th: 2e-6 * np.array([math.cos(2.37 * th), math.sin(2.37 * th)]),
+        ),
+    ),
+    "load_compliance": (
+        "",
+        {"radial": 4e-9, "tilt": 1e-8},
+        lambda t: Bench(t, stage_with(spindle_radial_compliance=2.4e-8, spindle_tilt_compliance=6e-8)),
+    ),
+    "thermal_drift": (
+        "",
+        {"radial": (5e-7, 2e-7)},
+        lambda t: Bench(t, stage_with(spindle_radial_thermal=plus(STAGE.spindle.radial_thermal, (5e-7, 2e-7)))),
+    ),
+    "reversal_backlash": (
+        "",
+        {"width": 2e-5},
+        lambda t: Bench(t, theta_added=lambda now: -1e-5 * math.copysign(1.0, velocity(now))),
+    ),
+    "radial_hysteresis": (
+        "",
+        {"radial": (6e-7, -4e-7)},
+        lambda t: Bench(
+            t, d_added=lambda now, th, turn: np.array([3e-7, -2e-7]) * math.copysign(1.0, velocity(now))
+        ),
+    ),
+    "following_error": (
+        "",
+        {"delay": 2e-3},
+        lambda t: Bench(t, theta_added=lambda now: command(now - 2e-3) - command(now)),
+    ),
+    "drive_cyclic_error": (
+        "order_30",
+        {"order": 30, "cos": 2e-6, "sin": 1e-6},
+        lambda t: Bench(
+            t, theta_added=lambda now: 2e-6 * math.cos(30 * command(now)) + 1e-6 * math.sin(30 * command(now))
+        ),
+    ),
+    "unbalance": (
+        "",
+        {"radial": (2e-8, -1e-8)},
+        lambda t: Bench(t, d_added=lambda now, th, turn: velocity(now) ** 2 * (turn @ np.array([2e-8, -1e-8]))),
+    ),
+    "lvdt_gain": (
+        "x",
+        {"relative": 0.02},
+        lambda t: Bench(t, radial_changed=lambda radial: radial * np.array([1.02, 1.0])),
+    ),
+    "lvdt_artefact": (
+        "",
+        {"shift": (1e-6, 2e-6)},
+        lambda t: Bench(t, stage_with(lvdt_artefact_eccentricity=plus(STAGE.lvdt.artefact_eccentricity, (1e-6, 2e-6)))),
+    ),
+    "lvdt_height": ("", {"offset": 1e-3}, lambda t: Bench(t, stage_with(lvdt_height=0.061))),
+}
+
+EFFECTS = load_effects(StageEffect)
+STREAMS = ("head_a", "head_b", "head_c", "head_d", "autocollimator", "lvdt")
+
+
+@pytest.fixture
+def twin():
+    inputs = StageInputs(
+        command,
+        velocity,
+        lambda time: np.array([force(t) for t in time]),
+        lambda time: np.array([warming(t) for t in time]),
+    )
+    return StageTwin(STAGE, inputs, dict.fromkeys(STREAMS, TIMES))
+
+
+def test_every_effect_has_a_closed_form():
+    assert {effect.name for effect in EFFECTS} == set(CLOSED_FORMS)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_effect_agrees_with_its_formula(effect, twin):
+    location, parameters, bench = CLOSED_FORMS[effect.name]
+    predicted = twin.predict((Cause(effect, location, effect.values_from(parameters)),))
+    plain = twin.predict()
+    moved = 0.0
+    for stream in STREAMS:
+        expected = np.array([bench(t).reading(stream) for t in TIMES])
+        unmoved = np.array([Bench(t).reading(stream) for t in TIMES])
+        np.testing.assert_allclose(predicted[stream], expected, rtol=0, atol=2e-11)
+        np.testing.assert_allclose(plain[stream], unmoved, rtol=0, atol=2e-11)
+        moved += np.abs(expected - unmoved).max()
+        if not effect.touches(location, stream):
+            np.testing.assert_array_equal(predicted[stream], plain[stream])
+    assert moved > 1e-8, "the example must show the effect"
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_effect_without_size_changes_nothing(effect, twin):
+    location = CLOSED_FORMS[effect.name][0]
+    plain = twin.predict()
+    for stream, values in twin.predict((Cause(effect, location, effect.start(location)),)).items():
+        np.testing.assert_allclose(values, plain[stream], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_report_gives_back_the_parameters(effect):
+    _, parameters, _ = CLOSED_FORMS[effect.name]
+    values = effect.values_from(parameters)
+    reported = effect.report(values, 1e-4 * np.diag(np.square(values)))
+    assert set(reported) == set(parameters)
+    for name, expected in parameters.items():
+        np.testing.assert_allclose(reported[name].value, expected, rtol=1e-12)
+        assert np.all(np.asarray(reported[name].std) >= 0)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_effect_says_what_it_is(effect):
+    location, parameters, _ = CLOSED_FORMS[effect.name]
+    assert effect.title and effect.source
+    assert all(parameter.unit and parameter.scale > 0 for parameter in effect.parameters)
+    assert effect.orders or location in effect.locations(STAGE)
+    assert np.all(np.abs(effect.values_from(parameters)) <= [p.bound for p in effect.parameters for _ in range(p.size)])
+
+
+def test_asynchronous_phase_and_size_spread_as_their_parts():
+    effect = next(e for e in EFFECTS if e.name == "bearing_asynchronous")
+    values = effect.values_from({"order": 2.4, "radial": 3e-7, "tilt": 1e-6, "phase": 0.4})
+    rng = np.random.default_rng(5)
+    std = np.array([1e-4, 3e-9, 3e-9, 1e-8])
+    drawn = values + std * rng.normal(size=(20000, 4))
+    reported = effect.report(values, np.diag(np.square(std)))
+    assert reported["radial"].std == pytest.approx(np.hypot(drawn[:, 1], drawn[:, 2]).std(), rel=0.03)
+    assert reported["phase"].std == pytest.approx(np.arctan2(drawn[:, 2], drawn[:, 1]).std(), rel=0.03)
