@@ -20,6 +20,7 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 NAME = "error_estimator"
 _HUMAN_PERIOD = 20_000_000
 _DEFAULTS = EstimatorSettings()
+_CATCH_UP = 10
 
 
 class ErrorEstimator(ManagedNode):
@@ -63,6 +64,7 @@ class ErrorEstimator(ManagedNode):
                 disagreement_limit=self.setting("disagreement_limit"),
             ),
         )
+        self._behind: set[str] = set()
         self._max_age_ns = round(self.setting("max_age") * NANOSECONDS)
         self._samples, self._pose = self.wire.topic("error_motion_samples"), self.wire.topic("error_motion_pose")
         self._sample_publisher, self._pose_publisher = self.publish_on(self._samples), self.publish_on(self._pose)
@@ -92,13 +94,22 @@ class ErrorEstimator(ManagedNode):
         def receive(block: SampleBlock) -> None:
             now_ns = self.now_ns()
             watch.observe(block, now_ns)
-            if now_ns - int(block.times_ns[-1]) > self._max_age_ns:
+            if self._is_old(stream, now_ns - int(block.times_ns[-1])):
                 watch.refuse(f"older than {self._max_age_ns / NANOSECONDS} s; are the clocks of all computers alike?")
                 return
             for estimate in self._estimator.push(stream, block):
                 self._publish(estimate)
 
         return receive
+
+    def _is_old(self, stream: str, age_ns: int) -> bool:
+        """Whether to drop a block. Once behind, all is dropped until it is nearly fresh: a backlog must not stay."""
+        limit_ns = self._max_age_ns // _CATCH_UP if stream in self._behind else self._max_age_ns
+        if age_ns > limit_ns:
+            self._behind.add(stream)
+            return True
+        self._behind.discard(stream)
+        return False
 
     def _publish(self, estimate: SampleBlock) -> None:
         self._sample_publisher.publish(messages.block_to_message(estimate, self._samples.frame))

@@ -55,7 +55,7 @@ class ManagedNode(LifecycleNode):
         stage: description of the rotary stage, from `open()` on.
         wire: the contract for the heads of that stage.
         active: whether the life cycle state is active; messages are handled only then.
-        busy: held by whatever callback runs; take it in callbacks of `every`.
+        busy: held by whatever callback runs, so that callbacks of worker and executor take turns.
         crash: done with an exception once the worker met a fault of the program.
     """
 
@@ -182,7 +182,12 @@ class ManagedNode(LifecycleNode):
 
     def every(self, period: float, callback: Callable[[], None]) -> None:
         """Call back every `period` s of real time, in any state: a halted `/clock` or a pause must not hide."""
-        timer = self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+        def guarded() -> None:
+            with self.busy:
+                callback()
+
+        timer = self.create_timer(period, guarded, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._entities.append(partial(self.destroy_timer, timer))
 
     def refuse(self, source: str, error: InputError) -> None:

@@ -221,7 +221,7 @@ class Estimator:
         for mask in set(masks.tolist()):
             chosen = np.flatnonzero(masks == mask)
             whole = len(chosen) == len(ticks)
-            part = sampled if whole else {name: _take(each, chosen) for name, each in sampled.items()}
+            part = sampled if whole else {name: each.at(chosen) for name, each in sampled.items()}
             found = self._estimate(mask, part)
             if found is not None:
                 rows[chosen], publish[chosen] = found
@@ -264,7 +264,8 @@ class Estimator:
         if mask & self._bits[COMMAND]:
             command = sampled[COMMAND].values[:, 0]
             rows[:, column["ecc"]] = ring.theta - command
-            rows[:, column["var_ecc"]] = ring.covariance[:, 0, 0]
+            bends = [sampled[name].bend for name in (*heads, COMMAND)]
+            rows[:, column["var_ecc"]] = ring.covariance[:, 0, 0] + motion.bend_variance(np.column_stack(bends))
             rows[:, column["cov_exc_ecc"]] = ring.covariance[:, 0, 1]
             rows[:, column["cov_eyc_ecc"]] = ring.covariance[:, 0, 2]
             observable |= 1 << 5
@@ -318,6 +319,3 @@ def error_motion_from_block(block: SampleBlock) -> motion.ErrorMotion:
     components = np.stack([column[name] for name in motion.COMPONENTS], axis=1)
     return motion.ErrorMotion(column["theta"], components, observable, covariance)
 
-
-def _take(sampled: Resampled, chosen: NDArray[np.int64]) -> Resampled:
-    return Resampled(sampled.values[chosen], sampled.gain[chosen], sampled.travel[chosen], sampled.valid[chosen])

@@ -34,13 +34,22 @@ class Resampled:
         values: (m, k); zero where not valid.
         gain: (m,) variance of a value over that of one sample.
         travel: (m, k) how far the signal moves over the samples that were used.
+        bend: (m, k) third difference of the samples of an interpolation, zero for a fit: what it cannot follow grows
+            with it.
         valid: (m,) whether the samples around the tick allow a value.
     """
 
     values: NDArray[np.float64]
     gain: NDArray[np.float64]
     travel: NDArray[np.float64]
+    bend: NDArray[np.float64]
     valid: NDArray[np.bool_]
+
+    def at(self, chosen: NDArray[np.int64]) -> Resampled:
+        """The same at some of the ticks."""
+        return Resampled(
+            self.values[chosen], self.gain[chosen], self.travel[chosen], self.bend[chosen], self.valid[chosen]
+        )
 
 
 def tick_times(first: int, count: int, period_ns: int) -> NDArray[np.int64]:
@@ -113,14 +122,15 @@ class _Cells:
 def _spread(part: Resampled, chosen: NDArray[np.bool_]) -> Resampled:
     """A result for all ticks of which only the chosen ones are filled."""
     m, k = len(chosen), part.values.shape[1]
-    whole = Resampled(np.zeros((m, k)), np.ones(m), np.zeros((m, k)), np.zeros(m, np.bool_))
+    whole = Resampled(np.zeros((m, k)), np.ones(m), np.zeros((m, k)), np.zeros((m, k)), np.zeros(m, np.bool_))
     return _merged(whole, part, chosen)
 
 
 def _merged(whole: Resampled | None, part: Resampled, chosen: NDArray[np.bool_]) -> Resampled:
     assert whole is not None
     whole.values[chosen], whole.gain[chosen] = part.values, part.gain
-    whole.travel[chosen], whole.valid[chosen] = part.travel, part.valid
+    whole.travel[chosen], whole.bend[chosen] = part.travel, part.bend
+    whole.valid[chosen] = part.valid
     return whole
 
 
@@ -142,7 +152,8 @@ def _interpolate(
     """Cubic through the four samples around each tick (Lagrange's form)."""
     m, k = len(ticks_ns), values.shape[1]
     if len(times_ns) < 4:
-        return Resampled(np.zeros((m, k)), np.ones(m), np.zeros((m, k)), np.zeros(m, np.bool_))
+        nothing = np.zeros((m, k))
+        return Resampled(nothing, np.ones(m), nothing.copy(), nothing.copy(), np.zeros(m, np.bool_))
     after = np.searchsorted(times_ns, ticks_ns, side="right")
     inside = (after >= 2) & (after + 1 < len(times_ns))
     first = np.clip(after - 2, 0, len(times_ns) - 4)
@@ -160,7 +171,8 @@ def _interpolate(
         total = total + weight[:, None] * (samples[i] - samples[1])
         gain = gain + weight * weight
     result = np.where(valid[:, None], samples[1] + total, 0.0)
-    return Resampled(result, gain, np.abs(samples[3] - samples[0]), valid)
+    bend = np.abs((samples[3] - samples[0]) - 3 * (samples[2] - samples[1]))
+    return Resampled(result, gain, np.abs(samples[3] - samples[0]), bend, valid)
 
 
 def _fit(signals: list[_Cells], period_ns: int) -> list[Resampled]:
@@ -203,6 +215,7 @@ def _fit(signals: list[_Cells], period_ns: int) -> list[Resampled]:
                 fitted[part].reshape(k, m).T.copy(),
                 gain[part][:m].copy(),
                 travel[part].reshape(k, m).T.copy(),
+                np.zeros((m, k)),
                 covered[part][:m].copy(),
             )
         )
