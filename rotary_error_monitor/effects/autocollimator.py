@@ -60,7 +60,7 @@ class AutocollimatorNonlinearity(StageEffect):
 
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
         """Add the cubes of the components."""
-        return ideal + values[0] * ideal**3
+        return np.asarray(ideal + values[0] * ideal**3, np.float64)
 
 
 class AutocollimatorDrift(StageEffect):

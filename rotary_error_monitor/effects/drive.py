@@ -18,7 +18,7 @@ class ReversalBacklash(StageEffect):
 
     def rotation(self, values: Values, state: RotorState) -> Array:
         """Half the width against the direction of travel."""
-        return -0.5 * values[0] * state.direction
+        return np.asarray(-0.5 * values[0] * state.direction, np.float64)
 
 
 class FollowingError(StageEffect):
@@ -50,4 +50,4 @@ class DriveCyclicError(StageEffect):
     def rotation(self, values: Values, state: RotorState) -> Array:
         """One wave of the commanded angle."""
         angle = values[0] * state.command
-        return values[1] * np.cos(angle) + values[2] * np.sin(angle)
+        return np.asarray(values[1] * np.cos(angle) + values[2] * np.sin(angle), np.float64)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import enum
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from rotary_error_monitor.errors import InputError
 
 Values = NDArray[np.float64]
+
+Description = TypeVar("Description")
+"""What an effect acts on: the description of a stage, of a machine, or of something of a user's own."""
 
 
 class Role(enum.Enum):
@@ -56,7 +59,7 @@ class Estimate:
     std: float | tuple[float, ...]
 
 
-class Effect:
+class Effect(Generic[Description]):
     """Base of all effects. A concrete effect has a `name`; a class without one is an abstract base.
 
     Attributes:
@@ -82,7 +85,7 @@ class Effect:
         """Whether the class describes an effect of its own rather than a base."""
         return bool(cls.name) and "name" in cls.__dict__ and not inspect.isabstract(cls)
 
-    def locations(self, machine: Any) -> tuple[str, ...]:
+    def locations(self, machine: Description) -> tuple[str, ...]:
         """Places where the effect may sit on that stage or machine, except orders; `("",)` when it has no place."""
         return ("",)
 
@@ -156,11 +159,14 @@ class Effect:
         return values
 
 
+AnyEffect = Effect[Any]
+
+
 @dataclass(frozen=True)
 class Cause:
     """An effect at a place with values: what is added to a twin."""
 
-    effect: Effect
+    effect: AnyEffect
     location: str
     values: Values
 
@@ -189,13 +195,3 @@ def order_of(location: str) -> int:
     if prefix != "order" or not digits.isdigit():
         raise InputError(f"location '{location}' names no order; expected order_K with a whole number K")
     return int(digits)
-
-
-def named(values: Values, effect: Effect) -> dict[str, Values]:
-    """Value vector cut into its parameters."""
-    return {name: values[place] for name, place in effect.slices().items()}
-
-
-def covariance_of(parts: Sequence[float]) -> NDArray[np.float64]:
-    """Diagonal covariance from standard deviations."""
-    return np.diag(np.square(np.asarray(parts, dtype=np.float64)))

@@ -70,8 +70,8 @@ class SubdivisionalError(StageEffect):
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
         """Add one wave per line.
 
-        Its phase is that of the angle before the error. The observed reading tells it far better than the command, which
-        the rotor follows only to part of a line; the error itself is taken off it by repeated substitution.
+        Its phase is that of the angle before the error. The observed reading tells it far better than the command,
+        which the rotor follows only to part of a line; the error itself is taken off it by repeated substitution.
         """
         if state.observed is None:
             return ideal + _line_wave(values, state.lines * ideal)
@@ -82,7 +82,8 @@ class SubdivisionalError(StageEffect):
 
 
 def _line_wave(values: Values, phase: Array) -> Array:
-    return values[0] * np.cos(phase) + values[1] * np.sin(phase)
+    wave: Array = values[0] * np.cos(phase) + values[1] * np.sin(phase)
+    return wave
 
 
 class HeadMisplacement(StageEffect):
@@ -153,7 +154,7 @@ class HeadMissedCounts(StageEffect):
 
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
         """Add the step from its moment on."""
-        return ideal + values[1] * (state.time >= values[0])
+        return np.asarray(ideal + values[1] * (state.time >= values[0]), np.float64)
 
 
 class DiscScale(StageEffect):

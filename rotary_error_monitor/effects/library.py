@@ -14,12 +14,12 @@ from types import ModuleType
 from typing import TypeVar
 
 import rotary_error_monitor.effects as room
-from rotary_error_monitor.effects.effect import Effect
+from rotary_error_monitor.effects.effect import AnyEffect, Effect
 from rotary_error_monitor.errors import InputError
 
 ENTRY_POINTS = "rotary_error_monitor.effects"
 
-Kind = TypeVar("Kind", bound=Effect)
+Kind = TypeVar("Kind", bound=AnyEffect)
 
 
 def load_effects(kind: type[Kind], files: Sequence[Path] = ()) -> tuple[Kind, ...]:
@@ -80,9 +80,9 @@ def _module_of(file: Path) -> ModuleType:
 
 def _defined(kind: type[Kind], module: ModuleType) -> Iterable[type[Kind]]:
     for item in vars(module).values():
-        if inspect.isclass(item) and issubclass(item, kind) and item.__module__ == module.__name__:
-            if item.is_concrete():
-                yield item
+        own = inspect.isclass(item) and issubclass(item, kind) and item.__module__ == module.__name__
+        if own and item.is_concrete():
+            yield item
 
 
 def _collect(found: dict[str, Kind], kind: type[Kind], module: ModuleType, origin: str) -> None:

@@ -45,7 +45,9 @@ class LvdtArtefact(StageEffect):
         if stage.lvdt is None:
             return stage
         x, y = stage.lvdt.artefact_eccentricity
-        return _with_lvdt(stage, replace(stage.lvdt, artefact_eccentricity=(x + float(values[0]), y + float(values[1]))))
+        return _with_lvdt(
+            stage, replace(stage.lvdt, artefact_eccentricity=(x + float(values[0]), y + float(values[1])))
+        )
 
 
 class LvdtHeight(StageEffect):

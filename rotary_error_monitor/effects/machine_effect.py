@@ -11,7 +11,7 @@ LINEAR = "linear"
 ROTARY = "rotary"
 
 
-class MachineEffect(Effect):
+class MachineEffect(Effect[MachineDescription]):
     """An effect of a machine: puts itself into the machine's description, whatever its tree of bodies."""
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:

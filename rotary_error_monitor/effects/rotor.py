@@ -105,7 +105,7 @@ def _planar_weights(coefficients: Mapping[int, tuple[float, float, float, float]
     return np.array([row for xc, xs, yc, ys in coefficients.values() for row in ((xc, yc), (xs, ys))])
 
 
-class StageEffect(Effect):
+class StageEffect(Effect[StageDescription]):
     """An effect of the rotary stage: overrides the hooks that it needs, the others leave everything as it is.
 
     The twin evaluates, for the samples of each stream: `delay`, then `rotation`, then `amend` of the description, then

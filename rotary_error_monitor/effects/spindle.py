@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.autocollimator import planar_row
 from rotary_error_monitor.effects.effect import Estimate, Parameter, Role, Values
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Array, RotorState, StageEffect
+from rotary_error_monitor.errors import InputError
 
 
 class SpindleRadial(StageEffect):
@@ -80,7 +83,7 @@ class BearingAsynchronous(StageEffect):
 
     def tilt(self, values: Values, state: RotorState) -> Array:
         """`tilt * (cos(order theta), sin(order theta))`."""
-        return values[3] * np.stack(state.harmonic(float(values[0])), axis=1)
+        return np.asarray(values[3] * np.stack(state.harmonic(float(values[0])), axis=1), np.float64)
 
     def report(self, values: Values, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
         """Order, size, tilt and phase, their spread by first-order propagation."""
@@ -98,8 +101,10 @@ class BearingAsynchronous(StageEffect):
             for name, value, spread in zip(("order", "radial", "tilt", "phase"), polar, std, strict=True)
         }
 
-    def values_from(self, parameters: dict[str, float]) -> Values:  # type: ignore[override]
+    def values_from(self, parameters: Mapping[str, Any]) -> Values:
         """Cosine and sine parts from size and phase."""
+        if set(parameters) != {"order", "radial", "tilt", "phase"}:
+            raise InputError(f"{self.name}: parameters {sorted(parameters)}; expected order, phase, radial, tilt")
         radial, phase = float(parameters["radial"]), float(parameters["phase"])
         return np.array(
             [parameters["order"], radial * math.cos(phase), radial * math.sin(phase), parameters["tilt"]], np.float64

@@ -46,9 +46,7 @@ def weigh_alternatives(problem: Problem, stage: Stage, unknown: float) -> Altern
     chosen = weighing.weigh(causes)
     rows: list[Weight] = [chosen]
     for k in range(len(causes)):
-        rows += [
-            weighing.weigh((*causes[:k], i, *causes[k + 1 :])) for i in weighing.free(causes)
-        ]
+        rows += [weighing.weigh((*causes[:k], i, *causes[k + 1 :])) for i in weighing.free(causes)]
     if not causes:
         rows += weighing.singles()
     logs = np.array([row.log_evidence for row in rows])
@@ -71,8 +69,8 @@ def weigh_alternatives(problem: Problem, stage: Stage, unknown: float) -> Altern
 
 def _distinct(weighing: Weighing, order: list[int]) -> list[int]:
     """The first of each name and location."""
-    seen: set[Key] = set()
-    return [i for i in order if not (weighing.candidates[i].key in seen or seen.add(weighing.candidates[i].key))]
+    first = {weighing.candidates[i].key: i for i in reversed(order)}
+    return [i for i in order if first[weighing.candidates[i].key] == i]
 
 
 def _with(causes: tuple[int, ...], candidate: int, rows: list[Weight]) -> tuple[int, ...]:

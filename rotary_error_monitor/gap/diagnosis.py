@@ -1,4 +1,4 @@
-"""A diagnosis: where model and recording differ, which effect causes it, how far the gap shrinks, or that none is known."""
+"""A diagnosis: where model and recording differ, which effect causes it, and how far the gap shrinks."""
 
 from __future__ import annotations
 
@@ -88,7 +88,10 @@ class Diagnosis:
                 for row in self.ranking
             ],
             "indistinguishable": [
-                {"effects": [{"effect": name, "location": place} for name, place in group.effects], "advice": group.advice}
+                {
+                    "effects": [{"effect": name, "location": place} for name, place in group.effects],
+                    "advice": group.advice,
+                }
                 for group in self.indistinguishable
             ],
             "where": [
@@ -108,7 +111,9 @@ class Diagnosis:
                 "shrink": self.gap.shrink,
                 "interval": list(self.gap.interval),
             },
-            "remainder": [{"channel": f.channel, "pattern": f.pattern, "log_chance": f.log_chance} for f in self.remainder],
+            "remainder": [
+                {"channel": f.channel, "pattern": f.pattern, "log_chance": f.log_chance} for f in self.remainder
+            ],
             "remarks": list(self.remarks),
         }
 

@@ -81,7 +81,7 @@ def load_problem(bag: Path, twin: TwinFile) -> StageProblem | MachineProblem:
 
 
 def improved_twin(twin: TwinFile, causes: Sequence[Cause]) -> dict[str, Any]:
-    """Content of a twin file with the causes in it: in its parameters where they have a place there, else as effects."""
+    """Content of a twin file with the causes in it: in its parameters where they have a place there, or as effects."""
     content = _content(twin.path)
     description, others = twin.description, list(twin.known)
     for cause in causes:
@@ -119,7 +119,11 @@ def _stage_problem(
     reader: BagReader, twin: TwinFile, stage: StageDescription, remarks: tuple[str, ...]
 ) -> StageProblem:
     letters = sorted(stage.encoder.azimuths)
-    needed = [*(stage_topic(f"head_{letter}") for letter in letters), stage_topic("autocollimator"), stage_topic("command")]
+    needed = [
+        *(stage_topic(f"head_{letter}") for letter in letters),
+        stage_topic("autocollimator"),
+        stage_topic("command"),
+    ]
     reader.check_topics(needed)
     optional = [stage_topic(name) for name in ("lvdt", "force", "temperature")]
     topics: Mapping[str, list[SampleBlock]] = reader.read_blocks(
@@ -147,9 +151,7 @@ def _machine_problem(
     return MachineProblem(machine, recording, effects)
 
 
-def record_poses(
-    topics: Mapping[str, Sequence[Content]], machine: MachineDescription, origin: str
-) -> MachineRecording:
+def record_poses(topics: Mapping[str, Sequence[Content]], machine: MachineDescription, origin: str) -> MachineRecording:
     """Poses of a machine: joint states, probe and temperature that share a stamp.
 
     Raises:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from rotary_error_monitor.description.machine import Axis, MachineDescription
-from rotary_error_monitor.effects.effect import Cause, Effect, Role
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect, positioning_error
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.machine_where import machine_advice, machine_where
@@ -31,7 +31,7 @@ PERIODS = (2e-3, 0.5)
 """Shortest and longest period of a cyclic error that is searched, m."""
 
 _LEVER = 1e-5
-"""Size of an error component, m or rad, by which its lever at a pose is found: far above rounding, far below curvature."""
+"""Size of an error component, m or rad, by which its lever at a pose is found: above rounding, below curvature."""
 
 _STEP = 0.1
 """Step of numerical derivatives in usual sizes; the machine is linear in its errors to one part in 10^4."""
@@ -121,7 +121,9 @@ class MachineProblem:
         white = np.concatenate([rest[channel][:, 0] for channel in CHANNELS])
         count = 3 * int(self.kept.sum())
         power = float(white @ white)
-        findings = [Finding("probe", "power", float(chi2.logsf(power, count)), max(0.0, power - count), "pose: scatter")]
+        findings = [
+            Finding("probe", "power", float(chi2.logsf(power, count)), max(0.0, power - count), "pose: scatter")
+        ]
         for axis, names, table in self._structure_table:
             kept = table * np.tile(self.kept, 3)[:, None]
             gains = np.square(kept.T @ white) / np.maximum(np.sum(np.square(kept), axis=0), 1e-300)
@@ -164,7 +166,10 @@ class MachineProblem:
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """Outliers that were left out."""
         lost = int(np.count_nonzero(~self.kept))
-        return (*self.recording.remarks, *([f"{lost} poses are outliers of the probe and were left out"] if lost else []))
+        return (
+            *self.recording.remarks,
+            *([f"{lost} poses are outliers of the probe and were left out"] if lost else []),
+        )
 
     def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
         """Residuals of the probe's components over each axis, before and after the causes, in µm."""
@@ -209,7 +214,7 @@ class MachineProblem:
             prior = -float(np.log(order * places * np.sum(1 / np.arange(1, most + 1))))
             yield Candidate(effect, place, start, most * places, prior)
 
-    def _period(self, effect: Effect, place: str, rest: Rows) -> tuple[Array, int]:
+    def _period(self, effect: AnyEffect, place: str, rest: Rows) -> tuple[Array, int]:
         """Period with the most power along the axis, from a Lomb-Scargle scan of the positions."""
         column = self.machine.letters.index(place)
         position = self.recording.positions[:, column]
@@ -232,7 +237,7 @@ class MachineProblem:
         return start, max(int(span * (1 / PERIODS[0] - 1 / PERIODS[1])), 1)
 
     def _smooth_machine(self) -> list[tuple[str, list[str], Array]]:
-        """For each axis, white columns (3 n, p) of smooth errors: powers or harmonics of each component, reversal, warmth.
+        """For each axis, white columns (3 n, p) of smooth errors: powers, harmonics, reversal, warmth.
 
         To first order a component's effect is its value times where that axis stands at the pose: one prediction for
         each component gives that lever, and every shape is a multiple of it.
@@ -274,10 +279,9 @@ class MachineProblem:
             left = rows - table @ np.linalg.solve(gram, table.T @ (tripled * rows))
             distance = np.sqrt(np.mean(np.square(left.reshape(3, -1)), axis=0))
             spread = max(1.0, float(np.median(distance)) / np.sqrt(chi2.median(3) / 3))
-            # Weights of Student's t with three degrees of freedom: a distant pose counts with the inverse of its square.
-            weight = 4.0 / (3.0 + np.square(distance / spread) * 1.0)
-            weight = np.minimum(weight, 1.0)
-        outlying = distance > OUTLIER * spread
+            # Weights of Student's t, three degrees of freedom: a distant pose counts with the inverse of its square.
+            weight = np.minimum(4.0 / (3.0 + np.square(distance / spread)), 1.0)
+        outlying: NDArray[np.bool_] = np.asarray(distance > OUTLIER * spread, bool)
         if outlying.mean() > MOST_OUTLIERS:
             outlying &= distance >= np.quantile(distance, 1 - MOST_OUTLIERS)
         return ~outlying

@@ -1,4 +1,4 @@
-"""Where the gap of a machine lies, in the probe's components and in words, and the poses that would tell effects apart."""
+"""Where the gap of a machine lies, in components and in words, and the poses that would tell effects apart."""
 
 from __future__ import annotations
 
@@ -67,7 +67,10 @@ def _describe(problem: MachineProblem, values: Array, power: float) -> str:
     if np.ptp(warming) > 0:
         linear = [i for i, axis in enumerate(problem.machine.axes) if axis.kind == "linear"]
         parts.append(
-            (_gain(warming[:, None] * problem.recording.positions[:, linear], values) / excess, "temperature x position")
+            (
+                _gain(warming[:, None] * problem.recording.positions[:, linear], values) / excess,
+                "temperature x position",
+            )
         )
     parts.append((float(np.mean(values)) ** 2 * len(values) / excess, "constant"))
     named = sorted((part for part in parts if part[0] > TELLING), reverse=True)[:4]
@@ -93,7 +96,9 @@ def machine_advice(problem: MachineProblem, keys: Sequence[tuple[str, str]], cau
     ]
     best, words = max(scored)
     if best < DECISIVE:
-        return f"no poses that were tried tell them apart: the best ones ({words}) would by {best:.1f} standard deviations"
+        return (
+            f"no poses that were tried tell them apart: the best ones ({words}) would by {best:.1f} standard deviations"
+        )
     return f"{words}: expected to tell them apart by {best:.0f} standard deviations"
 
 

@@ -6,6 +6,7 @@ chi-square and one unit means the same on every channel.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.effects.effect import Cause, Effect, Role, Values
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, Values
 from rotary_error_monitor.gap.views import View
 
 Array = NDArray[np.float64]
@@ -72,7 +73,7 @@ class Candidate:
         log_prior: logarithm of the chance of this place, order or moment if the effect is at work at all.
     """
 
-    effect: Effect
+    effect: AnyEffect
     location: str
     start: Values
     trials: int = 1
@@ -112,7 +113,7 @@ class Conditions:
     def slices(self, time: Array) -> list[slice]:
         """Rows of each block, from the times of the rows."""
         bounds = np.searchsorted(time, self.edges)
-        return [slice(int(a), int(b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(bounds)]
 
 
 class Problem(Protocol):

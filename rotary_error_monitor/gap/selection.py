@@ -211,7 +211,9 @@ class _Search:
         ]
         best = stage
         for weight in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
-            fit = fit_causes(self._problem, fit_causes(self._problem, weighing.causes(weight), stage.fit.nuisance).causes)
+            fit = fit_causes(
+                self._problem, fit_causes(self._problem, weighing.causes(weight), stage.fit.nuisance).causes
+            )
             if fit.squares < best.fit.squares - 2 * max(full.log_evidence - weight.log_evidence, 0.0) - 2.0:
                 best = self.look(fit, weight, stage.fit.squares + stage.allowance / MODEL_ACCURACY**2)
         return best
@@ -245,7 +247,9 @@ class _Search:
         best, lowest = None, 0.0
         for weight in newcomers:
             gain = dataclasses.replace(
-                weight, gain=max(weight.gain - base.gain - allowance, 0.0), freedom=max(weight.freedom - base.freedom, 1)
+                weight,
+                gain=max(weight.gain - base.gain - allowance, 0.0),
+                freedom=max(weight.freedom - base.freedom, 1),
             )
             chance = gain.log_chance - weighing.log_prior(weight.members[-1])
             if chance < lowest:

@@ -98,7 +98,9 @@ def _amplitudes(fit: Fit) -> tuple[Array, Array]:
         for index in cause.effect.indices(Role.LINEAR, Role.SHAPE):
             # A shape is known by a search over all data: it may not be moved far by the blocks that are left.
             values.append(0.0 if index in shapes else float(cause.values[index]))
-            widths.append(float(np.sqrt(fit_variance(fit, cause.key, index))) if index in shapes else float(scales[index]))
+            widths.append(
+                float(np.sqrt(fit_variance(fit, cause.key, index))) if index in shapes else float(scales[index])
+            )
     return np.asarray(values), np.asarray(widths)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -252,9 +253,7 @@ class StageProblem:
 
     def _white_columns(self, columns: Mapping[str, list[Array]]) -> Rows:
         stacked = {name: np.stack(parts, axis=2) for name, parts in columns.items() if parts}
-        return {
-            channel: rows for channel, rows in self.noise.whiten(stacked).items() if np.any(rows)
-        }
+        return {channel: rows for channel, rows in self.noise.whiten(stacked).items() if np.any(rows)}
 
     def _estimate_jitter(self, raw: Signals) -> tuple[Jitter, Array]:
         """Jitter's spectrum from what the heads share, once anything that goes with the motion is taken out of it."""
@@ -262,9 +261,7 @@ class StageProblem:
         mean, enough = self.noise.shared({name: raw[name][:, :, None] for name in grid.heads})
         command = np.asarray(self.twin.inputs.command(grid.time), np.float64)
         smooth = self._search.motion_basis(grid.time)
-        return estimate_jitter(
-            SharedMotion(grid.time, command, mean[:, 0], enough, smooth, self.noise.command_floor)
-        )
+        return estimate_jitter(SharedMotion(grid.time, command, mean[:, 0], enough, smooth, self.noise.command_floor))
 
 
 @dataclass(frozen=True)
@@ -313,7 +310,7 @@ def _constant_speed(time: Array, speed: Array) -> list[_Span]:
             starts.append(int(i))
     bounds = [*starts, len(time) - 1]
     spans = []
-    for a, b in zip(bounds[:-1], bounds[1:], strict=True):
+    for a, b in itertools.pairwise(bounds):
         middle = level[a:b][steady[a:b]]
         spans.append(_Span(float(time[a]), float(time[b]), float(np.median(middle)) if len(middle) else 0.0))
     return spans

@@ -61,9 +61,7 @@ def _experiments(problem: StageProblem) -> Iterable[Experiment]:
     lvdt = LVDT in problem.twin.times
 
     def turn(by: float) -> StageInputs:
-        return replace(
-            plain, command=_scaled(plain.command, by), omega=_scaled(plain.omega, by)
-        )
+        return replace(plain, command=_scaled(plain.command, by), omega=_scaled(plain.omega, by))
 
     yield Experiment("record again with the directions of rotation exchanged", turn(-1.0), stage, lvdt)
     yield Experiment("record again at twice the speed", turn(2.0), stage, lvdt)

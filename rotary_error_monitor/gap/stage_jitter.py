@@ -1,4 +1,4 @@
-"""The rotor's jitter about the command, told apart from what drives it: its spectrum and the lines of its resonances."""
+"""The rotor's jitter about the command, told apart from what drives it: its spectrum and its resonances."""
 
 from __future__ import annotations
 

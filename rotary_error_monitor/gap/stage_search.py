@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from rotary_error_monitor.effects.effect import Effect, order_location
+from rotary_error_monitor.effects.effect import AnyEffect, order_location
 from rotary_error_monitor.gap.problem import Array, Candidate, Rows
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class StageSearch:
             columns += [np.cos(order * command), np.sin(order * command)]
         return np.stack(columns, axis=1)
 
-    def _of_order(self, effect: Effect, order: int) -> Candidate:
+    def _of_order(self, effect: AnyEffect, order: int) -> Candidate:
         place = order_location(order)
         return Candidate(effect, place, effect.start(place), effect.orders, effect.log_prior_of(order))
 
@@ -91,7 +91,7 @@ class StageSearch:
             chosen |= {int(order) for order in np.argsort(power)[::-1][:PROPOSED_ORDERS] + 1}
         return sorted(chosen)
 
-    def _steps(self, effect: Effect, rest: Rows) -> list[Candidate]:
+    def _steps(self, effect: AnyEffect, rest: Rows) -> list[Candidate]:
         found = []
         for place in effect.locations(self._problem.stage):
             if place not in rest:
@@ -104,7 +104,7 @@ class StageSearch:
             found.append(Candidate(effect, place, start, trials, -float(np.log(trials))))
         return found
 
-    def _waves(self, effect: Effect, rest: Rows) -> list[Candidate]:
+    def _waves(self, effect: AnyEffect, rest: Rows) -> list[Candidate]:
         angle = {channel: self._angle(channel) for channel in rest if channel != "command"}
         rows = {channel: rest[channel][:, 0] for channel in angle}
         order, trials = find_wave(angle, rows)

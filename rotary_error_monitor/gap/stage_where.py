@@ -41,7 +41,7 @@ def stage_where(problem: StageProblem, causes: Sequence[Cause], rest: Rows, expl
     total = sum(energy.values())
     if total <= 0:
         return []
-    shares = [
+    return [
         Share(
             channel,
             energy[channel] / total,
@@ -51,7 +51,6 @@ def stage_where(problem: StageProblem, causes: Sequence[Cause], rest: Rows, expl
         )
         for channel in sorted(energy, key=lambda channel: -energy[channel])
     ]
-    return shares
 
 
 _Signals = Mapping[str, tuple[Array, float, RotorState]]

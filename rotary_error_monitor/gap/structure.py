@@ -53,7 +53,7 @@ def find_structure(track: Track) -> list[Finding]:
 
 def _log_any(log_chance: float, trials: int) -> float:
     """Logarithm of the chance that the largest of many independent tests reaches this."""
-    return min(0.0, log_chance + np.log(trials))
+    return min(0.0, log_chance + float(np.log(trials)))
 
 
 def _orders(track: Track) -> Finding:

@@ -4,9 +4,9 @@ For columns X with white data y and amplitudes of usual size s, the marginal lik
 
     log E = gain / 2 - log det(I + S X'X S) / 2,     gain = b' (X'X)^-1 b,  b = X'y
 
-relative to no effect at all (MacKay, Information Theory, Inference, and Learning Algorithms, chapter 28: the second term
-is the Occam factor). The amplitude's own prior density is left out, so that an effect larger than usual is not held
-against it. The twin's uncertain parameters are integrated out beforehand. Each candidate also pays for the places,
+relative to no effect at all (MacKay, Information Theory, Inference, and Learning Algorithms, chapter 28: the second
+term is the Occam factor). The amplitude's own prior density is left out, so that an effect larger than usual is not
+held against it. The twin's uncertain parameters are integrated out beforehand. Each candidate also pays for the places,
 orders and moments that were searched to propose it.
 """
 

@@ -6,7 +6,6 @@ import base64
 import html
 import io
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 
@@ -18,6 +17,7 @@ from rotary_error_monitor.gap.views import View
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 
 CHANNELS_SHOWN = 3
 MOST_RANKED = 8
@@ -81,21 +81,25 @@ def draw_diagnosis(problem: DiagnosableProblem, diagnosis: Diagnosis) -> bytes:
     return buffer.getvalue()
 
 
-def _draw_gap(ax: Any, diagnosis: Diagnosis) -> None:
+def _draw_gap(ax: Axes, diagnosis: Diagnosis) -> None:
     gap = diagnosis.gap
-    ax.bar(["before", "after", "noise floor"], [gap.before, gap.after, gap.noise_floor], color=["#a3312a", "#1f5fa8", "#999"])
+    ax.bar(
+        ["before", "after", "noise floor"],
+        [gap.before, gap.after, gap.noise_floor],
+        color=["#a3312a", "#1f5fa8", "#999"],
+    )
     ax.set_ylabel("gap, standard deviations of noise")
     ax.set_title(f"Gap, held out: shrink {gap.shrink:.1%}" if diagnosis.causes else "Gap")
 
 
-def _draw_where(ax: Any, diagnosis: Diagnosis) -> None:
+def _draw_where(ax: Axes, diagnosis: Diagnosis) -> None:
     shares = diagnosis.where[:8][::-1]
     ax.barh([_short(share.channel) for share in shares], [share.share for share in shares], color="#1f5fa8")
     ax.set_xlim(0, 1)
     ax.set_title("Where: share of the excess over noise")
 
 
-def _draw_ranking(ax: Any, diagnosis: Diagnosis) -> None:
+def _draw_ranking(ax: Axes, diagnosis: Diagnosis) -> None:
     rows = diagnosis.ranking[:MOST_RANKED][::-1]
     names = [f"{row.effect} {row.location}".strip() for row in rows]
     ax.barh(names, [row.probability for row in rows], color="#2a7f3f")
@@ -103,7 +107,7 @@ def _draw_ranking(ax: Any, diagnosis: Diagnosis) -> None:
     ax.set_title("Which: probability")
 
 
-def _draw_view(ax: Any, view: View, with_after: bool) -> None:
+def _draw_view(ax: Axes, view: View, with_after: bool) -> None:
     step = max(1, len(view.x) // MOST_POINTS)
     ax.plot(view.x[::step], view.before[::step], ".", ms=1.5, color="#a3312a", label="before")
     if with_after:
@@ -128,7 +132,14 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 def _gap(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     low, high = gap.interval
-    rows = [[f"{gap.before:.4g}", f"{gap.after:.4g}", f"{gap.noise_floor:.4g}", f"{gap.shrink:.3f} ({low:.3f} to {high:.3f})"]]
+    rows = [
+        [
+            f"{gap.before:.4g}",
+            f"{gap.after:.4g}",
+            f"{gap.noise_floor:.4g}",
+            f"{gap.shrink:.3f} ({low:.3f} to {high:.3f})",
+        ]
+    ]
     return "<h2>How far</h2>" + _table(["before", "after", "noise floor", "shrink (95 % interval)"], rows)
 
 
@@ -157,9 +168,7 @@ def _number(estimate: Estimate) -> str:
 
 
 def _where(diagnosis: Diagnosis) -> str:
-    rows = [
-        [s.channel, f"{s.share:.1%}", f"{s.gap_rms:.3g}", f"{s.noise_rms:.3g}", s.pattern] for s in diagnosis.where
-    ]
+    rows = [[s.channel, f"{s.share:.1%}", f"{s.gap_rms:.3g}", f"{s.noise_rms:.3g}", s.pattern] for s in diagnosis.where]
     head = ["channel", "share", "gap, rms (SI)", "noise, rms (SI)", "depends on"]
     return "<h2>Where</h2>" + (_table(head, rows) if rows else "<p>Nothing exceeds the noise.</p>")
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from rotary_error_monitor.description.machine import Displacement, ErrorComponent, MachineDescription
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
-from rotary_error_monitor.effects.effect import Cause, Effect
+from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import effect_named
 from rotary_error_monitor.errors import InputError
 
-Kind = TypeVar("Kind", bound=Effect)
+Kind = TypeVar("Kind", bound=AnyEffect)
 
 
 def stage_mapping(stage: StageDescription) -> dict[str, Any]:
@@ -102,9 +102,7 @@ def effect_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
     rows = []
     for cause in causes:
         reported = cause.effect.report(cause.values, np.zeros((len(cause.values), len(cause.values))))
-        parameters = {
-            name: list(e.value) if isinstance(e.value, tuple) else e.value for name, e in reported.items()
-        }
+        parameters = {name: list(e.value) if isinstance(e.value, tuple) else e.value for name, e in reported.items()}
         rows.append({"effect": cause.effect.name, "location": cause.location, "parameters": parameters})
     return rows
 

@@ -122,7 +122,7 @@ def _coefficients(
     errors: ErrorComponent = machine.errors[component]
     found = []
     for power, value in enumerate(errors.poly):
-        # A coefficient of exactly zero is a choice of origin (a mean, a slope told as squareness), not a measured value.
+        # A coefficient of exactly zero is a choice of origin (a mean, a slope told as squareness), not measured.
         if value != 0.0:
             poly = (*(0.0,) * power, size)
             found.append((f"{component}.poly[{power}]", machine.with_error(component, poly=poly)))
@@ -148,7 +148,7 @@ _PLACES: Mapping[str, Sequence[tuple[str, Displacement]]] = {
     "head_length": (("tool", Displacement((0, 0, -1))),),
     "tool_length": (("tool", Displacement((0, 0, -1))),),
 }
-"""Where each parameter of the machine displaces which body: axis letter, or the tool, and the displacement of size 1."""
+"""Which body each parameter displaces, by its axis letter or as the tool, and the displacement of size 1."""
 
 
 def _body(machine: MachineDescription, carrier: str) -> str:

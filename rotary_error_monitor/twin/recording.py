@@ -106,8 +106,8 @@ def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: li
     finite = np.isfinite(values).all(axis=1)
     if finite.mean() < 0.9:
         raise InputError(
-            f"{stage_topic(name)}: {np.count_nonzero(~finite)} of {len(time)} samples are not finite (NaN or infinite); "
-            "expected numbers"
+            f"{stage_topic(name)}: {np.count_nonzero(~finite)} of {len(time)} samples are not finite "
+            "(NaN or infinite); expected numbers"
         )
     if not finite.all():
         remarks.append(f"{stage_topic(name)}: {np.count_nonzero(~finite)} samples are not finite and were left out")

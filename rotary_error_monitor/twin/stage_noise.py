@@ -14,6 +14,7 @@ Single samples far out (spikes) and samples around lost blocks take no part.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -269,7 +270,7 @@ class StageNoise:
         breaks = np.flatnonzero(np.diff(stream.time) > 1.5 * stream.period) + 1
         bounds = [0, *breaks.tolist(), len(stream.time)]
         found = []
-        for start, stop in zip(bounds[:-1], bounds[1:], strict=True):
+        for start, stop in itertools.pairwise(bounds):
             found += [slice(start + s.start, start + s.stop) for s in segments_of(kept[start:stop])]
         return found
 

@@ -9,6 +9,9 @@ from typing import Any
 from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
 from rotary_error_monitor.errors import InputError
 
+Part = Any
+"""A number, a row of harmonics, or numbers by name or in a row: whatever stands in a description."""
+
 
 @dataclass(frozen=True)
 class UncertainParameter:
@@ -49,7 +52,7 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
     return tuple(found)
 
 
-def _paths(value: Any) -> list[tuple[Any, ...]]:
+def _paths(value: Part) -> list[tuple[Any, ...]]:
     """Where the numbers of a value stand; orders of harmonics are names, not numbers that could be wrong."""
     if isinstance(value, int | float):
         return [()]
@@ -72,7 +75,7 @@ def _shifter(
     return shifted
 
 
-def _shift(value: Any, path: tuple[Any, ...], by: float) -> Any:
+def _shift(value: Part, path: tuple[Any, ...], by: float) -> Part:
     if not path:
         return value + by
     step, rest = path[0], path[1:]

@@ -26,11 +26,11 @@ def whitening_taps(density: Callable[[Array], Array], period: float, taps: int =
     """
     length = 16 * taps
     frequency = np.fft.rfftfreq(length, period)
-    variance_per_sample = density(frequency) / (2 * period)
+    variance_per_sample = density(np.asarray(frequency, np.float64)) / (2 * period)
     cepstrum = np.fft.irfft(-0.5 * np.log(variance_per_sample), length)
     cepstrum[1 : length // 2] *= 2
     cepstrum[length // 2 + 1 :] = 0
-    return np.fft.irfft(np.exp(np.fft.rfft(cepstrum)), length)[:taps]
+    return np.asarray(np.fft.irfft(np.exp(np.fft.rfft(cepstrum)), length)[:taps], np.float64)
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ def predictor(density: Callable[[Array], Array], period: float) -> Whitener:
 def drift_predictor(std: float, correlation_time: float, white: float, period: float) -> Whitener:
     """Whitener of an Ornstein-Uhlenbeck process of that size and correlation time plus white noise of size `white`.
 
-    As sampled the sum is an ARMA(1, 1) process `x_t = m x_(t-1) + e_t - c e_(t-1)`: its innovations follow from matching
-    variance and first covariance of `x_t - m x_(t-1)` (Box and Jenkins, Time Series Analysis, chapter 3.4).
+    As sampled the sum is an ARMA(1, 1) process `x_t = m x_(t-1) + e_t - c e_(t-1)`: its innovations follow from
+    matching variance and first covariance of `x_t - m x_(t-1)` (Box and Jenkins, Time Series Analysis, chapter 3.4).
     """
     memory = float(np.exp(-period / correlation_time))
     variance = std**2 * (1 - memory**2) + white**2 * (1 + memory**2)

@@ -1,4 +1,4 @@
-"""Each effect of the stage against the formula of its page, written out here once more and evaluated sample by sample."""
+"""Each effect of the stage against the formula of its page, written out here and evaluated sample by sample."""
 
 from __future__ import annotations
 
@@ -141,16 +141,12 @@ CLOSED_FORMS = {
     "graduation_error": (
         "order_7",
         {"order": 7, "cos": 2e-6, "sin": -1e-6},
-        lambda t: Bench(
-            t, stage_with(encoder_graduation=(*STAGE.encoder.graduation, AngularHarmonic(7, 2e-6, -1e-6)))
-        ),
+        lambda t: Bench(t, stage_with(encoder_graduation=(*STAGE.encoder.graduation, AngularHarmonic(7, 2e-6, -1e-6)))),
     ),
     "subdivisional_error": (
         "head_b",
         {"cos": 2e-7, "sin": 3e-7},
-        lambda t: Bench(
-            t, head_added={"head_b": lambda _, a: 2e-7 * math.cos(LINES * a) + 3e-7 * math.sin(LINES * a)}
-        ),
+        lambda t: Bench(t, head_added={"head_b": lambda _, a: 2e-7 * math.cos(LINES * a) + 3e-7 * math.sin(LINES * a)}),
     ),
     "head_misplacement": (
         "head_c",
@@ -234,9 +230,7 @@ CLOSED_FORMS = {
     "radial_hysteresis": (
         "",
         {"radial": (6e-7, -4e-7)},
-        lambda t: Bench(
-            t, d_added=lambda now, th, turn: np.array([3e-7, -2e-7]) * math.copysign(1.0, velocity(now))
-        ),
+        lambda t: Bench(t, d_added=lambda now, th, turn: np.array([3e-7, -2e-7]) * math.copysign(1.0, velocity(now))),
     ),
     "following_error": (
         "",
