@@ -86,10 +86,18 @@ class StageSearch:
             group = channel.partition(".")[0].partition("_")[0]
             power = order_spectrum(self._angle(channel), rows[:, 0], most)
             groups[group] = groups.get(group, 0.0) + power
-        chosen = set(LOWEST_ORDERS) if most else set()
+        chosen = {*LOWEST_ORDERS, *self._described_orders()} if most else set()
         for power in groups.values():
             chosen |= {int(order) for order in np.argsort(power)[::-1][:PROPOSED_ORDERS] + 1}
         return sorted(chosen)
+
+    def _described_orders(self) -> set[int]:
+        """Orders that the twin describes with some uncertainty: an effect of the same order hides in its parameters."""
+        stage = self._problem.stage
+        if not stage.uncertainty:
+            return set()
+        rows = (*stage.spindle.radial, *stage.spindle.tilt, *stage.mirror.flatness, *stage.encoder.graduation)
+        return {row.order for row in rows if row.order > 0}
 
     def _steps(self, effect: AnyEffect, rest: Rows) -> list[Candidate]:
         found = []

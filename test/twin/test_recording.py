@@ -1,0 +1,73 @@
+"""Recordings from sample blocks, and what is wrong with some."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.blocks import block_from_samples
+from rotary_error_monitor.twin.recording import record_stage, stage_topic
+
+START = 1_700_000_000_000_000_000
+FIELDS = {
+    "head_a": ("angle",),
+    "head_b": ("angle",),
+    "autocollimator": ("tilt_x", "tilt_y"),
+    "command": ("angle", "velocity"),
+}
+
+
+def blocks(names, count=600, offset_ns=0, values=None):
+    times = START + offset_ns + np.arange(count, dtype=np.int64) * 4_000_000
+    content = np.zeros((count, len(names))) if values is None else values
+    half = count // 2
+    return [block_from_samples(times[s], names, content[s]) for s in (slice(0, half), slice(half, None))]
+
+
+@pytest.fixture
+def topics():
+    return {stage_topic(name): blocks(names) for name, names in FIELDS.items()}
+
+
+def test_blocks_become_continuous_streams(topics):
+    recording = record_stage(topics, ["a", "b"])
+    assert recording.heads == ("head_a", "head_b")
+    assert recording.sensors == ("autocollimator", "head_a", "head_b")
+    assert recording.start_ns == START
+    assert recording.duration == pytest.approx(599 * 0.004)
+    assert recording.streams["command"].values.shape == (600, 2)
+    assert recording.streams["command"].period == pytest.approx(0.004)
+
+
+def test_missing_topics_are_all_named(topics):
+    del topics[stage_topic("head_b")], topics[stage_topic("command")]
+    with pytest.raises(InputError, match=r"lacks /stage/head_b/samples, /stage/command/samples; it has /stage/auto"):
+        record_stage(topics, ["a", "b"])
+
+
+def test_too_few_samples_are_an_error(topics):
+    topics[stage_topic("head_a")] = blocks(("angle",), count=40)
+    with pytest.raises(InputError, match=r"/stage/head_a/samples: only 40 samples; 200 are needed"):
+        record_stage(topics, ["a", "b"])
+
+
+def test_a_few_samples_that_are_not_finite_are_left_out_and_told(topics):
+    values = np.zeros((600, 2))
+    values[10:13, 0] = np.nan
+    topics[stage_topic("autocollimator")] = blocks(FIELDS["autocollimator"], values=values)
+    recording = record_stage(topics, ["a", "b"])
+    assert len(recording.streams["autocollimator"].time) == 597
+    assert recording.remarks == ("/stage/autocollimator/samples: 3 samples are not finite and were left out",)
+
+
+def test_many_samples_that_are_not_finite_are_an_error(topics):
+    topics[stage_topic("head_a")] = blocks(("angle",), values=np.full((600, 1), np.nan))
+    with pytest.raises(InputError, match=r"head_a/samples: 600 of 600 samples are not finite"):
+        record_stage(topics, ["a", "b"])
+
+
+def test_clocks_that_do_not_overlap_are_an_error(topics):
+    topics[stage_topic("head_a")] = blocks(("angle",), offset_ns=3_600_000_000_000)
+    with pytest.raises(InputError, match=r"clocks of /stage/head_a/samples .* and /stage/command/samples .* overlap"):
+        record_stage(topics, ["a", "b"])
