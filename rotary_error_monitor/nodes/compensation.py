@@ -139,7 +139,11 @@ class Compensation(ManagedNode):
         self._outputs = {key: self.publish_on(topic) for key, topic in self._topics.items()}
 
     def _receive_motion(self, block: SampleBlock) -> None:
-        self._motion.observe(block, self.now_ns())
+        now_ns = self.now_ns()
+        self._motion.observe(block, now_ns)
+        if now_ns - int(block.times_ns[-1]) > self._age_limit_ns:
+            self._stale += len(block.rows)  # nothing of it could be published: no time is lost on it
+            return
         self._publish(self._compensator.push_error_motion(block))
 
     def _receive_joints(self, message: JointState) -> None:

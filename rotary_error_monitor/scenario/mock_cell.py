@@ -33,6 +33,9 @@ STARTING = 60.0
 BLOCK_PERIOD = 0.01
 """Time covered by one sample block, s: half the messages of the default, for computers that do more than this."""
 
+CORRECTION_PERIOD = 0.02
+"""Distance of two corrections, s; between them the controller carries each on by its rate."""
+
 _TICK = 0.1
 
 
@@ -104,7 +107,7 @@ def record(cell: MockCell, letters: Sequence[str]) -> Recording:
             name = f"encoder_head_{letter}"
             processes.append(running.start("encoder_head", name, **mock, head=letter, rate=cell.rate))
         processes.append(running.start("error_estimator"))
-        processes.append(running.start("compensation", **machine))
+        processes.append(running.start("compensation", **machine, correction_period=CORRECTION_PERIOD))
         running.wait_for_status("compensation: state", "active", STARTING)
         running.wait_until(lambda: _corrects(running), "the cell to correct", STARTING)
         for height in HEIGHTS:
