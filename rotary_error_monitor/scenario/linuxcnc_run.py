@@ -43,8 +43,8 @@ _TICK = 0.1
 _AXIAL = 2
 _STANDSTILL = 1e-9
 _PACE = {"block_period": 0.02, "period": 0.01, "correction_period": 0.01, "rate": 125.0}
-"""Periods (s) of instruments, estimator and corrections, rate (1/s) of joint states: slower than usual, for a table turns
-slowly and everything shares a computer with the controller."""
+"""Periods (s) of instruments, estimator and corrections, rate (1/s) of joint states: slower than usual, for a table
+turns slowly and everything shares a computer with the controller."""
 
 
 @dataclass(frozen=True)
