@@ -154,6 +154,7 @@ class ErrorEstimator(ManagedNode):
             "impossible": status.unobservable,
             "saturated_samples": status.saturated,
             "disagreement_sigma": status.disagreement,
+            "unseen_graduation_orders": " ".join(map(str, status.unseen_orders)),
         }
         return Condition("estimate", level, "; ".join(reasons) or "complete", figures)
 

@@ -41,6 +41,9 @@ COLUMNS = (
 """Columns of a block of error motion after `t`; `observable` and `streams` are bit masks."""
 
 AUTOCOLLIMATOR, COMMAND = "autocollimator", "command"
+HIGHEST_ORDER = 12
+"""Harmonics of the graduation up to which the status says what the heads cannot see."""
+
 CHUNK = 4096
 """Ticks computed at once at most, so that a replay needs no more memory than a live run."""
 
@@ -81,6 +84,8 @@ class EstimatorStatus:
         saturated: autocollimator samples at the end of the measuring range.
         absent: streams that nobody waits for now.
         disagreement: contradiction among the heads at the latest tick, standard deviations.
+        unseen_orders: harmonics of the graduation, up to `HIGHEST_ORDER`, that the heads alive cannot contradict: they
+            pass for rotation or radial motion.
     """
 
     estimates: int = 0
@@ -89,6 +94,7 @@ class EstimatorStatus:
     saturated: int = 0
     absent: tuple[str, ...] = ()
     disagreement: float = 0.0
+    unseen_orders: tuple[int, ...] = ()
     streams: Mapping[str, SampleStream] = field(default_factory=dict)
 
 
@@ -124,6 +130,7 @@ class Estimator:
         self._watermark = -1
         self._longest_block_ns = 0
         self._layouts: dict[tuple[float, ...], HeadLayout] = {}
+        self._unseen: dict[HeadLayout, tuple[int, ...]] = {}
         self.status = EstimatorStatus(streams=self._streams)
 
     @property
@@ -274,7 +281,13 @@ class Estimator:
         agree = ring.disagreement <= self._settings.disagreement_limit
         self.status.withheld += int((~agree).sum())
         self.status.disagreement = float(ring.disagreement[-1])
+        self.status.unseen_orders = self._unseen_orders(layout)
         return rows, agree & np.isfinite(rows).all(axis=1)
+
+    def _unseen_orders(self, layout: HeadLayout) -> tuple[int, ...]:
+        if layout not in self._unseen:
+            self._unseen[layout] = layout.hidden_orders(HIGHEST_ORDER)
+        return self._unseen[layout]
 
     def _add_tilt(
         self,

@@ -102,7 +102,7 @@ def figures(cell: MockCell, recording: Recording, stage: StageDescription, machi
     comparisons = dict(lvdt_comparisons(recording, reader, wire, stage, replayed))
     offsets = true_offsets(recording, reader, wire, machine, plant)
     rows = [
-        *_accuracy(comparisons),
+        *_accuracy(comparisons, recording, reader, wire),
         *_offset_rows(offsets),
         *_repetition(reader, wire, replayed, recording.heights[0][1]),
         *_losses(reader, wire, recording.heights[0][1]),
@@ -141,9 +141,16 @@ def lvdt_comparisons(
         yield height, compare_with_lvdt(replayed.stamp_ns[when], part, lvdt, times[there], radial[there], period)
 
 
-def _accuracy(comparisons: dict[float, LvdtComparison]) -> Iterator[Row]:
-    for height, found in comparisons.items():
+def _accuracy(
+    comparisons: dict[float, LvdtComparison], recording: Recording, reader: BagReader, wire: Wire
+) -> Iterator[Row]:
+    times, force = _samples(reader, wire.topic("force_samples"))
+    for (height, found), (_, begin_ns, end_ns) in zip(comparisons.items(), recording.heights, strict=True):
         name = f"radial error motion at h = {height * 1e3:.0f} mm"
+        there = (times >= begin_ns + SETTLING_NS) & (times < end_ns)
+        yield Row(
+            f"{name}: external force on the shaft, N", float(np.linalg.norm(force[there], axis=1).max()), digits=0
+        )
         yield Row(f"{name}: peak to peak, µm", float(np.ptp(found.reference, axis=0).max()) * 1e6)
         yield Row(f"{name}: RMS against LVDT, µm", found.rms * 1e6, 0.10)
         yield Row(f"{name}: maximum against LVDT, µm", found.maximum * 1e6, 0.5)

@@ -153,6 +153,7 @@ def test_a_dead_head_leaves_the_others_to_go_on():
     found = error_motion_from_block(result)
     t = (result.times_ns - START) * 1e-9
     assert estimator.status.absent == ("head_d",)
+    assert estimator.status.unseen_orders == tuple(range(1, 13))  # three heads contradict nothing
     assert np.diff(result.times_ns).max() == 1_000_000  # no tick is lost
     assert found.observable[t > 0.3][:, :2].all()
     theta, exc, eyc, _, _ = true_motion(t)

@@ -63,6 +63,9 @@ def test_make_run_does_all_of_it():
     assert done.returncode == 0, done.stdout + done.stderr
     for height in (5, 16, 60):
         assert re.search(rf"radial error motion at h = {height} mm: RMS against LVDT, µm +0\.0\d+ .* ok", done.stdout)
+        force = re.search(rf"h = {height} mm: external force on the shaft, N +(\d+)", done.stdout)
+        assert force is not None
+        assert float(force[1]) > 20  # it came and went, and the estimate followed
     assert "tool offset, position, after correction" in done.stdout
     assert "OUT OF BOUNDS" not in done.stdout
 
