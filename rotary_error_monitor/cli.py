@@ -11,7 +11,7 @@ from rotary_error_monitor import __version__
 from rotary_error_monitor.errors import InputError
 
 BAD_INPUT = 2
-COMMANDS = ("run", "run-linuxcnc", "replay", "recover", "calibrate", "diagnose", "wire")
+COMMANDS = ("run", "run-linuxcnc", "replay", "recover", "calibrate", "diagnose", "gap-benchmark", "wire")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -96,8 +96,8 @@ class StageSearch:
         stage = self._problem.stage
         if not stage.uncertainty:
             return set()
-        rows = (*stage.spindle.radial, *stage.spindle.tilt, *stage.mirror.flatness, *stage.encoder.graduation)
-        return {row.order for row in rows if row.order > 0}
+        planar = (*stage.spindle.radial, *stage.spindle.tilt, *stage.mirror.flatness)
+        return {row.order for row in planar} | {row.order for row in stage.encoder.graduation} - {0}
 
     def _steps(self, effect: AnyEffect, rest: Rows) -> list[Candidate]:
         found = []

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
+from scipy.special import gamma
 
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, LVDT
@@ -52,10 +53,9 @@ class Jitter:
 
     def density(self, frequency: Array) -> Array:
         """(n,) one-sided power density, rad^2/Hz."""
-        from scipy.special import gamma
-
         area = self.bandwidth * gamma(1 + 1 / self.shape)
-        power = np.minimum((frequency / self.bandwidth) ** self.shape, 600.0)
+        exponent = self.shape * np.log(np.maximum(frequency, 1e-9) / self.bandwidth)
+        power = np.exp(np.minimum(exponent, 6.4))
         return np.asarray(self.std**2 / area * np.exp(-power), np.float64)
 
 

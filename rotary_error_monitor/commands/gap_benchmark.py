@@ -1,0 +1,60 @@
+"""`rotary_error_monitor gap-benchmark`: the blind check of diagnosis on cases made from a seed."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+from tqdm import tqdm
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.scenario.gap_benchmark import run_benchmark
+from rotary_error_monitor.scenario.gap_cases import Family, plan_cases
+from rotary_error_monitor.scenario.gap_scores import format_scores
+
+_FAMILIES: dict[str, tuple[Family, ...]] = {"stage": ("stage",), "machine": ("machine",), "both": ("stage", "machine")}
+_FLOORS = {"clean": (False,), "rough": (True,), "both": (False, True)}
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Describe the command's arguments."""
+    parser = subparsers.add_parser(
+        "gap-benchmark",
+        help="diagnose cases whose truth is sealed in another process, then open and score",
+        epilog="The plant that makes the cases has exact geometry and shares no formula with the twin.",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="everything is drawn from it (default: 1)")
+    parser.add_argument(
+        "--cases", type=int, default=100, metavar="N", help="about how many of each sort (default: 100)"
+    )
+    parser.add_argument("--family", choices=sorted(_FAMILIES), default="both")
+    parser.add_argument("--floor", choices=sorted(_FLOORS), default="both", help="clean cases, rough ones, or both")
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT.json", help="every outcome, for tables of your own")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the check and print its tables."""
+    if arguments.cases < 1:
+        raise InputError(f"--cases is {arguments.cases}; it must be at least 1")
+    plans = plan_cases(arguments.seed, arguments.cases, _FAMILIES[arguments.family], _FLOORS[arguments.floor])
+    with tqdm(total=len(plans), desc="gap-benchmark", unit="case", disable=None, file=sys.stderr) as bar:
+        result = run_benchmark(
+            plans, lambda seal: print(f"sealed truth: sha256 {seal}", flush=True), lambda: _step(bar)
+        )
+    print(f"opened truth: sha256 {result.opened}\n")
+    print(format_scores(result.outcomes))
+    if arguments.output is not None:
+        rows = [dataclasses.asdict(outcome) for outcome in result.outcomes]
+        arguments.output.write_text(
+            json.dumps({"sha256": result.opened, "outcomes": rows}, indent=1) + "\n", encoding="utf-8"
+        )
+    return 0
+
+
+def _step(bar: tqdm[NoReturn]) -> None:
+    bar.update()

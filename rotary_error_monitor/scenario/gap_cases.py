@@ -1,0 +1,152 @@
+"""The plan of a blind check of diagnosis, and its cases: drawn from a seed, made by the plant, written as bags."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+
+from rotary_error_monitor.bags.messages import JointState, PointStamped, Temperature
+from rotary_error_monitor.bags.writer import write_messages
+from rotary_error_monitor.description.machine import MachineDescription, machine_from_mapping
+from rotary_error_monitor.plant.cases import Kind, MachineCase, StageCase, make_machine_case, make_stage_case
+from rotary_error_monitor.plant.draws import machine_faults, stage_faults
+from rotary_error_monitor.twin.document import machine_mapping, stage_mapping
+
+Family = Literal["stage", "machine"]
+
+WEAK = (4.0, 40.0)
+"""Range of sizes around the detection limit of a clean recording (see `Truth.snr`)."""
+
+_SHARES: tuple[tuple[str, Kind, float], ...] = (
+    ("single", "single", 0.40),
+    ("pair", "pair", 0.12),
+    ("unknown", "unknown", 0.16),
+    ("null", "null", 0.16),
+    ("weak", "single", 0.08),
+    ("left out", "single", 0.08),
+)
+
+
+@dataclass(frozen=True)
+class CasePlan:
+    """One case of the check.
+
+    Attributes:
+        group: single, pair, unknown, null, weak, or left out: its effect is missing from the diagnoser's library.
+        effects: what is at work; None lets the seed draw it.
+        left_out: effects that the diagnoser may not know.
+    """
+
+    number: int
+    seed: int
+    family: Family
+    group: str
+    kind: Kind
+    rough: bool
+    effects: tuple[str, ...] | None = None
+    snr: tuple[float, float] | None = None
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Folder of the case: tells nothing of what is in it."""
+        return f"case_{self.number:04d}"
+
+
+def plan_cases(seed: int, count: int, families: Sequence[Family], rough: Sequence[bool]) -> tuple[CasePlan, ...]:
+    """About `count` cases of every family, clean and rough, in an order that tells nothing.
+
+    Single, weak and left-out cases go round all effects of the family, so that each has its row in the table.
+    """
+    draw = np.random.default_rng(seed)
+    rows: list[dict[str, Any]] = []
+    for family in families:
+        known = stage_faults() if family == "stage" else machine_faults()
+        for harsh in rough:
+            for group, kind, share in _SHARES:
+                own = draw.permutation(known)
+                for i in range(max(1, round(share * count))):
+                    named = (str(own[i % len(own)]),) if kind == "single" else None
+                    rows.append(
+                        {
+                            "family": family,
+                            "group": group,
+                            "kind": kind,
+                            "rough": harsh,
+                            "effects": named,
+                            "snr": WEAK if group == "weak" else None,
+                            "left_out": named if group == "left out" and named else (),
+                        }
+                    )
+    order = draw.permutation(len(rows))
+    seeds = draw.integers(1, 2**31, len(rows))
+    return tuple(CasePlan(i, int(seeds[i]), **rows[int(place)]) for i, place in enumerate(order))
+
+
+def make_case(plan: CasePlan) -> StageCase | MachineCase:
+    """The case of a plan: the same whenever it is made."""
+    effects = None if plan.effects is None else list(plan.effects)
+    if plan.family == "stage":
+        return make_stage_case(plan.seed, plan.kind, effects, plan.snr, plan.rough)
+    return make_machine_case(draw_machine(plan.seed), plan.seed, plan.kind, effects, plan.snr, plan.rough)
+
+
+def write_case(case: StageCase | MachineCase, folder: Path) -> None:
+    """Write `bag/` and `twin.yaml`; the truth is not written."""
+    folder.mkdir(parents=True)
+    if isinstance(case, StageCase):
+        blocks = {f"/stage/{stream}/samples": list(values) for stream, values in case.blocks.items()}
+        write_messages(folder / "bag", blocks)
+        content: dict[str, Any] = {"stage": stage_mapping(case.twin)}
+    else:
+        write_messages(folder / "bag", dict(_pose_messages(case)))
+        content = {"machine": machine_mapping(case.twin)}
+    (folder / "twin.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def draw_machine(seed: int) -> MachineDescription:
+    """A five-axis machine with errors of usual size, drawn."""
+    draw = np.random.default_rng([seed, 5])
+
+    def size(std: float, count: int) -> list[float]:
+        return [float(value) for value in std * draw.normal(size=count)]
+
+    errors: dict[str, Any] = {}
+    for axis in "XYZ":
+        for direction in "XYZABC":
+            own = direction in (axis, "A", "B", "C")
+            std = 5e-6 if direction in "ABC" else 1e-5
+            errors[f"E{direction}{axis}"] = {"poly": [0.0, *(size(std, 2) if own else [0.0, *size(std, 1)])]}
+    for axis in "CA":
+        for direction in "XYZABC":
+            cos, sin = size(5e-6, 2)
+            errors[f"E{direction}{axis}"] = {"harmonic": [{"order": 1, "cos": cos, "sin": sin}]}
+    return machine_from_mapping(
+        {
+            "travel": {"X": [-3.0, 3.0], "Y": [-1.0, 1.0], "Z": [-1.0, 1.0], "C": [-np.pi, np.pi], "A": [-1.9, 1.9]},
+            "squareness": dict(zip(("XY", "XZ", "YZ"), size(3e-5, 3), strict=True)),
+            "orientation": {"C": size(1e-5, 2), "A": size(4e-5, 2)},
+            "pivot_offset": [*size(8e-6, 2), 0.0],
+            "head_length": 0.35,
+            "tool_length": 0.15,
+            "errors": errors,
+        }
+    )
+
+
+def _pose_messages(case: MachineCase) -> Iterator[tuple[str, list[Any]]]:
+    stamps = [int(stamp) for stamp in case.stamps_ns]
+    poses = case.poses
+    states = [
+        JointState(stamp, tuple(case.twin.letters), poses.positions[i], poses.directions[i], np.zeros(0))
+        for i, stamp in enumerate(stamps)
+    ]
+    yield "/machine/joint_states", states
+    yield "/machine/tool_probe", [PointStamped(stamp, case.probe[i]) for i, stamp in enumerate(stamps)]
+    warmth = [Temperature(stamp, float(case.temperature[i])) for i, stamp in enumerate(stamps)]
+    yield "/machine/temperature", warmth

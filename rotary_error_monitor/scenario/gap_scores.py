@@ -1,0 +1,210 @@
+"""Scores of the blind check: by kind, by effect, by size, and whether probabilities mean what they say."""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rotary_error_monitor.scenario.gap_cases import CasePlan
+
+Key = tuple[str, str]
+
+SIZES = (0.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 1e9)
+PROBABILITIES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.0)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One case, opened.
+
+    Attributes:
+        effects: names that were at work.
+        right: by the rules of the gap cases; for an effect left out of the library right is not to name another.
+        alarmed: a gap was seen.
+        size: how much all channels together were moved, over their noise.
+        where_right: the first channel is among those moved most; None where nothing was moved or seen.
+        probabilities: of each named cause, with whether it was one.
+        within: parameters within 3 of their standard deviations, of how many.
+    """
+
+    plan: CasePlan
+    effects: tuple[str, ...]
+    verdict: str
+    named: tuple[Key, ...]
+    right: bool
+    alarmed: bool
+    size: float
+    where_right: bool | None
+    shrink: float
+    probabilities: tuple[tuple[float, bool], ...]
+    within: tuple[int, int]
+    seconds: float
+
+
+def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str, Any], seconds: float) -> Outcome:
+    """Compare a diagnosis with the truth."""
+    wanted = [(row["effect"], row.get("location") or "") for row in truth["effects"]]
+    named = [(row["effect"], row.get("location") or "") for row in diagnosis["causes"]]
+    snr = {name: float(value) for name, value in truth["snr"].items()}
+    hits = [key in wanted or _grouped(diagnosis, key, wanted) for key in named]
+    probabilities = [float(row["probability"]) for row in diagnosis["causes"]]
+    outside = tuple(truth.get("outside", ()))
+    return Outcome(
+        plan=plan,
+        effects=outside or tuple(effect for effect, _ in wanted),
+        verdict=str(diagnosis["verdict"]),
+        named=tuple(named),
+        right=_right(plan, diagnosis, sorted(wanted), sorted(named), hits),
+        alarmed=diagnosis["verdict"] != "no_gap",
+        size=float(np.sqrt(sum(value**2 for value in snr.values()))),
+        where_right=_where_right(snr, diagnosis),
+        shrink=float(diagnosis["gap"]["shrink"]),
+        probabilities=tuple(zip(probabilities, hits, strict=True)),
+        within=_within(truth, diagnosis),
+        seconds=seconds,
+    )
+
+
+def _right(plan: CasePlan, diagnosis: Mapping[str, Any], wanted: list[Key], named: list[Key], hits: list[bool]) -> bool:
+    verdict = diagnosis["verdict"]
+    if plan.kind == "null":
+        return bool(verdict == "no_gap")
+    if plan.kind == "unknown" or plan.left_out:
+        return bool(verdict == "unknown" or (verdict == "partly_explained" and diagnosis["gap"]["shrink"] < 0.5))
+    if plan.kind == "single":
+        return verdict == "explained" and len(named) == 1 and hits[0]
+    return bool(verdict == "explained" and named == wanted)
+
+
+def _grouped(diagnosis: Mapping[str, Any], key: Key, wanted: Iterable[Key]) -> bool:
+    for group in diagnosis["indistinguishable"]:
+        members = {(row["effect"], row.get("location") or "") for row in group["effects"]}
+        if key in members and members & set(wanted):
+            return True
+    return False
+
+
+def _where_right(snr: Mapping[str, float], diagnosis: Mapping[str, Any]) -> bool | None:
+    top = max(snr.values(), default=0.0)
+    if top <= 0 or not diagnosis["where"]:
+        return None
+    first = diagnosis["where"][0]["channel"]
+    moved = {name for name, value in snr.items() if value > 0.3 * top}
+    heads = [value for name, value in snr.items() if "/head_" in name]
+    if heads and min(heads) > 0.9 * max(heads) > 0.27 * top:
+        moved.add("/stage/command/samples.angle")
+    return any(first == name or first.startswith(f"{name}.") for name in moved)
+
+
+def _within(truth: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> tuple[int, int]:
+    inside = total = 0
+    for row in diagnosis["causes"]:
+        same = [
+            t for t in truth["effects"] if t["effect"] == row["effect"] and (t.get("location") or "") == row["location"]
+        ]
+        for name, estimate in row["parameters"].items():
+            std = np.atleast_1d(estimate["std"])
+            if same and np.all(std > 0):
+                off = np.abs(np.atleast_1d(estimate["value"]) - np.atleast_1d(same[0]["parameters"][name]))
+                if name == "phase":
+                    off = np.abs(np.angle(np.exp(1j * off)))
+                inside += int(np.count_nonzero(off <= 3 * std))
+                total += len(std)
+    return inside, total
+
+
+def format_scores(outcomes: Sequence[Outcome]) -> str:
+    """Tables of a run: by group, by effect, detection against size, calibration, parameters."""
+    parts = []
+    for rough in sorted({outcome.plan.rough for outcome in outcomes}):
+        for family in sorted({outcome.plan.family for outcome in outcomes}):
+            own = [o for o in outcomes if o.plan.rough == rough and o.plan.family == family]
+            if own:
+                parts.append(f"== {family}, {'as on a shop floor' if rough else 'clean'}")
+                parts += [_by_group(own), _by_effect(own)]
+    parts += [_by_size(outcomes), _calibration(outcomes)]
+    inside, total = (sum(o.within[i] for o in outcomes) for i in (0, 1))
+    if total:
+        parts.append(f"parameters within 3 standard deviations: {inside}/{total} ({inside / total:.1%})")
+    return "\n\n".join(parts)
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [list(head), *(list(row) for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
+    return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
+
+
+def _grouped_by(outcomes: Sequence[Outcome], key: Callable[[Outcome], str]) -> dict[str, list[Outcome]]:
+    groups: dict[str, list[Outcome]] = defaultdict(list)
+    for outcome in outcomes:
+        groups[key(outcome)].append(outcome)
+    return dict(sorted(groups.items()))
+
+
+def _share(flags: Sequence[bool]) -> str:
+    return f"{sum(flags)}/{len(flags)}" if flags else "-"
+
+
+def _by_group(outcomes: Sequence[Outcome]) -> str:
+    rows = []
+    for name, group in _grouped_by(outcomes, lambda o: o.plan.group).items():
+        shrinks = [o.shrink for o in group if o.verdict == "explained"]
+        places = [o.where_right for o in group if o.where_right is not None]
+        rows.append(
+            [
+                name,
+                _share([o.right for o in group]),
+                _share(places),
+                f"{np.median(shrinks):.3f}" if shrinks else "-",
+                f"{np.median([o.seconds for o in group]):.1f} / {max(o.seconds for o in group):.1f}",
+            ]
+        )
+    return _table(["kind", "right", "where", "median shrink", "seconds, median / most"], rows)
+
+
+def _by_effect(outcomes: Sequence[Outcome]) -> str:
+    alone = [o for o in outcomes if len(o.effects) == 1]
+    rows = []
+    for name, group in _grouped_by(alone, lambda o: o.effects[0]).items():
+        known = [o for o in group if o.plan.group in ("single", "unknown")]
+        weak = [o for o in group if o.plan.group == "weak"]
+        left_out = [o for o in group if o.plan.left_out]
+        named = sorted({" + ".join(" ".join(key).strip() for key in o.named) for o in group if not o.right and o.named})
+        rows.append(
+            [
+                name,
+                _share([o.right for o in known]),
+                _share([o.right for o in weak]),
+                _share([o.right for o in left_out]),
+                "; ".join(named),
+            ]
+        )
+    return _table(["effect", "right", "weak", "left out", "named instead"], rows)
+
+
+def _by_size(outcomes: Sequence[Outcome]) -> str:
+    own = [o for o in outcomes if o.plan.group in ("single", "weak")]
+    rows = []
+    for low, high in itertools.pairwise(SIZES):
+        group = [o for o in own if low <= o.size < high]
+        if group:
+            top = "" if high > 1e6 else f"{high:g}"
+            rows.append([f"{low:g} - {top}", _share([o.alarmed for o in group]), _share([o.right for o in group])])
+    return "Detection against size (all channels, over noise)\n" + _table(["size", "seen", "right"], rows)
+
+
+def _calibration(outcomes: Sequence[Outcome]) -> str:
+    told = [pair for o in outcomes for pair in o.probabilities]
+    rows = []
+    for low, high in itertools.pairwise(PROBABILITIES):
+        group = [pair for pair in told if low <= pair[0] < high or pair[0] == high == 1.0]
+        if group:
+            mean = float(np.mean([probability for probability, _ in group]))
+            rows.append([f"{low:g} - {high:g}", f"{mean:.2f}", _share([hit for _, hit in group])])
+    return "Calibration of probabilities of named causes\n" + _table(["told", "mean", "right"], rows)
