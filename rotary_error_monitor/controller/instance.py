@@ -21,6 +21,8 @@ _START = 20.0
 _STOP = 20.0
 _STEP = 0.05
 _LAST_LINES = 15
+_STARTED = "DUMMY DISPLAY MODULE"
+"""What `DISPLAY = dummy` prints when all is loaded."""
 _NOBODY = 65534
 _CONFIG = "config"
 _HOME = "home"
@@ -182,8 +184,8 @@ class Instance:
         subprocess.run([*inside, "sh", "-c", _ON_TIME], capture_output=True, check=False)
 
     def _has_task(self) -> bool:
-        # The table first: asking LinuxCNC's own tools too early would make the shared memory that they look for.
-        if not presence.runs(self.run(["cat", str(presence.SHARED_MEMORY)]).stdout):
+        # Its own tools are asked last: while it starts they would get in its way.
+        if _STARTED not in self.log:
             return False
         return presence.component_pid(self.run(["halcmd", "show", "comp"]).stdout, presence.TASK) is not None
 

@@ -25,6 +25,8 @@ class Operator:
         self._command = linuxcnc.command()
         self._status = linuxcnc.stat()
         self._errors = linuxcnc.error_channel()
+        while self._errors.poll() is not None:
+            pass  # what was said before is no answer to what is asked now
 
     def switch_on(self) -> None:
         """Reset the E-stop and turn the machine on.
@@ -96,13 +98,14 @@ class Operator:
         self._command.mode(mode)
         self._wait(lambda: self._status.task_mode == mode, "the task mode to change")
 
-    def _wait(self, condition: Callable[[], bool], what: str, deadline: float = _PATIENCE) -> None:
+    def _wait(self, condition: Callable[[], bool], what: str, deadline: float | None = None) -> None:
         self._command.wait_complete()
+        deadline = _PATIENCE if deadline is None else deadline
         end = time.monotonic() + deadline
         while True:
-            said = self._errors.poll()
-            if said is not None and said[0] in (self._linuxcnc.NML_ERROR, self._linuxcnc.OPERATOR_ERROR):
-                raise InputError(f"while waiting for {what}, LinuxCNC says: {said[1].strip()}")
+            while (said := self._errors.poll()) is not None:
+                if said[0] in (self._linuxcnc.NML_ERROR, self._linuxcnc.OPERATOR_ERROR):
+                    raise InputError(f"while waiting for {what}, LinuxCNC says: {said[1].strip()}")
             self._status.poll()
             if condition():
                 return
