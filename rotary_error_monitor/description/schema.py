@@ -13,6 +13,9 @@ from jsonschema.exceptions import ValidationError, best_match
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""The safe loader, in C where PyYAML was built with libyaml: ten times as fast, felt at the start of every node."""
+
 
 def load(path: Path | str, schema: str) -> dict[str, Any]:
     """Content of the YAML file `path`, valid by `config/schema/<schema>.yaml`.
@@ -26,8 +29,8 @@ def load(path: Path | str, schema: str) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error}); give the path of a YAML file") from error
     try:
-        node = yaml.compose(text, yaml.SafeLoader)
-        content = yaml.safe_load(text)
+        node = yaml.compose(text, _LOADER)
+        content = yaml.load(text, _LOADER)
     except yaml.YAMLError as error:
         raise InputError(f"{path}: no valid YAML: {error}") from error
     if node is None:
@@ -63,14 +66,14 @@ def section(content: dict[str, Any], name: str, origin: str) -> dict[str, Any]:
 
 def locate(path: Path | str, place: list[str | int]) -> str:
     """`file:line: key.key` of a `place` in the YAML file `path`, to begin a message about its value with."""
-    node = yaml.compose(Path(path).read_text(encoding="utf-8"), yaml.SafeLoader)
+    node = yaml.compose(Path(path).read_text(encoding="utf-8"), _LOADER)
     return f"{path}:{_line(node, place)}: {'.'.join(map(str, place))}"
 
 
 @functools.cache
 def _validator(schema: str) -> Draft202012Validator:
     with config(f"schema/{schema}.yaml").open(encoding="utf-8") as file:
-        return Draft202012Validator(yaml.safe_load(file))
+        return Draft202012Validator(yaml.load(file, _LOADER))
 
 
 def _message(error: ValidationError, origin: str, node: yaml.Node | None) -> str:

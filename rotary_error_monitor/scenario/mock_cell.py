@@ -30,8 +30,8 @@ SPEEDS = (1.5707963267948966, 6.283185307179586)
 STARTING = 60.0
 """How long the cell may take to find itself, s."""
 
-BLOCK_PERIOD = 0.01
-"""Time covered by one sample block, s: half the messages of the default, for computers that do more than this."""
+BLOCK_PERIOD = 0.02
+"""Time covered by one sample block, s: a quarter of the messages of the default, for computers that do more than this."""
 
 CORRECTION_PERIOD = 0.02
 """Distance of two corrections, s; between them the controller carries each on by its rate."""
