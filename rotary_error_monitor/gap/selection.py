@@ -132,7 +132,8 @@ class _Search:
     def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Stage:
         """Test what a fit leaves."""
         findings = self._findings(fit)
-        if findings[0].log_chance < self._log_alarm(findings) and self._problem.learn_noise(fit.causes, findings):
+        suspicious = bool(findings) and findings[0].log_chance < self._log_alarm(findings)
+        if suspicious and self._problem.learn_noise(fit.causes, findings):
             self._columns.clear()
             fit = fit_causes(self._problem, fit.causes)
             findings = self._findings(fit)
@@ -248,6 +249,9 @@ class _Search:
         """
         best, lowest = None, 0.0
         for weight in newcomers:
+            if base.members and weight.log_evidence <= base.log_evidence:
+                # Beside a cause that is found, chance alone is no reason: the pair must be likelier than the one.
+                continue
             gain = dataclasses.replace(
                 weight,
                 gain=max(weight.gain - base.gain - allowance, 0.0),

@@ -1,0 +1,104 @@
+"""Small problems whose truth is known: cases of the plant, and linear ones made of plain numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.effects.effect import Effect, Parameter
+from rotary_error_monitor.effects.library import load_effects
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.gap.problem import Candidate, Conditions
+from rotary_error_monitor.gap.stage import StageProblem
+from rotary_error_monitor.plant.cases import make_stage_case
+from rotary_error_monitor.twin.recording import record_stage, stage_topic
+
+
+class Shape(Effect):
+    """A made-up effect: a known column of numbers times one amplitude."""
+
+    parameters = (Parameter("size", "1", 10.0),)
+
+    def __init__(self, name, column):
+        self.name = name
+        self.column = column
+
+
+@dataclass
+class LinearProblem:
+    """White data of two channels, columns as effects, nuisances as plain columns."""
+
+    data: dict
+    effects: dict
+    nuisances: dict = field(default_factory=dict)
+    blocks: int = 8
+
+    @property
+    def channels(self):
+        return tuple(self.data)
+
+    @property
+    def conditions(self):
+        count = len(next(iter(self.data.values())))
+        labels = np.arange(self.blocks) % 4
+        return Conditions(np.linspace(0, count, self.blocks + 1) - 0.5, labels, ("a", "b", "c", "d"))
+
+    def times(self, channel):
+        return np.arange(len(self.data[channel]), dtype=float)
+
+    def expected(self, channel):
+        return np.ones(len(self.data[channel]))
+
+    def residual(self, causes):
+        left = {channel: rows.copy() for channel, rows in self.data.items()}
+        for cause in causes:
+            for channel, rows in cause.effect.column.items():
+                left[channel] -= cause.values[0] * rows
+        return left
+
+    def signature(self, cause, indices, others=()):
+        return dict(cause.effect.column)
+
+    def nuisance(self, causes):
+        return self.nuisances
+
+    def candidates(self, rest, causes):
+        return tuple(Candidate(effect, "", effect.start("")) for effect in self.effects.values())
+
+    def structure(self, rest):
+        return []
+
+    def learn_noise(self, causes, findings):
+        return False
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(11)
+
+
+@pytest.fixture
+def linear(rng):
+    """Three effects, the third nearly the first; the data hold the first at size 0.5 beside noise."""
+    count = 800
+    first, second = rng.normal(size=(2, count, 1))
+    third = 0.995 * first + 0.1 * rng.normal(size=(count, 1))
+    other = rng.normal(size=(count, 1))
+    effects = {
+        "first": Shape("first", {"x": first}),
+        "second": Shape("second", {"x": second, "y": other}),
+        "third": Shape("third", {"x": third}),
+    }
+    data = {"x": 0.5 * first + rng.normal(size=(count, 1)), "y": rng.normal(size=(count, 1))}
+    return LinearProblem(data, effects)
+
+
+def stage_problem(seed, kind, effects=None, snr=None, rough=False, duration=20.0, stage_effects=None):
+    """Problem and truth of a case of the plant."""
+    case = make_stage_case(seed, kind, effects, snr, rough, duration)
+    topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+    recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
+    known = load_effects(StageEffect) if stage_effects is None else stage_effects
+    return StageProblem(case.twin, recording, known), case.truth

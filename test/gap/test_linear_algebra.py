@@ -1,0 +1,132 @@
+"""Normal equations, evidence, fits and held-out gaps against direct formulas on plain numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, multivariate_normal
+
+from rotary_error_monitor.gap.fitting import fit_causes
+from rotary_error_monitor.gap.normal import combine, stack, subtract
+from rotary_error_monitor.gap.selection import select_causes
+from rotary_error_monitor.gap.shrink import measure_gap
+from rotary_error_monitor.gap.weighing import Weighing
+
+
+def table(problem):
+    candidates = problem.candidates({}, ())
+    return candidates, [problem.signature(c.cause(np.zeros(1)), [0]) for c in candidates]
+
+
+def test_blocks_sum_to_the_whole(linear):
+    candidates, columns = table(linear)
+    blocks = stack(linear, linear.data, columns)
+    whole = np.concatenate(
+        [np.concatenate([c.effect.column.get(k, np.zeros((800, 1))) for k in "xy"]) for c in candidates], 1
+    )
+    data = np.concatenate([linear.data[k] for k in "xy"])
+    total = blocks.total()
+    np.testing.assert_allclose(total.gram, whole.T @ whole, rtol=1e-12)
+    np.testing.assert_allclose(total.moment, (whole.T @ data)[:, 0], rtol=1e-12)
+    assert total.power == pytest.approx(float(np.sum(data**2)))
+    assert total.count == 1600
+    amplitudes = np.array([0.3, -0.2, 0.1])
+    assert blocks.squares([0, 1, 2], amplitudes).sum() == pytest.approx(
+        float(np.sum((data[:, 0] - whole @ amplitudes) ** 2))
+    )
+
+
+def test_nuisances_are_integrated_out(linear, rng):
+    nuisance = {"x": rng.normal(size=(800, 3))}
+    _, columns = table(linear)
+    left = stack(linear, linear.data, [nuisance, *columns]).total().without(3)
+    z = nuisance["x"]
+    covariance_inverse = np.linalg.inv(np.eye(800) + z @ z.T)
+    x = columns[0]["x"]
+    assert left.gram[0, 0] == pytest.approx((x.T @ covariance_inverse @ x).item())
+    assert left.moment[0] == pytest.approx((x.T @ covariance_inverse @ linear.data["x"]).item())
+
+
+def test_evidence_is_the_marginal_likelihood(linear):
+    candidates, columns = table(linear)
+    weighing = Weighing(linear, linear.data, {}, candidates, columns)
+    weight = weighing.weigh([0])
+    x, y = columns[0]["x"][:, 0], linear.data["x"][:, 0]
+    scale = candidates[0].effect.scales()[0]
+    exact = multivariate_normal(np.zeros(800), np.eye(800) + scale**2 * np.outer(x, x)).logpdf(y)
+    none = multivariate_normal(np.zeros(800), np.eye(800)).logpdf(y)
+    # The prior's own density at the best size is left out of the evidence, and the prior of the effect is in it.
+    slack = 0.5 * (weight.amplitudes[0] / scale) ** 2
+    assert weight.log_evidence == pytest.approx(exact - none + slack - np.log(3), abs=0.01)
+    assert weight.log_chance == pytest.approx(chi2.logsf(weight.gain, 1))
+
+
+def test_the_better_of_two_likenesses_wins(linear):
+    candidates, columns = table(linear)
+    weighing = Weighing(linear, linear.data, {}, candidates, columns)
+    singles = sorted(weighing.singles(), key=lambda w: -w.log_evidence)
+    assert weighing.candidates[singles[0].members[0]].effect.name == "first"
+    wrong = weighing.weigh([weighing.position(("third", "")), weighing.position(("second", ""))])
+    assert weighing.position(("first", "")) in weighing.exchange(wrong).members
+    assert weighing.free([0]) == [1, 2]
+
+
+def test_a_fit_gives_size_and_spread(linear):
+    candidates, _ = table(linear)
+    fit = fit_causes(linear, [candidates[0].cause(np.array([0.0]))])
+    x = linear.effects["first"].column["x"]
+    direct = (x.T @ linear.data["x"]).item() / (x.T @ x).item()
+    assert fit.causes[0].values[0] == pytest.approx(direct, rel=1e-9)
+    assert fit.covariances[0][0, 0] == pytest.approx(1 / (x.T @ x).item(), rel=1e-6)
+
+
+def test_an_uncertain_parameter_takes_its_part(linear):
+    linear.nuisances = {"x": 0.2 * linear.effects["first"].column["x"]}
+    fit = fit_causes(linear, [])
+    assert fit.nuisance_values[0] == pytest.approx(2.5, abs=0.3)
+    np.testing.assert_allclose(fit.rest["x"], linear.data["x"] - fit.nuisance_values[0] * linear.nuisances["x"])
+
+
+def test_the_gap_shrinks_to_the_noise(linear):
+    candidates, _ = table(linear)
+    fit = fit_causes(linear, [candidates[0].cause(np.array([0.0]))])
+    gap = measure_gap(fit, linear.conditions)
+    squares = sum(float(np.sum(rows**2)) for rows in linear.data.values())
+    assert gap.before == pytest.approx(np.sqrt(squares / 1600), rel=1e-3)
+    assert gap.after == pytest.approx(1.0, abs=0.04)
+    assert gap.shrink > 0.95
+    assert gap.interval[0] <= gap.shrink <= gap.interval[1]
+
+
+def test_selection_stops_at_the_noise(linear):
+    selection = select_causes(linear)
+    assert [cause.effect.name for cause in selection.chosen.fit.causes] == ["first"]
+    assert selection.chosen.settled and not selection.null.settled
+
+
+def test_selection_finds_pairs(linear, rng):
+    linear.data["x"] += 0.4 * linear.effects["second"].column["x"]
+    linear.data["y"] += 0.4 * linear.effects["second"].column["y"]
+    steps = []
+    selection = select_causes(linear, progress=steps.append)
+    assert {cause.effect.name for cause in selection.chosen.fit.causes} == {"first", "second"}
+    assert steps[0] == "residual" and len(steps) == 3
+
+
+def test_nothing_is_found_in_noise(linear, rng):
+    alarms = 0
+    for _ in range(60):
+        linear.data = {channel: rng.normal(size=(800, 1)) for channel in "xy"}
+        alarms += not select_causes(linear, 0.01).null.settled
+    # One in a hundred at most; three in sixty would happen once in 300 runs of this test.
+    assert alarms <= 2
+
+
+def test_rows_combine_and_subtract():
+    rows = combine(
+        [{"x": np.array([[1.0, 2.0]])}, {"x": np.array([[1.0]]), "y": np.array([[3.0]])}],
+        [np.array([1.0, 1.0]), np.array([2.0])],
+    )
+    assert rows["x"].item() == 5.0 and rows["y"].item() == 6.0
+    left = subtract({"x": np.array([[7.0]]), "z": np.array([[1.0]])}, rows)
+    assert left["x"].item() == 2.0 and left["z"].item() == 1.0

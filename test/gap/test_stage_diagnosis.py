@@ -1,0 +1,160 @@
+"""Diagnosis of the rotary stage on cases of the plant, which has exact geometry and shares no formula with the twin."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.library import load_effects
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.sentences import verdict_sentence
+from rotary_error_monitor.gap.stage import StageProblem
+from rotary_error_monitor.gap.stage_experiments import advise
+from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.report.diagnosis import write_report
+from test.gap.conftest import stage_problem
+
+EFFECTS = load_effects(StageEffect)
+
+
+def effect(name):
+    return next(e for e in EFFECTS if e.name == name)
+
+
+@pytest.mark.parametrize("rough", [False, True], ids=["clean", "rough"])
+def test_no_gap_is_no_gap(rough):
+    problem, _ = stage_problem(31, "null", rough=rough)
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.NO_GAP
+    assert not diagnosis.causes
+    assert diagnosis.gap.before == pytest.approx(1.0, abs=0.03)
+    assert "agree to the noise" in verdict_sentence(diagnosis)
+
+
+@pytest.mark.parametrize(
+    ("seed", "name", "first"),
+    [
+        (3, "head_latency", "/stage/head_"),
+        (4, "unbalance", "/stage/"),
+        (5, "mirror_wobble", "/stage/autocollimator/samples"),
+        (6, "lvdt_height", "/stage/lvdt/samples"),
+        (7, "head_missed_counts", "/stage/head_"),
+        (8, "bearing_asynchronous", "/stage/"),
+        (9, "subdivisional_error", "/stage/head_"),
+        (10, "reversal_backlash", "/stage/command/samples"),
+    ],
+)
+def test_a_single_effect_is_named_sized_and_placed(seed, name, first):
+    problem, truth = stage_problem(seed, "single", [name], snr=(150.0, 300.0))
+    diagnosis = diagnose(problem)
+    (fault,) = truth.faults
+    assert diagnosis.verdict is Verdict.EXPLAINED
+    (found,) = diagnosis.causes
+    assert found.cause.key == (fault.name, fault.location or "")
+    assert found.probability > 0.9
+    for parameter, estimate in found.parameters.items():
+        std = np.atleast_1d(estimate.std)
+        off = np.abs(np.atleast_1d(estimate.value) - np.atleast_1d(fault.parameters[parameter]))
+        if parameter == "phase":
+            off = np.abs(np.angle(np.exp(1j * off)))
+        if np.all(std > 0):
+            assert np.all(off < 4 * std), parameter
+    assert diagnosis.gap.shrink > 0.97
+    assert diagnosis.where[0].channel.startswith(first)
+    assert sum(share.share for share in diagnosis.where) == pytest.approx(1.0)
+
+
+def test_a_pair_as_on_a_shop_floor():
+    problem, truth = stage_problem(12, "pair", ["unbalance", "autocollimator_gain"], rough=True, duration=30.0)
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.EXPLAINED
+    assert sorted(found.cause.effect.name for found in diagnosis.causes) == sorted(f.name for f in truth.faults)
+    assert diagnosis.gap.shrink > 0.9
+    assert any("spikes" in remark for remark in diagnosis.remarks)
+
+
+@pytest.mark.parametrize("name", ["tilt_loop", "ring_scratch", "warm_crosstalk"])
+def test_what_no_effect_describes_is_unknown(name):
+    problem, _ = stage_problem(14, "unknown", [name])
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.UNKNOWN
+    assert not diagnosis.causes and diagnosis.remainder
+    assert "Unknown" in verdict_sentence(diagnosis)
+
+
+def test_an_effect_that_is_not_in_the_library_is_unknown():
+    without = tuple(e for e in EFFECTS if e.name != "unbalance")
+    problem, _ = stage_problem(4, "single", ["unbalance"], stage_effects=without)
+    assert diagnose(problem).verdict is Verdict.UNKNOWN
+
+
+def test_a_known_cause_beside_something_unknown_is_partly_explained():
+    # What the library lacks stands in other channels than the cause.
+    without = tuple(e for e in EFFECTS if e.name not in ("lvdt_gain", "lvdt_height", "lvdt_artefact"))
+    problem, _ = stage_problem(15, "pair", ["head_latency", "lvdt_gain"], snr=(200.0, 300.0), stage_effects=without)
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict in (Verdict.PARTLY_EXPLAINED, Verdict.UNKNOWN)
+    if diagnosis.verdict is Verdict.PARTLY_EXPLAINED:
+        assert [found.cause.effect.name for found in diagnosis.causes] == ["head_latency"]
+        assert "Partly" in verdict_sentence(diagnosis)
+
+
+def test_effects_that_look_alike_are_a_group_with_advice():
+    problem, _ = stage_problem(16, "single", ["disc_eccentricity"], snr=(150.0, 200.0))
+    diagnosis = diagnose(problem)
+    (group,) = diagnosis.indistinguishable
+    assert {("disc_eccentricity", ""), ("graduation_error", "order_1")} <= set(group.effects)
+    assert "no other speed" in group.advice
+
+
+def test_advice_names_the_measurement_that_tells_apart():
+    problem, _ = stage_problem(17, "single", ["graduation_error"], snr=(150.0, 200.0))
+    four = effect("graduation_error")
+    cause = Cause(four, "order_4", np.array([4.0, 2e-6, 1e-6]))
+    # Four heads a quarter turn apart see order 4 alike, as they do the rotation: only another azimuth tells.
+    advice = advise(problem, [("graduation_error", "order_4"), ("drive_cyclic_error", "order_4")], [cause])
+    assert advice.startswith("move head a by 20° along the ring")
+
+
+def test_the_output_is_plain_json_and_a_page(tmp_path):
+    problem, _ = stage_problem(5, "single", ["mirror_wobble"], snr=(150.0, 300.0))
+    diagnosis = diagnose(problem)
+    content = json.loads(json.dumps(diagnosis.as_mapping(), allow_nan=False))
+    assert content["schema"] == 1
+    assert set(content) >= {"verdict", "causes", "ranking", "indistinguishable", "where", "gap"}
+    assert set(content["gap"]) == {"before", "after", "noise_floor", "shrink", "interval"}
+    assert content["ranking"][0]["effect"] == "mirror_wobble"
+    assert content["ranking"][0]["held_out_gap"] < content["ranking"][-1]["held_out_gap"]
+    write_report(problem, diagnosis, tmp_path, "a <case>")
+    page = (tmp_path / "diagnosis.html").read_text(encoding="utf-8")
+    assert "mirror_wobble" in page and "a &lt;case&gt;" in page
+    assert "http" not in page.replace("http-equiv", "")
+    assert (tmp_path / "diagnosis.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_twin_of_another_stage_is_refused():
+    problem, _ = stage_problem(18, "null")
+    stage = problem.stage
+    turned = dataclasses.replace(
+        stage,
+        encoder=dataclasses.replace(stage.encoder, eccentricity=(3e-4, -2e-4)),
+        mirror=dataclasses.replace(stage.mirror, tilt=(-4e-4, 4e-4)),
+        lvdt=dataclasses.replace(stage.lvdt, artefact_eccentricity=(-9e-5, 8e-5)),
+    )
+    other = StageProblem(turned, problem.recording, EFFECTS)
+    with pytest.raises(InputError, match="describes another stage"):
+        diagnose(other)
+
+
+def test_noise_that_is_larger_than_stated_is_told():
+    problem, _ = stage_problem(19, "null")
+    stage = problem.stage
+    quiet = dataclasses.replace(stage, lvdt=dataclasses.replace(stage.lvdt, noise=stage.lvdt.noise / 1.4))
+    problem = StageProblem(quiet, problem.recording, EFFECTS)
+    assert any(remark.startswith("lvdt.x: noise is 1.4") for remark in problem.remarks(problem.residual(())))
