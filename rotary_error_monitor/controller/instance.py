@@ -17,7 +17,9 @@ from rotary_error_monitor.controller import presence
 from rotary_error_monitor.controller.modules import APT_PACKAGE, system_environment
 from rotary_error_monitor.errors import InputError
 
-_START = 20.0
+_START = 10.0
+_ATTEMPTS = 3
+"""LinuxCNC without real time now and then does not come up; where nothing but its own namespaces is at stake, again."""
 _STOP = 20.0
 _STEP = 0.05
 _LAST_LINES = 15
@@ -111,12 +113,15 @@ class Instance:
         """
         if not self.isolated and presence.find_namesakes(Path("/proc")):
             raise InputError("another LinuxCNC runs here; it would be ended by a second one that is not isolated")
-        self.folder = Path(tempfile.mkdtemp(prefix="linuxcnc-", dir=_FOLDERS))
-        try:
-            self._start()
-        except BaseException:
-            self.stop()
-            raise
+        for attempts_left in reversed(range(_ATTEMPTS if self.isolated else 1)):
+            self.folder = Path(tempfile.mkdtemp(prefix="linuxcnc-", dir=_FOLDERS))
+            try:
+                self._start()
+                break
+            except BaseException as error:
+                self.stop(at_once=self.isolated)
+                if not (isinstance(error, InputError) and attempts_left):
+                    raise
         return self
 
     def __exit__(
@@ -131,14 +136,14 @@ class Instance:
             [*self.enter, *command], env=self.environment, capture_output=True, text=True, check=False
         )
 
-    def stop(self) -> None:
-        """End it in good order, or by force if that takes too long, and remove its folder."""
+    def stop(self, *, at_once: bool = False) -> None:
+        """End it in good order, or by force if that takes too long or `at_once`, and remove its folder."""
         if self._process is not None:
             assert self._process.stdin is not None
             with suppress(BrokenPipeError):
                 self._process.stdin.close()
             try:
-                self._process.wait(_STOP)
+                self._process.wait(0 if at_once else _STOP)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()

@@ -66,6 +66,25 @@ def test_an_instance_that_does_not_start_is_cleared_away(install, monkeypatch, s
     assert not unborn.folder.exists()
 
 
+def test_an_isolated_instance_that_does_not_come_up_is_started_again(install, monkeypatch, tmp_path):
+    """LinuxCNC hangs in its start now and then; `env` and a script stand for the commands that isolate it."""
+    monkeypatch.setattr(instances, "_START", 1.0)
+    monkeypatch.setattr(instances, "_isolation", lambda: ("env",))
+    monkeypatch.setattr(instances, "_child", lambda pid: pid)
+    monkeypatch.setattr(instances, "_PRIVATE_TMP", 'exec "$@"')
+    tries = tmp_path / "tries"
+    ini = install()
+    linuxcnc = tmp_path / "bin" / "linuxcnc"
+    hang = f"#!/bin/sh\necho try >> {tries}\n[ $(wc -l < {tries}) -gt 2 ] || exec sleep 60\n"
+    linuxcnc.write_text(hang + linuxcnc.read_text())
+    nsenter = tmp_path / "bin" / "nsenter"
+    nsenter.write_text('#!/bin/sh\nshift 2\nwhile [ "${1#--}" != "$1" ]; do shift; done\nexec "$@"\n')
+    nsenter.chmod(0o755)
+    with Instance(ini) as running:
+        assert running.is_running
+    assert tries.read_text().count("try") == 3
+
+
 def test_an_instance_that_does_not_end_is_ended(install, monkeypatch):
     monkeypatch.setattr(instances, "_STOP", 0.2)
     begin = time.monotonic()

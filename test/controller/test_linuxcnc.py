@@ -68,7 +68,7 @@ def test_the_machine_file_has_the_kinematics_of_the_controller(instance):
     expected = ask(instance, joints)
     machine = load_machine("xyzac_trt")
     assert machine.letters == tuple(NAMES)
-    ideal = stand(arrange_machine(machine), (joints * UNITS).T, None).tool_in_workpiece
+    ideal = stand(arrange_machine(machine), (joints * UNITS).T, None).tool_in_workpiece()
     assert np.abs(ideal[:, 3].T - expected[:, :3]).max() < 1e-9
     tilt, turn = expected[:, 3], expected[:, 4]
     tool = np.column_stack([np.sin(turn) * np.sin(tilt), np.cos(turn) * np.sin(tilt), np.cos(tilt)])
