@@ -31,7 +31,7 @@ STARTING = 60.0
 """How long the cell may take to find itself, s."""
 
 BLOCK_PERIOD = 0.02
-"""Time covered by one sample block, s: a quarter of the messages of the default, for computers that do more than this."""
+"""Time covered by one sample block, s: a quarter of the default's messages, for computers that do more than this."""
 
 CORRECTION_PERIOD = 0.02
 """Distance of two corrections, s; between them the controller carries each on by its rate."""

@@ -99,7 +99,7 @@ def test_a_head_that_slips_shows_as_disagreement():
     slipped = clean + np.array([0, 0, 0, 2e-5])
     variances = np.full((50, 4), (1e-6) ** 2)
     assert estimate_ring_pose(HeadLayout(FOUR), RADIUS, clean, variances).disagreement.max() < 1e-6
-    # A + B - C - D changes by the slip; its part of the residual is a quarter on each head: chi-square (slip / 2 sigma)²
+    # A + B - C - D changes by the slip, a quarter of it is each head's residual: chi-square (slip / 2 sigma)²
     np.testing.assert_allclose(
         estimate_ring_pose(HeadLayout(FOUR), RADIUS, slipped, variances).disagreement, 2e-5 / 2e-6, rtol=1e-9
     )
