@@ -17,6 +17,9 @@ from rotary_error_monitor.gap.verdict import Verdict, chance_of_unknown, trusted
 
 SCHEMA = 1
 
+LEAST_LOG_CHANCE = -1e6
+"""Chances below this are written as this: JSON knows no infinity."""
+
 
 @dataclass(frozen=True)
 class FoundCause:
@@ -112,7 +115,8 @@ class Diagnosis:
                 "interval": list(self.gap.interval),
             },
             "remainder": [
-                {"channel": f.channel, "pattern": f.pattern, "log_chance": f.log_chance} for f in self.remainder
+                {"channel": f.channel, "pattern": f.pattern, "log_chance": max(f.log_chance, LEAST_LOG_CHANCE)}
+                for f in self.remainder
             ],
             "remarks": list(self.remarks),
         }

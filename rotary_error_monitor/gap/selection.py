@@ -267,10 +267,12 @@ class _Search:
         proposed = [(*c.key, c.start.tobytes()) for c in self._remember(self._problem.candidates(fit.rest, fit.causes))]
         wanted = dict.fromkeys([*proposed, *self._promising])
         for key in wanted:
-            if key not in self._columns:
-                candidate = self._known[key]
+            candidate = self._known[key]
+            # What multiplies a signal shows otherwise once a cause has changed that signal; an added wave does not.
+            renewed = bool(fit.causes) and not candidate.effect.orders
+            if renewed or key not in self._columns:
                 idle = candidate.cause(np.zeros(len(candidate.linear)))
-                self._columns[key] = self._problem.signature(idle, candidate.linear)
+                self._columns[key] = self._problem.signature(idle, candidate.linear, fit.causes if renewed else ())
         return self._weigh(fit, list(wanted))
 
     def _remember(self, candidates: Sequence[Candidate]) -> Sequence[Candidate]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,9 @@ SAME_SPECTRUM = 0.12
 SUSPICIOUS = -6.0
 """Logarithm of the chance below which structure in the command's channel makes its spectrum worth another look."""
 
+UNKNOWN_WARMING = 3.0
+"""Standard uncertainty of a stage's warming, K, while nobody measures it."""
+
 NOISIER = 0.05
 """Noise is reported from this much above what the twin states."""
 
@@ -67,6 +70,7 @@ class StageProblem:
         self.recording = recording
         self.effects = tuple(effects)
         self.twin: StageTwin = twin_of(stage, recording, tuple(known))
+        self._warmings = _unknown_warmings(self.twin) if "temperature" not in recording.streams else ()
         self._uncertain: tuple[UncertainParameter, ...] = uncertain_parameters(stage)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
         raw = self._raw_residual(())
@@ -131,7 +135,11 @@ class StageProblem:
             moved = self.twin.predict(causes, stage=parameter.shifted(self.stage, parameter.uncertainty))
             for name, values in base.items():
                 columns[name].append(moved[name] - values)
-        return self._white_columns(columns) if self._uncertain else {}
+        for warmed in self._warmings:
+            moved = warmed.predict(causes)
+            for name, values in base.items():
+                columns[name].append(moved[name] - values)
+        return self._white_columns(columns) if any(columns.values()) else {}
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
         """Every effect at every place, orders and moments as found in what is left."""
@@ -179,7 +187,7 @@ class StageProblem:
         return True
 
     def check_plausible(self) -> None:
-        """Refuse a twin whose every kind of sensor is off by as much as it shows.
+        """Refuse a twin whose every sensor is off by half of what it shows.
 
         Raises:
             InputError: the twin describes another stage.
@@ -191,10 +199,11 @@ class StageProblem:
             shown = predicted[name].copy()
             if name in self.recording.heads:
                 shown[:, 0] -= self.twin.state(name).command
-            wrong.append(float(np.median(np.abs(values))) > float(np.median(np.abs(shown - shown.mean(axis=0)))))
+            size = float(np.median(np.abs(shown - shown.mean(axis=0))))
+            wrong.append(float(np.median(np.abs(values))) > 0.5 * size)
         if all(wrong) and len(wrong) > 1:
             raise InputError(
-                "the twin predicts none of the sensors: each is off by more than it shows. "
+                "the twin predicts none of the sensors: each is off by more than half of what it shows. "
                 "It describes another stage; give the twin of this one"
             )
 
@@ -262,6 +271,19 @@ class StageProblem:
         command = np.asarray(self.twin.inputs.command(grid.time), np.float64)
         smooth = self._search.motion_basis(grid.time)
         return estimate_jitter(SharedMotion(grid.time, command, mean[:, 0], enough, smooth, self.noise.command_floor))
+
+
+def _unknown_warmings(twin: StageTwin) -> tuple[StageTwin, ...]:
+    """Twins that warm by one standard uncertainty of each slow course, where no thermometer was recorded."""
+    last = max(float(time[-1]) for time in twin.times.values())
+
+    def course(power: int) -> Callable[[Array], Array]:
+        return lambda time: UNKNOWN_WARMING * (2 * np.asarray(time, np.float64) / last - 1) ** power
+
+    return tuple(
+        StageTwin(twin.stage, replace(twin.inputs, warming=course(k)), twin.times, twin.observed, twin.known)
+        for k in range(4)
+    )
 
 
 @dataclass(frozen=True)

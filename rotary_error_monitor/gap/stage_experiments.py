@@ -126,7 +126,8 @@ def _rows(problem: StageProblem, twin: StageTwin, causes: Sequence[Cause]) -> Ar
     jitter = problem.noise.jitter
     # The jitter is one independent value in each of its correlation times.
     independent = np.sqrt(min(1.0, 2 * jitter.bandwidth * problem.recording.duration / SAMPLES))
-    parts = [shared / jitter.std * independent]
+    white = problem.noise.std["head"] / np.sqrt(len(heads)) / gain
+    parts = [shared / np.hypot(jitter.std / independent, white)]
     parts += [(signals[name][:, 0] - shared) / problem.noise.std["head"] * gain for name in heads]
     for name, values in signals.items():
         if name not in heads:

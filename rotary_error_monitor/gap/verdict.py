@@ -43,7 +43,7 @@ def chance_of_unknown(findings: Sequence[Finding]) -> float:
     """
     if not findings:
         return PRIOR_OF_UNKNOWN
-    log_chance = min(0.0, findings[0].log_chance + float(np.log(len(findings))))
+    log_chance = min(0.0, max(findings[0].log_chance, -1e6) + float(np.log(len(findings))))
     if log_chance >= -1.0:
         return PRIOR_OF_UNKNOWN
     log_odds = float(np.log(PRIOR_OF_UNKNOWN / (1 - PRIOR_OF_UNKNOWN))) - 1.0 - log_chance - float(np.log(-log_chance))

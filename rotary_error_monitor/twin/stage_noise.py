@@ -276,7 +276,7 @@ class StageNoise:
 
     def _find_spikes(self, name: str, residual: Array, turbulence: Turbulence | None) -> NDArray[np.bool_]:
         # The median of neighbours follows every effect that is slower than a few samples, however large.
-        apart = residual - median_filter(residual, (7, 1), mode="nearest")
+        apart = residual - median_filter(residual, (7, 1), mode="mirror")
         spread = 1.4826 * np.median(np.abs(apart), axis=0)
         return np.asarray(np.abs(apart) > SPIKE * np.maximum(spread, self.std[name]), bool)
 

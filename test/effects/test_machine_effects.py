@@ -73,9 +73,7 @@ def tool_tip(i, added=None, perfect=False):
                 values[name] = values.get(name, 0.0) + change(q[axis], u)
         if perfect:
             values = {}
-        return move(
-            [values.get(f"E{d}{axis}", 0.0) for d in "ABC"], [values.get(f"E{d}{axis}", 0.0) for d in "XYZ"]
-        )
+        return move([values.get(f"E{d}{axis}", 0.0) for d in "ABC"], [values.get(f"E{d}{axis}", 0.0) for d in "XYZ"])
 
     def known(name, key, index=None):
         value = SECTION[name][key] if index is None else SECTION[name][key][index]

@@ -95,10 +95,15 @@ def linear(rng):
     return LinearProblem(data, effects)
 
 
-def stage_problem(seed, kind, effects=None, snr=None, rough=False, duration=20.0, stage_effects=None):
-    """Problem and truth of a case of the plant."""
-    case = make_stage_case(seed, kind, effects, snr, rough, duration)
-    topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
-    known = load_effects(StageEffect) if stage_effects is None else stage_effects
-    return StageProblem(case.twin, recording, known), case.truth
+@pytest.fixture
+def stage_problem():
+    """Function that gives the problem and the truth of a case of the plant."""
+
+    def make(seed, kind, effects=None, snr=None, rough=False, duration=20.0, stage_effects=None):
+        case = make_stage_case(seed, kind, effects, snr, rough, duration)
+        topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+        recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
+        known = load_effects(StageEffect) if stage_effects is None else stage_effects
+        return StageProblem(case.twin, recording, known), case.truth
+
+    return make
