@@ -331,4 +331,3 @@ def error_motion_from_block(block: SampleBlock) -> motion.ErrorMotion:
     observable = (bits[:, None] >> np.arange(6)) & 1 == 1
     components = np.stack([column[name] for name in motion.COMPONENTS], axis=1)
     return motion.ErrorMotion(column["theta"], components, observable, covariance)
-
