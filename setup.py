@@ -15,6 +15,7 @@ NODES = [
     "compensation",
     "recorder",
     "linuxcnc_bridge",
+    "stage_follower",
 ]
 
 
