@@ -32,6 +32,9 @@ def commands() -> list[str]:
     return [line.split("#")[0].strip() for block in blocks for line in block.splitlines() if line.strip()]
 
 
+TWIN_CASES = sorted((ROOT.parent / "shared" / "cases" / "open").glob("*/twin.yaml"))
+
+
 def of_kind(beginning: str) -> list[str]:
     found = [command for command in commands() if command.startswith(beginning)]
     assert found, f"the README shows no command that begins with '{beginning}'"
@@ -109,7 +112,17 @@ def bag(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("command", of_kind("rotary_error_monitor "))
+@pytest.mark.skipif(not TWIN_CASES, reason="no recorded cases beside the checkout")
+@pytest.mark.parametrize("command", of_kind("rotary_error_monitor diagnose "))
+def test_diagnose_works_as_shown(command, tmp_path):
+    twin = TWIN_CASES[0]
+    names = {"BAG": str(twin.parent / "bag"), "TWIN.yaml": str(twin), "DIR": str(tmp_path / "diagnosis")}
+    code = main([names.get(word, word) for word in shlex.split(command)[1:]])
+    assert code in (0, 10, 11, 12)
+    assert (tmp_path / "diagnosis" / "diagnosis.json").is_file()
+
+
+@pytest.mark.parametrize("command", [c for c in of_kind("rotary_error_monitor ") if " diagnose " not in c])
 def test_the_command_line_works_as_shown(command, bag, tmp_path, monkeypatch, capsys):
     out = tmp_path / "out.npz"
     words = [{"BAG": str(bag), "OUT.npz": str(out)}.get(word, word) for word in shlex.split(command)[1:]]
