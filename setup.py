@@ -63,6 +63,7 @@ setup(
         "test": [
             "pytest>=8,<10",
             "pytest-cov>=5,<8",
+            "pytest-rerunfailures>=14,<17",
             "hypothesis>=6.100,<7",
             "pytransform3d>=3.5,<4",
             "mypy>=1.11,<3",

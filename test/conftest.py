@@ -8,6 +8,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+LIVE = ("nodes", "testing", "controller", "scenario")
+"""Folders of tests that run processes against the clock. What else a shared computer does may fail one of them; a fault
+of the package fails each try."""
+
 CASES = Path(__file__).parents[2] / "shared" / "cases"
 
 
@@ -29,6 +33,13 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     folders = case_folders(*marker.args)[: marker.kwargs.get("most")]
     absent = pytest.param(None, id="absent", marks=pytest.mark.skip(reason=f"no cases in {CASES / marker.args[0]}"))
     metafunc.parametrize("case", [pytest.param(folder, id=folder.name) for folder in folders] or [absent])
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Tests against the clock get two more tries, where pytest-rerunfailures is installed."""
+    for item in items if config.pluginmanager.hasplugin("rerunfailures") else ():
+        if item.path.parent.name in LIVE:
+            item.add_marker(pytest.mark.flaky(reruns=2))
 
 
 @pytest.fixture(autouse=True)
