@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,6 +29,15 @@ class FoundCause:
     cause: Cause
     probability: float
     parameters: Mapping[str, Estimate]
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Row of `diagnosis.json`."""
+        return {
+            "effect": self.cause.effect.name,
+            "location": self.cause.location,
+            "probability": self.probability,
+            "parameters": {name: _estimate(value) for name, value in self.parameters.items()},
+        }
 
 
 @dataclass(frozen=True)
@@ -72,24 +82,8 @@ class Diagnosis:
         return {
             "schema": SCHEMA,
             "verdict": self.verdict.value,
-            "causes": [
-                {
-                    "effect": found.cause.effect.name,
-                    "location": found.cause.location,
-                    "probability": found.probability,
-                    "parameters": {name: _estimate(value) for name, value in found.parameters.items()},
-                }
-                for found in self.causes
-            ],
-            "ranking": [
-                {
-                    "effect": row.effect,
-                    "location": row.location,
-                    "probability": row.probability,
-                    "held_out_gap": row.held_out_gap,
-                }
-                for row in self.ranking
-            ],
+            "causes": [found.as_mapping() for found in self.causes],
+            "ranking": [dataclasses.asdict(row) for row in self.ranking],
             "indistinguishable": [
                 {
                     "effects": [{"effect": name, "location": place} for name, place in group.effects],
@@ -97,23 +91,8 @@ class Diagnosis:
                 }
                 for group in self.indistinguishable
             ],
-            "where": [
-                {
-                    "channel": share.channel,
-                    "share": share.share,
-                    "gap_rms": share.gap_rms,
-                    "noise_rms": share.noise_rms,
-                    "pattern": share.pattern,
-                }
-                for share in self.where
-            ],
-            "gap": {
-                "before": self.gap.before,
-                "after": self.gap.after,
-                "noise_floor": self.gap.noise_floor,
-                "shrink": self.gap.shrink,
-                "interval": list(self.gap.interval),
-            },
+            "where": [dataclasses.asdict(share) for share in self.where],
+            "gap": {**dataclasses.asdict(self.gap), "interval": list(self.gap.interval)},
             "remainder": [
                 {"channel": f.channel, "pattern": f.pattern, "log_chance": max(f.log_chance, LEAST_LOG_CHANCE)}
                 for f in self.remainder

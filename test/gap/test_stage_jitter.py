@@ -1,0 +1,54 @@
+"""The rotor's jitter is told apart from waves that go with the command."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfilt, welch
+
+from rotary_error_monitor.gap.stage_jitter import SharedMotion, estimate_jitter
+
+PERIOD, COUNT = 0.004, 10000
+TIME = PERIOD * np.arange(COUNT)
+SPEED = np.where(TIME < 20.0, 2.0, -5.0)
+COMMAND = np.cumsum(SPEED) * PERIOD
+NOISE = 3e-7
+
+
+@pytest.fixture
+def noise():
+    return NOISE * np.random.default_rng(2).normal(size=COUNT)
+
+
+def motion(values):
+    smooth = np.stack([np.ones(COUNT), np.sign(SPEED)], axis=1)
+    return SharedMotion(TIME, COMMAND, values, np.ones(COUNT, bool), smooth, 2 * PERIOD * NOISE**2)
+
+
+def test_smooth_jitter_has_its_spectrum(noise):
+    filtered = sosfilt(butter(4, 8.0, fs=1 / PERIOD, output="sos"), np.random.default_rng(3).normal(size=COUNT))
+    jitter = 2e-6 * filtered / filtered.std()
+    found, lines = estimate_jitter(motion(jitter + noise))
+    assert len(lines) == 0
+    frequency, power = welch(jitter, 1 / PERIOD, nperseg=1000)
+    for low, high in ((0.5, 3.0), (3.0, 7.0)):
+        band = (frequency > low) & (frequency < high)
+        assert np.mean(found.density(frequency[band])) == pytest.approx(np.mean(power[band]), rel=0.5)
+    assert found.density(np.array([60.0]))[0] < 2 * PERIOD * NOISE**2
+
+
+def test_resonances_are_lines_to_a_fraction_of_a_bin(noise):
+    waves = 1e-6 * np.cos(2 * np.pi * 7.313 * TIME) + 8e-7 * np.sin(2 * np.pi * 15.77 * TIME + 1.0)
+    _, lines = estimate_jitter(motion(waves + noise))
+    np.testing.assert_allclose(sorted(lines), [7.313, 15.77], atol=2e-4)
+
+
+def test_a_wave_of_the_drive_is_no_resonance(noise):
+    _, lines = estimate_jitter(motion(1e-6 * np.cos(21 * COMMAND) + noise))
+    assert len(lines) == 0
+
+
+def test_drive_and_resonance_are_told_apart(noise):
+    both = 1e-6 * np.cos(9 * COMMAND) + 9e-7 * np.cos(2 * np.pi * 11.11 * TIME)
+    _, lines = estimate_jitter(motion(both + noise))
+    np.testing.assert_allclose(lines, [11.11], atol=5e-4)
