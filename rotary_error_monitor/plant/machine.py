@@ -107,6 +107,10 @@ class MachinePlant:
         rotation = (actual.rotation * should.rotation.inv()).as_rotvec()
         return np.hstack([actual.shift - should.shift, rotation])
 
+    def tool_axis(self, poses: Poses) -> NDArray[np.float64]:
+        """(n, 3) unit vector along which the tool should point, in the workpiece frame."""
+        return np.asarray(self._chain(self.description, poses, None, None).rotation.apply([0.0, 0.0, 1.0]))
+
     def _chain(
         self,
         machine: MachineDescription,

@@ -24,7 +24,7 @@ from rotary_error_monitor.testing import Cell, NodeProcess
 HEIGHTS = (0.005, 0.016, 0.060)
 """Heights of the LVDT above the ring, m: those of the paper."""
 
-SPEEDS = (1.5707963267948966, 6.283185307179586)
+SPEEDS = (1.5707963267948966, 3.141592653589793)
 """Speeds of a cycle of the stage, rad/s."""
 
 STARTING = 60.0
@@ -34,7 +34,7 @@ BLOCK_PERIOD = 0.02
 """Time covered by one sample block, s: a quarter of the default's messages, for computers that do more than this."""
 
 CORRECTION_PERIOD = 0.02
-"""Distance of two corrections, s; between them the controller carries each on by its rate."""
+"""Distance of two corrections, s."""
 
 _TICK = 0.1
 

@@ -24,9 +24,6 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
 
-LONGEST_CARRY = 0.05
-"""How long a correction is carried on by its rate, s."""
-
 SETTLING_NS = 500_000_000
 """Left out after the start and after each setting of the LVDT: processes find one another, the probe comes to rest."""
 
@@ -55,16 +52,20 @@ class Row:
 
 @dataclass(frozen=True)
 class TrueOffsets:
-    """Tool offset of the true machine at n times, without correction and with the one in force.
+    """Tool offset of the true machine at n times.
 
     Attributes:
         stamp_ns: (n,) timestamp (ns).
-        before, after: (n, 6) x y z (m) a b c (rad).
+        before: (n, 6) without correction: shift of the tip (m), change of the tool axis (rad).
+        after: the same with the correction of that time.
+        delayed: the same with the correction that had arrived by then, `age` (n,) s old.
     """
 
     stamp_ns: NDArray[np.int64]
     before: NDArray[np.float64]
     after: NDArray[np.float64]
+    delayed: NDArray[np.float64]
+    age: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -161,12 +162,9 @@ def true_offsets(
     recording: Recording, reader: BagReader, wire: Wire, machine: MachineDescription, plant: StagePlant
 ) -> TrueOffsets:
     """True tool offset without correction, and with the correction that was in force at each time."""
-    stamps, arrived, values, rates = _corrections(reader, wire.topic("axis_corrections"), machine)
+    stamps, arrived, values = _corrections(reader, wire.topic("axis_corrections"), machine)
     late = stamps > stamps[0] + SETTLING_NS
     in_force = np.maximum(np.searchsorted(arrived, stamps[late], side="right") - 1, 0)
-    # a controller carries the correction that it has to the present, for a short while
-    age = np.clip((stamps[late] - stamps[in_force]) * 1e-9, 0.0, LONGEST_CARRY)
-    carried = values[in_force] + rates[in_force] * age[:, None]
     motion = MachineMotion(machine, plant)
     states = [motion.at(int(stamp)) for stamp in stamps[late]]
     positions = np.array([[axis.position for axis in state] for state in states])
@@ -176,16 +174,27 @@ def true_offsets(
     live[:, 2] = np.nan  # no sensor sees axial motion: true is what the description says
     true = MachinePlant(machine)
     poses = make_poses(machine, positions, directions, scene.warming + machine.reference_temperature)
-    before = true.tool_offset(poses, monitored=live)
-    return TrueOffsets(stamps[late], before, true.tool_offset(poses, carried, live))
+    axis = true.tool_axis(poses)
+    before, after, delayed = (
+        _tip_and_axis(true.tool_offset(poses, corrections, live), axis)
+        for corrections in (None, values[late], values[in_force])
+    )
+    return TrueOffsets(stamps[late], before, after, delayed, (stamps[late] - stamps[in_force]) * 1e-9)
+
+
+def _tip_and_axis(offset: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 6) shift of the tool tip, and change of the tool axis: the spin about it is nobody's error."""
+    return np.hstack([offset[:, :3], np.cross(offset[:, 3:], axis)])
 
 
 def _offset_rows(offsets: TrueOffsets) -> Iterator[Row]:
     # the tool axis is corrected where the rotary axes reach it: not while the table lies level
-    for name, part, unit, share in (("position", slice(0, 3), "µm", 0.05), ("tool axis", slice(3, 5), "µrad", 1.0)):
-        was, now = (_rms(offset[:, part]) * 1e6 for offset in (offsets.before, offsets.after))
-        yield Row(f"tool offset, {name}, before correction: RMS, {unit}", was)
-        yield Row(f"tool offset, {name}, after correction: RMS, {unit}", now, share * was)
+    for name, part, unit, share in (("position", slice(0, 3), "µm", 0.05), ("tool axis", slice(3, 6), "µrad", 0.5)):
+        before, after, delayed = (_rms(o[:, part]) * 1e6 for o in (offsets.before, offsets.after, offsets.delayed))
+        yield Row(f"tool offset, {name}, before correction: RMS, {unit}", before)
+        yield Row(f"tool offset, {name}, after correction: RMS, {unit}", after, share * before)
+        age = f"{np.median(offsets.age) * 1e3:.0f} ms"
+        yield Row(f"tool offset, {name}, the axes moving on for {age}: RMS, {unit}", delayed)
 
 
 def _rms(vectors: NDArray[np.float64]) -> float:
@@ -208,18 +217,22 @@ def _repetition(reader: BagReader, wire: Wire, replayed: Replay, since_ns: int) 
 
 
 def _losses(reader: BagReader, wire: Wire, since_ns: int) -> Iterator[Row]:
-    """Samples missing between the first and the last, of the sensors and of the estimate."""
-    lost = {"the sensors": 0, "the estimate": 0}
+    """Samples of the sensors that are missing, and ticks without estimate or offset: held, or too late to be true."""
+    lost, without, ticks = 0, 0, 0
     for topic in wire:
         if not topic.is_sample_block or topic.key == "lvdt_samples" or topic.name not in reader.topics:
             continue
         times, _ = _samples(reader, topic)
         steps = np.diff(times[times >= since_ns])
-        if len(steps) > 1:
-            part = "the estimate" if _is_computed(topic) else "the sensors"
-            lost[part] += int(np.rint(steps / np.median(steps) - 1).sum())
-    for part, count in lost.items():
-        yield Row(f"samples lost of {part}", count, 0, 0)
+        if len(steps) < 2:
+            continue
+        missing = int(np.rint(steps / np.median(steps) - 1).sum())
+        if _is_computed(topic):
+            without, ticks = without + missing, ticks + missing + len(steps)
+        else:
+            lost += missing
+    yield Row("samples lost", lost, 0, 0)
+    yield Row("ticks without estimate or offset, %", 100 * without / max(ticks, 1), 5.0, 2)
 
 
 def _is_computed(topic: Topic) -> bool:
@@ -260,20 +273,19 @@ def _samples(
 
 def _corrections(
     reader: BagReader, topic: Topic, machine: MachineDescription
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Stamp, time of arrival at the recorder, values and rates in the order of the machine's axes."""
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Stamp, time of arrival at the recorder, and values in the order of the machine's axes."""
     reader.check_topics([topic.name])
     decoder = Decoder(topic.type)
-    stamps, arrived, values, rates = [], [], [], []
+    stamps, arrived, values = [], [], []
     for message in reader.messages([topic.name]):
         state = decoder.decode(message.data)
         assert isinstance(state, JointState)
-        told = dict(zip(state.names, zip(state.position, state.velocity, strict=True), strict=True))
+        told = dict(zip(state.names, state.position.tolist(), strict=True))
         stamps.append(state.stamp_ns)
         arrived.append(message.log_time_ns)
-        values.append([told[letter][0] for letter in machine.letters])
-        rates.append([told[letter][1] for letter in machine.letters])
-    return np.array(stamps), np.array(arrived), np.array(values), np.array(rates)
+        values.append([told[letter] for letter in machine.letters])
+    return np.array(stamps), np.array(arrived), np.array(values)
 
 
 def table(rows: list[Row]) -> str:

@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
+from rotary_error_monitor.cli import main
 from rotary_error_monitor.controller.kinematics import RotaryTableKinematics
 from rotary_error_monitor.controller.protocol import End, Observation
 from rotary_error_monitor.description.machine import load_machine
@@ -34,7 +35,7 @@ def test_the_tool_error_along_a_program_falls_to_a_twentieth(capsys):
     if shutil.which("linuxcnc") is None:
         pytest.skip("LinuxCNC is not installed (apt-get install linuxcnc-uspace)")
     for _ in range(ATTEMPTS):
-        code = linuxcnc_run.run(LinuxcncRun(quiet=True))
+        code = main(["run-linuxcnc"])
         said = capsys.readouterr().out
         if code == 0:
             break
