@@ -21,6 +21,7 @@ class AutocollimatorGain(StageEffect):
     title = "autocollimator's scale"
     source = "calibration of an autocollimator's scale factor"
     parameters = (Parameter("relative", "1", 1e-2, bound=0.5),)
+    rescales = True
     acts_on = (AUTOCOLLIMATOR,)
 
     def locations(self, machine: StageDescription) -> tuple[str, ...]:
@@ -41,6 +42,7 @@ class AutocollimatorRoll(StageEffect):
     title = "autocollimator turned about its line of sight"
     source = "rotation of the measuring axes"
     parameters = (Parameter("angle", "rad", 1e-2, bound=0.5),)
+    rescales = True
     acts_on = (AUTOCOLLIMATOR,)
 
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
@@ -56,6 +58,7 @@ class AutocollimatorNonlinearity(StageEffect):
     title = "cubic error of the autocollimator"
     source = "odd distortion of the objective, lowest order"
     parameters = (Parameter("cubic", "rad^-2", 1e6, bound=1e9),)
+    rescales = True
     acts_on = (AUTOCOLLIMATOR,)
 
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
@@ -84,6 +87,7 @@ class AutocollimatorLatency(StageEffect):
     title = "autocollimator late"
     source = "sampling delay: tilt error = rate of the tilt x delay"
     parameters = (Parameter("delay", "s", 1e-3, bound=1.0),)
+    rescales = True
     acts_on = (AUTOCOLLIMATOR,)
 
     def delay(self, values: Values, location: str) -> float:
@@ -117,6 +121,7 @@ class MirrorFlatness(StageEffect):
         Parameter("x", "rad", 3e-6, 2, bound=1e-2),
         Parameter("y", "rad", 3e-6, 2, bound=1e-2),
     )
+    stands_out_in = (AUTOCOLLIMATOR,)
     acts_on = (AUTOCOLLIMATOR,)
     orders = 100
     falling = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Parameter, Role, Values
-from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import COMMAND, Array, RotorState, StageEffect
 
 
 class ReversalBacklash(StageEffect):
@@ -45,6 +45,7 @@ class DriveCyclicError(StageEffect):
         Parameter("cos", "rad", 3e-6, bound=1e-2),
         Parameter("sin", "rad", 3e-6, bound=1e-2),
     )
+    stands_out_in = (COMMAND,)
     orders = 200
 
     def rotation(self, values: Values, state: RotorState) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Parameter, Role, Values
-from rotary_error_monitor.effects.rotor import HEAD, Array, RotorState, StageEffect, head_locations
+from rotary_error_monitor.effects.rotor import COMMAND, HEAD, Array, RotorState, StageEffect, head_locations
 
 _SUBSTITUTIONS = 6
 """Each one shrinks the phase's mistake by the error in radians of its own period, a tenth for a bad head."""
@@ -43,6 +43,7 @@ class GraduationError(StageEffect):
         Parameter("cos", "rad", 3e-6, bound=1e-3),
         Parameter("sin", "rad", 3e-6, bound=1e-3),
     )
+    stands_out_in = (HEAD, COMMAND)
     acts_on = (HEAD,)
     orders = 100
     falling = True
@@ -93,6 +94,7 @@ class HeadMisplacement(StageEffect):
     title = "head at another azimuth"
     source = _CONTRACT
     parameters = (Parameter("azimuth", "rad", 1e-2, bound=0.5),)
+    rescales = True
     acts_on = (HEAD,)
 
     def locations(self, machine: StageDescription) -> tuple[str, ...]:
@@ -164,6 +166,7 @@ class DiscScale(StageEffect):
     title = "ring of another radius"
     source = _CONTRACT
     parameters = (Parameter("relative", "1", 1e-2, bound=0.5),)
+    rescales = True
     acts_on = (HEAD,)
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:

@@ -18,6 +18,7 @@ class LvdtGain(StageEffect):
     title = "LVDT's scale"
     source = "calibration of an LVDT's scale factor"
     parameters = (Parameter("relative", "1", 1e-2, bound=0.5),)
+    rescales = True
     acts_on = (LVDT,)
 
     def locations(self, machine: StageDescription) -> tuple[str, ...]:
@@ -57,6 +58,7 @@ class LvdtHeight(StageEffect):
     title = "LVDT at another height"
     source = "Lou et al. 2019, Equation 7 (radial error motion at a height)"
     parameters = (Parameter("offset", "m", 1e-3, bound=1.0),)
+    rescales = True
     acts_on = (LVDT,)
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 HEAD = "head"
 AUTOCOLLIMATOR = "autocollimator"
 LVDT = "lvdt"
+COMMAND = "command"
 
 _AT_REST = 1e-9
 """Speed, rad/s, below which the rotor is at rest."""
@@ -113,9 +114,14 @@ class StageEffect(Effect[StageDescription]):
 
     Attributes:
         acts_on: streams that it can move, `head` standing for all heads; a location `head_I` narrows it to that head.
+        stands_out_in: where its order shows if it is one of a family: `head` for what differs between heads, `command`
+            for what they share, and the other streams.
+        rescales: whether it changes a signal in proportion to what the signal shows, other causes included.
     """
 
     acts_on: ClassVar[tuple[str, ...]] = (HEAD, AUTOCOLLIMATOR, LVDT)
+    stands_out_in: ClassVar[tuple[str, ...]] = (HEAD, COMMAND, AUTOCOLLIMATOR, LVDT)
+    rescales: ClassVar[bool] = False
 
     def touches(self, location: str, stream: str) -> bool:
         """Whether the effect there can move the prediction of that stream (`head_a`, …, `autocollimator`, `lvdt`)."""

@@ -28,6 +28,7 @@ class SpindleRadial(StageEffect):
         Parameter("x", "m", 1e-6, 2, bound=1e-3),
         Parameter("y", "m", 1e-6, 2, bound=1e-3),
     )
+    stands_out_in = (HEAD, LVDT)
     acts_on = (HEAD, LVDT)
     orders = 100
     falling = True
@@ -48,6 +49,7 @@ class SpindleTilt(StageEffect):
         Parameter("x", "rad", 3e-6, 2, bound=1e-2),
         Parameter("y", "rad", 3e-6, 2, bound=1e-2),
     )
+    stands_out_in = (AUTOCOLLIMATOR, LVDT)
     acts_on = (AUTOCOLLIMATOR, LVDT)
     orders = 100
     falling = True

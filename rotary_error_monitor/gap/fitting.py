@@ -13,7 +13,7 @@ from rotary_error_monitor.gap.normal import BlockNormal, combine, stack, subtrac
 from rotary_error_monitor.gap.problem import Array, Problem, Rows
 
 MOST_STEPS = 6
-_SETTLED = 1e-3
+_SETTLED = 1e-2
 """A step smaller than this part of a standard deviation changes nothing that anyone could see."""
 
 
@@ -57,11 +57,12 @@ def fit_causes(problem: Problem, causes: Sequence[Cause], nuisance: Rows | None 
     """
     sized = tuple(causes)
     uncertain = problem.nuisance(sized) if nuisance is None else nuisance
+    leading = stack(problem, problem.residual(sized), [uncertain]) if uncertain and sized else None
     count = next((rows.shape[1] for rows in uncertain.values()), 0)
     for step in range(MOST_STEPS + 1):
         data = problem.residual(sized)
         columns = tuple(_columns(problem, sized))
-        blocks = stack(problem, data, [uncertain, *columns])
+        blocks = stack(problem, data, [uncertain, *columns], leading)
         total = blocks.total()
         gram = total.gram + np.diag(np.concatenate([np.ones(count), np.full(len(total.moment) - count, 1e-12)]))
         scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))

@@ -80,28 +80,33 @@ class Normal:
         )
 
 
-def stack(problem: Problem, data: Rows, columns: Sequence[Rows]) -> BlockNormal:
+def stack(problem: Problem, data: Rows, columns: Sequence[Rows], leading: BlockNormal | None = None) -> BlockNormal:
     """Normal equations of all `columns`, one after the other, for the data.
 
-    Columns are absent from channels on which they do not act, which saves most of the work.
+    Columns are absent from channels on which they do not act, which saves most of the work. So does `leading`: the
+    equations of the first columns if they were stacked before; only their products with the data are made again.
     """
     widths = [_width(rows) for rows in columns]
     places = np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
-    blocks = len(problem.conditions.labels)
-    size = int(places[-1])
+    blocks, size = len(problem.conditions.labels), int(places[-1])
+    done = 0 if leading is None else leading.moment.shape[1]
     gram, moment = np.zeros((blocks, size, size)), np.zeros((blocks, size))
     power, count = np.zeros(blocks), np.zeros(blocks)
     for channel, values in data.items():
         acting = [i for i, rows in enumerate(columns) if channel in rows]
         index = np.concatenate([np.arange(places[i], places[i + 1]) for i in acting] or [np.zeros(0, np.intp)])
         table = np.concatenate([columns[i][channel] for i in acting] + [values], axis=1)
+        known = int(np.count_nonzero(index < done))
         expected = problem.expected(channel)
         for block, part in enumerate(problem.conditions.slices(problem.times(channel))):
-            product = table[part].T @ table[part]
-            gram[block][np.ix_(index, index)] += product[:-1, :-1]
+            product = table[part].T @ table[part, known:]
+            gram[block][np.ix_(index, index[known:])] += product[:-1, :-1]
             moment[block][index] += product[:-1, -1]
             power[block] += product[-1, -1]
             count[block] += float(expected[part].sum())
+    if leading is not None:
+        gram[:, done:, :done] = gram[:, :done, done:].transpose(0, 2, 1)
+        gram[:, :done, :done] = leading.gram
     return BlockNormal(gram, moment, power, count)
 
 

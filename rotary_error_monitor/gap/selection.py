@@ -28,6 +28,9 @@ MOST_EXCHANGES = 2
 NEARLY_THE_SAME = 20.0
 """Difference in log evidence on the table up to which a replacement is sized exactly."""
 
+NEARLY_ALL = 1e-2
+"""Part of what the causes explain that may be left for rivals to be tried: two that look alike differ by little."""
+
 MOST_RIVALS = 2
 
 SHORTLIST = 12
@@ -195,7 +198,12 @@ class _Search:
                 break
             fit = fit_causes(self._problem, stage.weighing.causes(better))
             stage = self.look(fit, better, stage.fit.squares + stage.allowance / MODEL_ACCURACY**2)
-        return stage if stage.settled else self._rivals(stage)
+        return self._rivals(stage) if stage.settled or self._nearly(stage) else stage
+
+    def _nearly(self, stage: Stage) -> bool:
+        """Whether so little is left that a near rival could account for it."""
+        left = stage.fit.squares - float(stage.fit.blocks.count.sum())
+        return left < NEARLY_ALL * stage.allowance / MODEL_ACCURACY**2
 
     def _rivals(self, stage: Stage) -> Stage:
         """The stage with a cause replaced by one that looked nearly the same, if it does better when sized exactly.
@@ -268,8 +276,8 @@ class _Search:
         wanted = dict.fromkeys([*proposed, *self._promising])
         for key in wanted:
             candidate = self._known[key]
-            # What multiplies a signal shows otherwise once a cause has changed that signal; an added wave does not.
-            renewed = bool(fit.causes) and not candidate.effect.orders
+            # What rescales a signal shows otherwise once a cause has changed that signal.
+            renewed = bool(fit.causes) and bool(getattr(candidate.effect, "rescales", False))
             if renewed or key not in self._columns:
                 idle = candidate.cause(np.zeros(len(candidate.linear)))
                 self._columns[key] = self._problem.signature(idle, candidate.linear, fit.causes if renewed else ())

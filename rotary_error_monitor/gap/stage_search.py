@@ -40,12 +40,13 @@ class StageSearch:
 
     def candidates(self, rest: Rows) -> tuple[Candidate, ...]:
         """Every effect at every place; families of orders at the orders that stand out in `rest`."""
-        orders = self._orders(rest)
+        groups = self._orders(rest)
         found: list[Candidate] = []
         for effect in self._problem.effects:
             if effect.orders:
-                chosen = [order for order in orders if order <= effect.orders]
-                found += [self._of_order(effect, order) for order in chosen]
+                chosen = {order for group in effect.stands_out_in for order in groups.get(group, ())}
+                chosen |= {*LOWEST_ORDERS, *self._described_orders()}
+                found += [self._of_order(effect, order) for order in sorted(chosen) if order <= effect.orders]
             elif getattr(effect, "is_step", False):
                 found += self._steps(effect, rest)
             elif getattr(effect, "wave", None):
@@ -79,17 +80,18 @@ class StageSearch:
             )
         return self._command[channel]
 
-    def _orders(self, rest: Rows) -> list[int]:
+    def _orders(self, rest: Rows) -> dict[str, list[int]]:
+        """Orders that stand out, for each group of channels."""
         most = max((effect.orders for effect in self._problem.effects), default=0)
         groups: dict[str, Array] = {}
         for channel, rows in rest.items():
             group = channel.partition(".")[0].partition("_")[0]
             power = order_spectrum(self._angle(channel), rows[:, 0], most)
             groups[group] = groups.get(group, 0.0) + power
-        chosen = {*LOWEST_ORDERS, *self._described_orders()} if most else set()
-        for power in groups.values():
-            chosen |= {int(order) for order in np.argsort(power)[::-1][:PROPOSED_ORDERS] + 1}
-        return sorted(chosen)
+        return {
+            group: [int(order) for order in np.argsort(power)[::-1][:PROPOSED_ORDERS] + 1]
+            for group, power in groups.items()
+        }
 
     def _described_orders(self) -> set[int]:
         """Orders that the twin describes with some uncertainty: an effect of the same order hides in its parameters."""

@@ -130,3 +130,12 @@ def test_rows_combine_and_subtract():
     assert rows["x"].item() == 5.0 and rows["y"].item() == 6.0
     left = subtract({"x": np.array([[7.0]]), "z": np.array([[1.0]])}, rows)
     assert left["x"].item() == 2.0 and left["z"].item() == 1.0
+
+
+def test_leading_columns_need_no_second_look(linear, rng):
+    nuisance = {"x": rng.normal(size=(800, 3)), "y": rng.normal(size=(800, 3))}
+    _, columns = table(linear)
+    whole = stack(linear, linear.data, [nuisance, *columns])
+    spared = stack(linear, linear.data, [nuisance, *columns], stack(linear, linear.data, [nuisance]))
+    np.testing.assert_allclose(spared.gram, whole.gram, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(spared.moment, whole.moment, rtol=1e-12)
