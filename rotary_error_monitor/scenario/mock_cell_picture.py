@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison
 from rotary_error_monitor.report.traces import Panel, Trace, draw_panels
 from rotary_error_monitor.scenario.mock_cell import seconds
 from rotary_error_monitor.scenario.mock_cell_figures import CellResult
 
-SHOWN = 0.016
-"""Height of the LVDT whose comparison is shown, m: that of Lou et al. 2019, Figure 15."""
+
+def _shown(result: CellResult, epoch_ns: int) -> Iterator[tuple[float, LvdtComparison, NDArray[np.bool_]]]:
+    """Each height of the LVDT with its comparison and the samples of the force meanwhile."""
+    for height, found in result.comparisons.items():
+        begin, end = seconds(found.stamp_ns[[0, -1]], epoch_ns)
+        yield height, found, (result.force[:, 0] >= begin) & (result.force[:, 0] <= end)
 
 
 def draw_cell(result: CellResult, epoch_ns: int, path: Path) -> None:
     """Write the picture (PNG) of a run."""
-    found = result.comparisons.get(SHOWN) or next(iter(result.comparisons.values()))
+    height, found, inside = max(_shown(result, epoch_ns), key=lambda each: float(np.ptp(result.force[each[2], 2])))
     time = seconds(found.stamp_ns, epoch_ns)
-    inside = (result.force[:, 0] >= time[0]) & (result.force[:, 0] <= time[-1])
     offset_time = seconds(result.offsets.stamp_ns, epoch_ns)
     before, after = (np.linalg.norm(o[:, :3], axis=1) * 1e6 for o in (result.offsets.before, result.offsets.after))
     draw_panels(
@@ -26,7 +32,7 @@ def draw_cell(result: CellResult, epoch_ns: int, path: Path) -> None:
         [
             Panel("external force, N", (Trace(result.force[inside, 0], result.force[inside, 2], "force y"),)),
             Panel(
-                f"radial error motion y at {SHOWN * 1e3:.0f} mm, µm",
+                f"radial error motion y at {height * 1e3:.0f} mm, µm",
                 (
                     Trace(time, found.reference[:, 1] * 1e6, "LVDT"),
                     Trace(time, found.estimate[:, 1] * 1e6, "estimated from heads and autocollimator"),
