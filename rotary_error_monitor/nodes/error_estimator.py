@@ -78,6 +78,7 @@ class ErrorEstimator(ManagedNode):
             topic = self._topic(stream)
             self._inputs[stream] = StreamWatch(topic.name, patience, 1.0, now_ns)
             self.listen_to_blocks(topic, self._receiver(stream))
+        self.after_messages(self._estimate)
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """Each stream that comes in, and the estimate."""
@@ -97,10 +98,14 @@ class ErrorEstimator(ManagedNode):
             if self._is_old(stream, now_ns - int(block.times_ns[-1])):
                 watch.refuse(f"older than {self._max_age_ns / NANOSECONDS} s; are the clocks of all computers alike?")
                 return
-            for estimate in self._estimator.push(stream, block):
-                self._publish(estimate)
+            self._estimator.accept(stream, block)
 
         return receive
+
+    def _estimate(self) -> None:
+        """The blocks of all streams that came together are reckoned with once."""
+        for estimate in self._estimator.advance():
+            self._publish(estimate)
 
     def _is_old(self, stream: str, age_ns: int) -> bool:
         """Whether to drop a block. Once behind, all is dropped until it is nearly fresh: a backlog must not stay."""

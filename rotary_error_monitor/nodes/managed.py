@@ -9,9 +9,11 @@ with, `conditions()` which says how it fares, and `release()` where something mu
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, ClassVar
@@ -116,7 +118,9 @@ class ManagedNode(LifecycleNode):
 
     def now_ns(self) -> int:
         """The node's clock, timestamp (ns); with `use_sim_time` that of `/clock`."""
-        return int(self.get_clock().now().nanoseconds)
+        clock = self.get_clock()
+        # The clock builds an object and asks three times for one number; the system's time is the same number.
+        return int(clock.now().nanoseconds) if clock.ros_time_is_active else time.time_ns()
 
     def publish_on(self, topic: Topic) -> Publisher:
         """Publisher of one of the contract's topics; silent unless the node is active."""
@@ -179,6 +183,10 @@ class ManagedNode(LifecycleNode):
     def at_each(self, period_ns: int, callback: Callable[[int], None]) -> None:
         """Call back, while active, at each multiple of `period_ns` of the node's clock, with that instant (ns)."""
         self._worker.at_each(period_ns, partial(self._handle, self.hardware or self.get_name(), callback))
+
+    def after_messages(self, callback: Callable[[], None]) -> None:
+        """Call back, while active, once after the messages that came together were handed to their listeners."""
+        self._worker.after_messages(partial(self._handle, self.get_name(), lambda _: callback(), None))
 
     def every(self, period: float, callback: Callable[[], None]) -> None:
         """Call back every `period` s of real time, in any state: a halted `/clock` or a pause must not hide."""
@@ -342,6 +350,9 @@ def run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None = None
         node.autostart()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
+        # What stands now stands to the end: the collector need not walk through it while blocks are waiting.
+        gc.collect()
+        gc.freeze()
         executor.spin_until_future_complete(node.crash)
         if node.crash.done():
             node.crash.result()

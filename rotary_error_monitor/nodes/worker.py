@@ -20,6 +20,7 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 _LONGEST_NAP_NS = 5_000_000
 _LONGEST_WAIT_NS = 50_000_000
+_MOST_ROUNDS = 8  # messages of one stream taken before what they allow is reckoned, even if more are waiting
 
 
 class NotByExecutor(CallbackGroup):
@@ -45,7 +46,7 @@ class _Beat:
 
 
 class Worker:
-    """Calls back with each message, and once for each multiple of a period that has passed.
+    """Calls back with each message, after all that came together, and once for each multiple of a period that passed.
 
     Streams are served in turn, a message each: one that has a backlog shall not make the others look late. A late
     wake-up reports the latest multiple only: whoever is called sends all that became due since the last call.
@@ -58,6 +59,7 @@ class Worker:
         self._fail = fail
         self._beats: list[_Beat] = []
         self._subscriptions: list[Subscription] = []
+        self._after: list[Callable[[], None]] = []
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -68,6 +70,10 @@ class Worker:
     def serve(self, subscription: Subscription) -> None:
         """Call the subscription's callback with each message, from `start` on; its group is `NotByExecutor`."""
         self._subscriptions.append(subscription)
+
+    def after_messages(self, callback: Callable[[], None]) -> None:
+        """Call back once after the messages that were there at one wake-up: the more came, the less each one costs."""
+        self._after.append(callback)
 
     def start(self) -> None:
         """Begin, if there is anything to do."""
@@ -83,6 +89,7 @@ class Worker:
         self._thread = None
         self._beats.clear()
         self._subscriptions.clear()
+        self._after.clear()
         self._ending.clear()
 
     def _run(self) -> None:
@@ -113,8 +120,13 @@ class Worker:
         return wait
 
     def _take(self, ready: list[Subscription]) -> None:
+        rounds = 0
         while ready and not self._ending.is_set():
             ready = [subscription for subscription in ready if self._take_one(subscription)]
+            rounds += 1
+            if not ready or rounds % _MOST_ROUNDS == 0:
+                for callback in self._after:
+                    callback()
 
     @staticmethod
     def _take_one(subscription: Subscription) -> bool:

@@ -125,6 +125,7 @@ class Estimator:
         fields = dict.fromkeys((*self._heads, COMMAND), ("angle",)) | {AUTOCOLLIMATOR: ("tilt_x", "tilt_y")}
         self._streams = {name: SampleStream(names, self._settings.patience_ns) for name, names in fields.items()}
         self._decided = dict.fromkeys(self._streams, -1)
+        self._grown: set[str] = set()
         self._bits = {name: 1 << i for i, name in enumerate((*self._heads, AUTOCOLLIMATOR, COMMAND))}
         self._next: int | None = None
         self._watermark = -1
@@ -144,13 +145,22 @@ class Estimator:
         Raises:
             InputError: there is no such stream, or the block lacks its fields.
         """
+        self.accept(name, block)
+        return self.advance()
+
+    def accept(self, name: str, block: SampleBlock) -> None:
+        """Take in a block of stream `name` and wait for `advance`: of blocks that came together, one reckoning.
+
+        Raises:
+            InputError: there is no such stream, or the block lacks its fields.
+        """
         if name not in self._streams:
             raise InputError(f"no stream '{name}' in this stage; it has {', '.join(self._streams)}")
         stream = self._streams[name]
         if name == AUTOCOLLIMATOR:
             block = self._without_saturated(block)
         if stream.push(block) == 0:
-            return []
+            return
         newest = stream.newest_ns
         assert newest is not None
         period = self._settings.period_ns
@@ -160,7 +170,13 @@ class Estimator:
                 each.expect(int(stream.times_ns[0]))
         self._watermark = max(self._watermark, newest)
         self._allow_for_blocks(stream.block_duration_ns)
-        self._decided[name] = self._decided_until(stream, self._decided[name])
+        self._grown.add(name)
+
+    def advance(self) -> list[SampleBlock]:
+        """Blocks of error motion that are complete with what was accepted, columns `COLUMNS`."""
+        for name in self._grown:
+            self._decided[name] = self._decided_until(self._streams[name], self._decided[name])
+        self._grown.clear()
         return self._advance()
 
     def finish(self) -> list[SampleBlock]:
