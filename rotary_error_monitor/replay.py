@@ -33,6 +33,8 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 class Replay:
     """What estimator and compensation make of a recording, at n ticks.
 
+    With a machine that has no monitored axis the ticks are those of the joint states, and no error motion is measured.
+
     Attributes:
         stamp_ns: (n,) timestamp (ns) of each estimate.
         theta: (n,) rotation, rad.
@@ -110,37 +112,63 @@ def replay_bag(
     follow from `settings` and the stamps alone.
 
     Raises:
-        InputError: there is no such bag, it lacks the topics of at least two heads (or joint states, with a machine),
-            or one of its messages is broken.
+        InputError: there is no such bag, it lacks the topics of at least two heads (or joint states, with a machine;
+            nothing but these, where it has no monitored axis), or one of its messages is broken.
     """
     reader = BagReader(bag)
     wire = load_wire(tuple(stage.encoder.azimuths))
+    if machine is not None and machine.monitored is None:
+        return _replay_described(reader, wire, machine, compensator_settings)
     inputs = _input_topics(reader, wire, stage)
     masks = dict(_published_masks(reader, wire))
     settings = settings or EstimatorSettings()
     if masks:
         settings = replace(settings, period_ns=_period(masks, settings.period_ns))
     estimator = Estimator(stage, settings, masks or None)
-    compensator, joints, temperature = None, "", ""
+    compensator, of_machine = None, tuple[str, ...]()
     if machine is not None:
-        joints = wire.topic("machine_joint_states").name
-        temperature = wire.topic("machine_temperature").name
-        reader.check_topics([joints])
-        used = dict(_published_inputs(reader, wire))
-        compensator = Compensator(machine, compensator_settings, used or None)
-    names = [name for name in (*inputs, joints, temperature) if name in reader.topics]
+        of_machine = _machine_topics(reader, wire)
+        compensator = Compensator(machine, compensator_settings, dict(_published_inputs(reader, wire)) or None)
+    names = [name for name in (*inputs, *of_machine) if name in reader.topics]
     collected = _Collected()
     for topic, content in reader.replay(names):
         if isinstance(content, SampleBlock):
             collected.add_motion(estimator.push(inputs[topic], content), compensator)
-        elif compensator is not None and isinstance(content, JointState):
-            collected.add_joint_state(content, compensator)
-        elif compensator is not None and isinstance(content, Temperature):
-            compensator.push_temperature(content.temperature)
+        elif compensator is not None:
+            collected.add_machine(content, compensator)
     collected.add_motion(estimator.finish(), compensator)
     if compensator is not None:
         collected.add_compensation(compensator.finish().offsets, ())
     return collected.result(estimator.status, reader.damage, bool(masks), compensator is not None)
+
+
+def _replay_described(
+    reader: BagReader, wire: Wire, machine: MachineDescription, settings: CompensatorSettings | None
+) -> Replay:
+    """Compensation of a machine without monitored axis: joint states alone."""
+    names = [name for name in _machine_topics(reader, wire) if name in reader.topics]
+    decisions = dict(_published_inputs(reader, wire))
+    compensator = Compensator(machine, settings, decisions or None)
+    collected = _Collected()
+    stamps: list[int] = []
+    for _, content in reader.replay(names):
+        if isinstance(content, JointState):
+            stamps.append(content.stamp_ns)
+        collected.add_machine(content, compensator)
+    ticks = np.unique(np.array(stamps, np.int64))
+    nothing = np.full((len(ticks), 6, 6), np.nan)
+    return Replay(
+        ticks,
+        nothing[:, 0, 0],
+        nothing[:, 0],
+        nothing,
+        np.zeros(len(ticks), np.int64),
+        collected.offsets_at(ticks),
+        tuple(collected.corrections),
+        EstimatorStatus(),
+        reader.damage,
+        bool(decisions),
+    )
 
 
 class _Collected:
@@ -158,7 +186,20 @@ class _Collected:
                 found = compensator.push_error_motion(block)
                 self.add_compensation(found.offsets, found.corrections)
 
-    def add_joint_state(self, state: JointState, compensator: Compensator) -> None:
+    def add_machine(self, content: object, compensator: Compensator) -> None:
+        if isinstance(content, JointState):
+            self._add_joint_state(content, compensator)
+        elif isinstance(content, Temperature):
+            compensator.push_temperature(content.temperature)
+
+    def offsets_at(self, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(n, 6) offsets at all ticks, NaN where the compensation held."""
+        offset = np.full((len(stamps), 6), np.nan)
+        for block in self.offsets:
+            offset[np.searchsorted(stamps, block.times_ns)] = block.rows[:, 1:7]
+        return offset
+
+    def _add_joint_state(self, state: JointState, compensator: Compensator) -> None:
         velocity = state.velocity if len(state.velocity) else np.zeros(len(state.names))
         found = compensator.push_joint_state(
             state.stamp_ns,
@@ -178,18 +219,13 @@ class _Collected:
         components = _joined([each.components for each in found], np.empty((0, 6)))
         covariance = _joined([each.covariance for each in found], np.empty((0, 6, 6)))
         both = observable[:, :, None] & observable[:, None, :]
-        offset = None
-        if with_machine:
-            offset = np.full((len(stamps), 6), np.nan)
-            for block in self.offsets:
-                offset[np.searchsorted(stamps, block.times_ns)] = block.rows[:, 1:7]
         return Replay(
             stamps,
             _joined([each.theta for each in found], np.empty(0)),
             np.where(observable, components, np.nan),
             np.where(both, covariance, np.nan),
             _joined([block.column("streams").astype(np.int64) for block in self.motion], np.empty(0, np.int64)),
-            offset,
+            self.offsets_at(stamps) if with_machine else None,
             tuple(self.corrections),
             status,
             damage,
@@ -208,6 +244,12 @@ def _input_topics(reader: BagReader, wire: Wire, stage: StageDescription) -> dic
         wire.topic("command_samples").name: COMMAND,
     }
     return {name: stream for name, stream in (heads | others).items() if name in reader.topics}
+
+
+def _machine_topics(reader: BagReader, wire: Wire) -> tuple[str, str]:
+    joints, temperature = wire.topic("machine_joint_states").name, wire.topic("machine_temperature").name
+    reader.check_topics([joints])
+    return joints, temperature
 
 
 def _published_masks(reader: BagReader, wire: Wire) -> Iterator[tuple[int, int]]:

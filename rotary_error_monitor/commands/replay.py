@@ -40,7 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"{arguments.bag}: no estimate: at no time were two opposed or three heads alive together")
     result.save(arguments.output)
     duration = (result.stamp_ns[-1] - result.stamp_ns[0]) * 1e-9
-    print(f"{len(result.stamp_ns)} estimates over {duration:.1f} s written to {arguments.output}")
+    what = "joint states" if machine is not None and machine.monitored is None else "estimates"
+    print(f"{len(result.stamp_ns)} {what} over {duration:.1f} s written to {arguments.output}")
     if result.tool_offset is not None:
         held = int(np.isnan(result.tool_offset[:, 0]).sum())
         print(f"{len(result.stamp_ns) - held} tool offsets, {len(result.corrections)} corrections, {held} ticks held")

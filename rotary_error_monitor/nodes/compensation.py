@@ -1,6 +1,7 @@
 """The compensation: error motion and the machine's axes in, tool-to-workpiece offset and axis corrections out.
 
 ros2 run rotary_error_monitor compensation --ros-args -p machine:=xyzac_trt
+ros2 run rotary_error_monitor compensation --ros-args -p machine:=grinder_zhou2023  # no monitored axis: joint states do
 ros2 service call /compensation/reset std_srvs/srv/Trigger
 """
 
@@ -97,18 +98,22 @@ class Compensation(ManagedNode):
                 f"{self.get_fully_qualified_name()}: parameter 'machine' is empty; name a machine to correct"
             )
         self.hardware = name
-        self._compensator = Compensator(load_machine(name), self._compensator_settings())
+        machine = load_machine(name)
+        self._compensator = Compensator(machine, self._compensator_settings())
+        self._has_rotary = any(axis.kind == "rotary" for axis in machine.axes)
         self._age_limit_ns = round(self.setting("age_limit") * NANOSECONDS)
         self._hold = ""
         self._latest: Correction | None = None
         self._stale, self._worst_age, self._reported_stale = 0, 0.0, 0
         self._open_outputs()
         now_ns = self.now_ns()
-        motion, joints = self.wire.topic("error_motion_samples"), self.wire.topic("machine_joint_states")
-        self._motion = StreamWatch(motion.name, self.setting("age_limit"), 2 * self.setting("age_limit"), now_ns)
-        limit = self.setting("joint_age_limit")
-        self._joints = StreamWatch(joints.name, limit, limit, now_ns)
-        self.listen_to_blocks(motion, self._receive_motion)
+        self._watches: dict[str, StreamWatch] = {}
+        if machine.monitored is not None:
+            motion, limit = self.wire.topic("error_motion_samples"), self.setting("age_limit")
+            self._watches["error motion"] = self._motion = StreamWatch(motion.name, limit, 2 * limit, now_ns)
+            self.listen_to_blocks(motion, self._receive_motion)
+        joints, limit = self.wire.topic("machine_joint_states"), self.setting("joint_age_limit")
+        self._watches["joint states"] = self._joints = StreamWatch(joints.name, limit, limit, now_ns)
         self.listen_to(joints, self._receive_joints)
         self.listen_to(self.wire.topic("machine_temperature"), self._receive_temperature)
         self.serve(Trigger, "~/reset", self._reset)
@@ -116,7 +121,7 @@ class Compensation(ManagedNode):
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """The streams that come in, and what becomes of the correction."""
-        return [self._motion.report(now_ns), self._joints.report(now_ns), self._correction_condition(now_ns)]
+        return [*(watch.report(now_ns) for watch in self._watches.values()), self._correction_condition(now_ns)]
 
     def _compensator_settings(self) -> CompensatorSettings:
         return CompensatorSettings(
@@ -197,7 +202,7 @@ class Compensation(ManagedNode):
         state = self._compensator.state
         if state.latched:
             return f"error limit latched until ~/reset is called: {state.reason}"
-        for watch, what in ((self._motion, "error motion"), (self._joints, "joint states")):
+        for what, watch in self._watches.items():
             if watch.last_ns is None:
                 return f"no {what} yet"
             if watch.is_stale(now_ns):
@@ -239,7 +244,7 @@ class Compensation(ManagedNode):
             reasons.append("beyond the warning limit")
         if latest.level is Limit.RATE_LIMITED:
             reasons.append("slowed by the rate limit")
-        if not latest.direction_spanned:
+        if self._has_rotary and not latest.direction_spanned:
             reasons.append("the axes cannot correct the tool's direction here")
         if stale:
             reasons.append(f"{stale} offsets dropped: older than the age limit")

@@ -3,6 +3,8 @@
 The same class runs live and in replay. The monitored axis has the components that the estimator measures; what it
 cannot observe, and every other axis, comes from the machine's description. An offset is computed as soon as the joint
 state of its tick is there; where joint states stay away, nothing is computed and the reason is told.
+
+A machine without a monitored axis is corrected by its description alone: each joint state is a tick of its own.
 """
 
 from __future__ import annotations
@@ -83,7 +85,7 @@ class OffsetReport:
 
     Attributes:
         offset: (6,) tool-to-workpiece offset as the machine is, m and rad.
-        covariance: (6, 6) of it.
+        covariance: (6, 6) of it, as far as the monitored axis causes it; zero without one.
         remaining: (6,) offset with the correction applied.
     """
 
@@ -138,19 +140,15 @@ class Compensator:
         settings: CompensatorSettings | None = None,
         decisions: Mapping[int, InputsUsed] | None = None,
     ) -> None:
-        """Compensator of `machine`; `decisions` by stamp (ns) of a tick let a replay repeat a live run.
-
-        Raises:
-            InputError: the machine has no monitored axis.
-        """
-        if machine.monitored is None:
-            raise InputError(f"machine {machine.name} has no monitored axis; name a rotary one under 'monitored'")
+        """Compensator of `machine`; `decisions` by stamp (ns) of a tick let a replay repeat a live run."""
         self._machine = machine
         self._model = arrange_machine(machine)
         self._settings = settings or CompensatorSettings()
         self._decisions = decisions
-        self._monitored = machine.letters.index(machine.monitored)
-        self.joints = JointTrack(machine, self._settings.joint_lag_ns, self._settings.patience_ns)
+        self._monitored = machine.letters.index(machine.monitored) if machine.monitored else None
+        # Without error motion a tick is the joint state's own, so there is nothing to wait for.
+        lag_ns = self._settings.joint_lag_ns if machine.monitored else 0
+        self.joints = JointTrack(machine, lag_ns, self._settings.patience_ns)
         self._temperature = machine.reference_temperature
         self._waiting: list[SampleBlock] = []
         self._limits = axis_limits(machine, linear=self._settings.linear_limits, rotary=self._settings.rotary_limits)
@@ -175,8 +173,10 @@ class Compensator:
         """Take in a block of error motion, columns as `pipeline.estimation.COLUMNS`.
 
         Raises:
-            InputError: the block lacks a column.
+            InputError: the block lacks a column, or the machine has no monitored axis.
         """
+        if self._monitored is None:
+            raise InputError(f"machine {self._machine.name} has no monitored axis that error motion could belong to")
         if not self._waiting and self.joints.stream.newest_ns is None:
             self.joints.stream.expect(int(block.times_ns[0]))
         fresh = block.times_ns > self._last_tick
@@ -197,7 +197,9 @@ class Compensator:
         Raises:
             InputError: an axis of the machine is missing.
         """
-        return self._advance() if self.joints.push(stamp_ns, positions, velocities) else Compensation()
+        if not self.joints.push(stamp_ns, positions, velocities):
+            return Compensation()
+        return self._advance() if self._monitored is not None else self._compute_described(stamp_ns)
 
     def push_temperature(self, temperature: float) -> None:
         """Take in the machine's temperature, °C."""
@@ -237,17 +239,38 @@ class Compensator:
             return Compensation()
         positions = axes.positions[usable]
         positions[:, self._monitored] = commanded[usable]
-        directions = axes.directions[usable]
         live, covariance = self._live_components(motion, usable)
-        offset = predict_tool_offset(
-            self._model, positions, direction=directions, temperature=temperature[usable], monitored=live
+        poses = _Poses(positions, axes.directions[usable], temperature[usable], live)
+        return self._compensate(ticks[usable], poses, axes.age[usable], covariance)
+
+    def _compute_described(self, tick: int) -> Compensation:
+        """Compensation at a joint state's own time, from the machine's description alone."""
+        ticks = np.array([tick])
+        axes, temperature = self._axes_at(ticks)
+        self.joints.trim(tick)
+        if not axes.known.all():
+            self.hold = "no joint states yet that tell the direction of travel"
+            self.held += 1
+            return Compensation()
+        self.hold = ""
+        return self._compensate(
+            ticks, _Poses(axes.positions, axes.directions, temperature, None), axes.age, np.zeros((1, 6, 6))
         )
-        rows = np.column_stack([offset, axes.age[usable], pack_directions(directions), temperature[usable]])
-        stamps = ticks[usable]
+
+    def _compensate(
+        self, stamps: NDArray[np.int64], poses: _Poses, age: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> Compensation:
+        offset = predict_tool_offset(
+            self._model,
+            poses.positions,
+            direction=poses.directions,
+            temperature=poses.temperature,
+            monitored=poses.live,
+        )
+        rows = np.column_stack([offset, age, pack_directions(poses.directions), poses.temperature])
         blocks = (block_from_samples(stamps, COLUMNS, rows),)
         chosen = self._correction_ticks(stamps)
-        poses = _Poses(positions[chosen], directions[chosen], temperature[usable][chosen], live[chosen])
-        return Compensation(blocks, self._correct(stamps[chosen], poses, offset[chosen], covariance[chosen]))
+        return Compensation(blocks, self._correct(stamps[chosen], poses.at(chosen), offset[chosen], covariance[chosen]))
 
     def _axes_at(self, ticks: NDArray[np.int64]) -> tuple[AxisPositions, NDArray[np.float64]]:
         if self._decisions is None:
@@ -375,22 +398,25 @@ class Compensator:
             temperature=poses.temperature,
             monitored=poses.live,
         )
-        spread = propagate_covariance(self._model, poses.positions, covariance)
+        spread = covariance
+        if self._monitored is not None:
+            spread = propagate_covariance(self._model, poses.positions, covariance)
         return [OffsetReport(*each) for each in zip(offset, spread, remaining, strict=True)]
 
 
 @dataclass(frozen=True)
 class _Poses:
-    """Poses for the machine model: positions, directions (n, axes), temperature (n,), live components (n, 6)."""
+    """Poses for the machine model: positions, directions (n, axes), temperature (n,), live components (n, 6) if any."""
 
     positions: NDArray[np.float64]
     directions: NDArray[np.float64]
     temperature: NDArray[np.float64]
-    live: NDArray[np.float64]
+    live: NDArray[np.float64] | None
 
     def at(self, chosen: NDArray[np.int64]) -> _Poses:
         """Some of the poses."""
-        return _Poses(self.positions[chosen], self.directions[chosen], self.temperature[chosen], self.live[chosen])
+        live = None if self.live is None else self.live[chosen]
+        return _Poses(self.positions[chosen], self.directions[chosen], self.temperature[chosen], live)
 
 
 def _transfer(height: float, azimuth: float) -> NDArray[np.float64]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -269,6 +267,3 @@ def test_a_joint_state_without_an_axis_is_refused():
         Compensator(MACHINE).push_joint_state(stamp, positions, velocities)
 
 
-def test_a_machine_without_a_monitored_axis_is_refused():
-    with pytest.raises(InputError, match="has no monitored axis"):
-        Compensator(dataclasses.replace(MACHINE, monitored=None))

@@ -1,0 +1,65 @@
+"""The shipped grinder, a machine without monitored axis, on the compensation node: joint states alone correct it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.cli import main
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.compensation import Compensation
+from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.nodes.recorder import Recorder
+
+GRINDER = "grinder_zhou2023"
+RELAXED = {"age_limit": 1.0}  # the tests share few cores
+
+
+def test_joint_states_alone_correct_y_and_a_replay_repeats_it(cell, tmp_path, capsys):
+    corrections, left = (cell.collect(cell.wire.topic(key)) for key in ("axis_corrections", "corrected_offset_pose"))
+    samples = cell.wire.topic("tool_offset_samples")
+    offsets = cell.collect(samples)
+    bag = tmp_path / "bag"
+    recorder = cell.run(Recorder, "recorder", folder=str(bag))
+    cell.run(MockController, "mock_controller", machine=GRINDER)
+    compensation = cell.run(Compensation, "compensation", machine=GRINDER, **RELAXED)
+    cell.wait_until(lambda: len(corrections) > 100 and len(left) > 30, "corrections", 30)
+    cell.wait_for_status("compensation: correction", "correcting")
+    assert list(corrections[-1].name) == ["X", "Z", "Y"]
+    assert abs(corrections[-1].position[2]) > 1e-7
+    assert np.abs([message.position[:2] for message in corrections]).max() < 1e-11
+    assert abs(left[-1].pose.pose.position.y) < 1e-9
+    names = {name for name, _ in cell.node.get_subscriber_names_and_types_by_node("compensation", "/")}
+    assert cell.wire.topic("error_motion_samples").name not in names
+
+    cell.remove(compensation)
+    cell.wait_until(lambda: len(offsets) >= len(corrections), "the last offsets")
+    cell.remove(recorder)
+    out = tmp_path / "out.npz"
+    assert main(["replay", str(bag), "--machine", GRINDER, "-o", str(out)]) == 0
+    assert "joint states over" in capsys.readouterr().out
+    (published,) = BagReader(bag).read_blocks([samples.name]).values()
+    with np.load(out) as found:
+        stamps = np.concatenate([block.times_ns for block in published])
+        at = np.searchsorted(found["stamp_ns"], stamps)
+        np.testing.assert_array_equal(found["stamp_ns"][at], stamps)
+        rows = np.concatenate([block.rows[:, 1:7] for block in published])
+        np.testing.assert_array_equal(found["tool_offset"][at], rows)
+        assert np.isnan(found["error_motion"]).all()
+        sent = {messages.ns_from_stamp(each.header.stamp): list(each.position) for each in corrections}
+        again = dict(zip(found["correction_stamp_ns"].tolist(), found["corrections"].tolist(), strict=True))
+        assert sent.items() <= again.items(), "the same bits"
+
+
+def test_when_joint_states_stop_corrections_stop(cell):
+    corrections = cell.collect(cell.wire.topic("axis_corrections"))
+    controller = cell.run(MockController, "mock_controller", machine=GRINDER)
+    cell.run(Compensation, "compensation", machine=GRINDER, **RELAXED)
+    cell.wait_until(lambda: len(corrections) > 10, "corrections", 30)
+    controller.trigger_deactivate()
+    cell.wait_for_status("compensation: correction", "held: no joint states for")
+    before = len(corrections)
+    cell.spin_for(0.5)
+    assert len(corrections) == before
+    controller.trigger_activate()
+    cell.wait_until(lambda: len(corrections) > before, "corrections again")
