@@ -1,7 +1,8 @@
-"""Sample blocks straight from the CDR bytes of `sensor_msgs/msg/PointCloud2`, without building the message."""
+"""Sample blocks to and from the CDR bytes of `sensor_msgs/msg/PointCloud2`, without building the message."""
 
 from __future__ import annotations
 
+import functools
 import struct
 from dataclasses import dataclass
 
@@ -13,6 +14,46 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_
 CDR_LITTLE_ENDIAN = b"\x00\x01"
 _BODY = 4  # the encapsulation header ends here; alignment counts from it
 _STAMP_END = 12
+_FLOAT64 = 8  # sensor_msgs/msg/PointField.FLOAT64, and its size
+
+
+def encode_block(block: SampleBlock, frame: str) -> bytes:
+    """Bytes of the point cloud of height 1 that holds a block; it is what rmw and rosbags make of the message."""
+    count, width = block.rows.shape
+    opening, description = _frame_of_blocks(frame, block.names)
+    data = block.rows.astype("<f8", order="C", copy=False).tobytes()
+    seconds, nanoseconds = divmod(block.stamp_ns, NANOSECONDS)
+    return b"".join(
+        (
+            CDR_LITTLE_ENDIAN + b"\x00\x00",
+            struct.pack("<iI", seconds, nanoseconds),
+            opening,
+            struct.pack("<II", 1, count),
+            description,
+            struct.pack("<II", _FLOAT64 * width * count, len(data)),
+            data,
+            b"\x01",  # is_dense
+        )
+    )
+
+
+@functools.cache
+def _frame_of_blocks(frame: str, names: tuple[str, ...]) -> tuple[bytes, bytes]:
+    """What stands between stamp and height, and between width and row_step: the same in each block of a stream."""
+    opening = _padded(_text(frame))
+    description = struct.pack("<I", len(names))
+    for index, name in enumerate(names):
+        description += _padded(_text(name)) + struct.pack("<IB3xI", _FLOAT64 * index, _FLOAT64, 1)
+    return opening, description + struct.pack("<B3xI", 0, _FLOAT64 * len(names))
+
+
+def _text(text: str) -> bytes:
+    data = text.encode() + b"\x00"
+    return struct.pack("<I", len(data)) + data
+
+
+def _padded(data: bytes) -> bytes:
+    return data + bytes(-len(data) % 4)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 from rosbags.typesys.stores import ros2_jazzy as ros
 
+from rotary_error_monitor.bags.cdr_blocks import encode_block
 from rotary_error_monitor.bags.messages import (
     TYPES,
     Array,
@@ -25,8 +26,6 @@ from rotary_error_monitor.bags.messages import (
 )
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
-
-_FLOAT64 = 8  # sensor_msgs/msg/PointField.FLOAT64, and the bytes of one
 
 
 @functools.cache
@@ -50,6 +49,8 @@ def content_from_cdr(data: bytes, msgtype: str) -> Content:
 
 def cdr_from_content(content: Content, frame: str) -> bytes:
     """Bytes of one message; `frame` is the frame_id of a sample block, which knows none of its own."""
+    if isinstance(content, SampleBlock):
+        return encode_block(content, frame)
     message = _TO_MESSAGE[type(content)](content, getattr(content, "frame", frame))
     return bytes(typestore().serialize_cdr(message, TYPES[type(content)]))
 
@@ -68,25 +69,6 @@ def _header(stamp_ns: int, frame: str) -> ros.std_msgs__msg__Header:
 
 def _array(values: ArrayLike) -> Array:
     return np.array(values, dtype=np.float64)
-
-
-def _cloud(block: SampleBlock, frame: str) -> ros.sensor_msgs__msg__PointCloud2:
-    rows = np.ascontiguousarray(block.rows, dtype="<f8")
-    count, width = rows.shape
-    return ros.sensor_msgs__msg__PointCloud2(
-        header=_header(block.stamp_ns, frame),
-        height=1,
-        width=count,
-        fields=[
-            ros.sensor_msgs__msg__PointField(name, _FLOAT64 * index, _FLOAT64, 1)
-            for index, name in enumerate(block.names)
-        ],
-        is_bigendian=False,
-        point_step=_FLOAT64 * width,
-        row_step=_FLOAT64 * width * count,
-        data=rows.view(np.uint8).ravel(),
-        is_dense=True,
-    )
 
 
 def _joint_state(state: JointState, frame: str) -> ros.sensor_msgs__msg__JointState:
@@ -146,7 +128,6 @@ def _pose_content(message: ros.geometry_msgs__msg__PoseWithCovarianceStamped) ->
 
 # Each function takes the one type that stands beside it.
 _TO_MESSAGE: Mapping[type, Callable[[Any, str], object]] = {
-    SampleBlock: _cloud,
     JointState: _joint_state,
     PointStamped: _point,
     Temperature: _temperature,

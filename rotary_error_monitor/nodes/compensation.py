@@ -168,7 +168,7 @@ class Compensation(ManagedNode):
                 self._stale += len(block.rows)
                 continue
             self._outputs["tool_offset_samples"].publish(
-                messages.block_to_message(block, self._topics["tool_offset_samples"].frame)
+                messages.block_bytes(block, self._topics["tool_offset_samples"].frame)
             )
             self._worst_age = max(self._worst_age, (self.now_ns() - int(block.times_ns[-1])) / NANOSECONDS)
         for correction in computed.corrections:

@@ -117,7 +117,7 @@ class ErrorEstimator(ManagedNode):
         return False
 
     def _publish(self, estimate: SampleBlock) -> None:
-        self._sample_publisher.publish(messages.block_to_message(estimate, self._samples.frame))
+        self._sample_publisher.publish(messages.block_bytes(estimate, self._samples.frame))
         self._output.observe(estimate, self.now_ns())
         self._components = int(estimate.column("observable")[-1])
         if estimate.stamp_ns - self._pose_ns < _HUMAN_PERIOD:

@@ -1,12 +1,11 @@
 """All conversions between the core's dataclasses and ROS messages.
 
-Sample blocks travel as `sensor_msgs/PointCloud2` with packed little-endian FLOAT64 fields. The bytes pass through one
-`array.array`, which the message type takes as it is; a list or an ndarray would be copied element by element.
+Sample blocks travel as `sensor_msgs/PointCloud2` with packed little-endian FLOAT64 fields. They are serialised and read
+without building a message: at hundreds of blocks a second that is what a node spends its time on.
 """
 
 from __future__ import annotations
 
-import functools
 import importlib
 import math
 from array import array
@@ -23,9 +22,10 @@ from geometry_msgs.msg import (
     WrenchStamped,
 )
 from numpy.typing import NDArray
-from sensor_msgs.msg import JointState, PointCloud2, PointField, Temperature
+from sensor_msgs.msg import JointState, PointCloud2, Temperature
 from std_msgs.msg import Header
 
+from rotary_error_monitor.bags.cdr_blocks import encode_block
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
 
@@ -68,35 +68,14 @@ def header(stamp_ns: int, frame: str) -> Header:
     return Header(stamp=stamp_from_ns(stamp_ns), frame_id=frame)
 
 
-def block_to_message(block: SampleBlock, frame: str) -> PointCloud2:
-    """Sample block as a point cloud of height 1.
+def block_bytes(block: SampleBlock, frame: str) -> bytes:
+    """Sample block as a serialised point cloud of height 1, ready to be published: no message is built.
 
     Raises:
         InputError: a sample is not finite; nothing non-finite goes out.
     """
     _check_finite(block)
-    count, width = block.rows.shape
-    data = array("B")
-    data.frombytes(np.ascontiguousarray(block.rows, dtype="<f8").tobytes())
-    return PointCloud2(
-        header=header(block.stamp_ns, frame),
-        height=1,
-        width=count,
-        fields=_fields(block.names),
-        is_bigendian=False,
-        point_step=_DOUBLE * width,
-        row_step=_DOUBLE * width * count,
-        data=data,
-        is_dense=True,
-    )
-
-
-@functools.cache
-def _fields(names: tuple[str, ...]) -> list[PointField]:
-    return [
-        PointField(name=name, offset=_DOUBLE * index, datatype=PointField.FLOAT64, count=1)
-        for index, name in enumerate(names)
-    ]
+    return encode_block(block, frame)
 
 
 def block_from_message(message: PointCloud2) -> SampleBlock:
@@ -123,10 +102,10 @@ def _check_finite(block: SampleBlock) -> None:
     # One sum is cheaper than a mask, and any NaN or infinity survives it.
     if math.isfinite(float(block.rows.sum())):
         return
-    row, column = np.argwhere(~np.isfinite(block.rows))[0]
-    raise InputError(
-        f"sample {row} of '{block.names[column]}' is {block.rows[row, column]}; nothing non-finite is published"
-    )
+    for row, column in np.argwhere(~np.isfinite(block.rows)):
+        raise InputError(
+            f"sample {row} of '{block.names[column]}' is {block.rows[row, column]}; nothing non-finite is published"
+        )
 
 
 def joint_state_message(

@@ -65,7 +65,7 @@ class BlockSender:
                 self._publish(block)
 
     def _publish(self, block: SampleBlock) -> None:
-        self._blocks.publish(messages.block_to_message(block, self._frame))
+        self._blocks.publish(messages.block_bytes(block, self._frame))
         self.watch.observe(block, self._node.now_ns())
         if block.stamp_ns - self._human_ns >= _HUMAN_PERIOD:
             self._human_ns = block.stamp_ns

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.plant.environment import Forces, intermittent_forces
 from rotary_error_monitor.plant.motion import reversing_motion
@@ -62,19 +64,22 @@ class MockSource:
         """Samples of `stream`, such as `head_a`, `autocollimator`, `lvdt`, `command`, `force`, `temperature`."""
         self._plant = plant
         self._stream = stream
-        self._first = 0
         self._ahead: SampleBlock | None = None
+        self._ahead_from_ns, self._ahead_until_ns = 0, 0
 
     def take(self, since_ns: int, until_ns: int) -> SampleBlock | None:
         """Block of the samples from `since_ns` to before `until_ns`."""
-        first = self._plant.index_at(self._stream, since_ns)
-        last = self._plant.index_at(self._stream, until_ns)
-        if first >= last:
-            return None
+        if self._ahead is None or not self._ahead_from_ns <= since_ns <= until_ns <= self._ahead_until_ns:
+            self._look_ahead(since_ns, max(until_ns, since_ns + _AHEAD))
         ahead = self._ahead
-        if ahead is None or first < self._first or last > self._first + len(ahead.rows):
-            span = self._plant.index_at(self._stream, since_ns + _AHEAD) - first
-            ahead = self._ahead = self._plant.samples(self._stream, first, max(span, last - first))
-            self._first = first
-        part = slice(first - self._first, last - self._first)
-        return block_from_samples(ahead.times_ns[part], ahead.names[1:], ahead.rows[part, 1:])
+        assert ahead is not None
+        first, last = np.searchsorted(ahead.times_ns, (since_ns, until_ns)).tolist()
+        if first == last:
+            return None
+        return block_from_samples(ahead.times_ns[first:last], ahead.names[1:], ahead.rows[first:last, 1:])
+
+    def _look_ahead(self, since_ns: int, until_ns: int) -> None:
+        first, last = (self._plant.index_at(self._stream, time_ns) for time_ns in (since_ns, until_ns))
+        # One sample more, so that there is one even in a span shorter than the distance of two.
+        self._ahead = self._plant.samples(self._stream, first, last - first + 1)
+        self._ahead_from_ns, self._ahead_until_ns = since_ns, until_ns

@@ -146,7 +146,7 @@ class Cell:
     def publish_blocks(self, topic: Topic) -> Callable[[SampleBlock], None]:
         """The same for sample blocks."""
         send = self.publish_on(topic)
-        return lambda block: send(messages.block_to_message(block, topic.frame))
+        return lambda block: send(messages.block_bytes(block, topic.frame))
 
     def collect(self, topic: Topic) -> list[messages.Message]:
         """List that grows by each message on a topic of the contract."""

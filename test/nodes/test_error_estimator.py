@@ -6,6 +6,8 @@ import signal
 
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2
 
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
@@ -136,7 +138,8 @@ def test_what_is_old_or_no_block_is_refused(cell, estimates):
     times = old + np.arange(10) * PERIOD_NS
     send_block(block_from_samples(times, ("angle",), np.zeros((10, 1))))
     cell.wait_for_status(f"error_estimator: {topic.name}", "are the clocks of all computers alike")
-    wrong = messages.block_to_message(SampleBlock(old, ("t", "angle"), np.zeros((1, 2))), topic.frame)
+    good = messages.block_bytes(SampleBlock(old, ("t", "angle"), np.zeros((1, 2))), topic.frame)
+    wrong = deserialize_message(good, PointCloud2)
     wrong.height = 3
     send(wrong)
     cell.wait_for_status(f"error_estimator: refused {topic.name}", "height 3")

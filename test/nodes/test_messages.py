@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import JointState, PointField
+from sensor_msgs.msg import JointState, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
@@ -27,11 +27,20 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False, width=32)
 )
 def test_a_block_survives_the_wire(rows, stamp_ns):
     block = SampleBlock(stamp_ns, ("t", "tilt_x", "tilt_y"), rows)
-    message = messages.block_to_message(block, "autocollimator")
-    for back in (messages.block_from_message(message), BlockDecoder().decode(serialize_message(message))):
+    data = messages.block_bytes(block, "autocollimator")
+    message = deserialize_message(data, PointCloud2)
+    for back in (messages.block_from_message(message), BlockDecoder().decode(data)):
         assert (back.stamp_ns, back.names) == (block.stamp_ns, block.names)
         np.testing.assert_array_equal(back.rows, rows)
     assert message.header.frame_id == "autocollimator"
+    assert (message.height, message.width, message.row_step, message.is_dense) == (1, len(rows), 24 * len(rows), True)
+
+
+@pytest.mark.parametrize("frame", ["", "ring", "stator_of_c"])
+def test_a_block_is_serialised_as_rosbags_does(frame):
+    block = SampleBlock(STAMP, ("t", "angle"), np.arange(6.0).reshape(3, 2))
+    data, kind = messages.block_bytes(block, frame), "sensor_msgs/msg/PointCloud2"
+    assert data == bytes(typestore().serialize_cdr(typestore().deserialize_cdr(data, kind), kind))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -39,13 +48,14 @@ def test_nothing_non_finite_is_sent(bad):
     rows = np.zeros((3, 2))
     rows[1, 1] = bad
     with pytest.raises(InputError, match=r"sample 1 of 'angle' is (nan|inf|-inf)"):
-        messages.block_to_message(SampleBlock(STAMP, ("t", "angle"), rows), "")
+        messages.block_bytes(SampleBlock(STAMP, ("t", "angle"), rows), "")
     with pytest.raises(InputError, match="not finite"):
         messages.pose_message(STAMP, "", np.array([bad, 0, 0, 0, 0, 0]), np.eye(6))
 
 
 def block_message():
-    return messages.block_to_message(SampleBlock(STAMP, ("t", "angle"), np.ones((2, 2))), "")
+    data = messages.block_bytes(SampleBlock(STAMP, ("t", "angle"), np.ones((2, 2))), "")
+    return deserialize_message(data, PointCloud2)
 
 
 def _tall(message):
