@@ -15,7 +15,6 @@ from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
 from rotary_error_monitor.gap.loading import improved_twin, load_problem, load_twin
 from rotary_error_monitor.gap.selection import MOST_CAUSES
 from rotary_error_monitor.gap.sentences import verdict_sentence
-from rotary_error_monitor.report.diagnosis import write_report
 
 _STEPS = 4 + MOST_CAUSES
 _EPILOG = (
@@ -72,6 +71,9 @@ def run(arguments: argparse.Namespace) -> int:
         write_json(diagnosis, arguments.output / "diagnosis.json")
         if not arguments.no_report:
             progress("report")
+            # The drawing library takes as long to load as a diagnosis of a machine takes.
+            from rotary_error_monitor.report.diagnosis import write_report
+
             write_report(problem, diagnosis, arguments.output, title=f"{arguments.bag} beside {arguments.twin}")
     if arguments.write_twin is not None and diagnosis.causes:
         content = improved_twin(twin, [found.cause for found in diagnosis.causes])

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import chi2
 
+from rotary_error_monitor.gap.chances import chi_square_quantile
 from rotary_error_monitor.gap.problem import Problem
 from rotary_error_monitor.gap.selection import Stage
 from rotary_error_monitor.gap.shrink import HeldOut
@@ -99,7 +99,7 @@ def _groups(weighing: Weighing, causes: tuple[int, ...], chosen: Weight) -> tupl
             other = weighing.weigh((*causes[:k], i, *causes[k + 1 :]))
             freedom = max(abs(chosen.freedom - other.freedom), 1)
             without = weighing.weigh((*causes[:k], *causes[k + 1 :])).gain
-            fits = chosen.gain - other.gain < chi2.isf(REJECTED, freedom)
+            fits = chosen.gain - other.gain < chi_square_quantile(REJECTED, freedom)
             if fits and other.gain > without and weighing.candidates[i].key not in group:
                 group.append(weighing.candidates[i].key)
         if len(group) > 1:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -19,12 +19,14 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.machine import MachineProblem
-from rotary_error_monitor.gap.stage import StageProblem
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.twin.document import causes_from_rows, effect_rows, machine_mapping, stage_mapping
 from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
 from rotary_error_monitor.twin.recording import StageRecording, record_stage, stage_topic
+
+if TYPE_CHECKING:
+    from rotary_error_monitor.gap.machine import MachineProblem
+    from rotary_error_monitor.gap.stage import StageProblem
 
 POSE = "/machine/joint_states"
 PROBE = "/machine/tool_probe"
@@ -118,6 +120,9 @@ def _content(path: Path) -> dict[str, Any]:
 def _stage_problem(
     reader: BagReader, twin: TwinFile, stage: StageDescription, remarks: tuple[str, ...]
 ) -> StageProblem:
+    # The libraries of a stage's signals take a second to load, which a machine need not wait for.
+    from rotary_error_monitor.gap.stage import StageProblem
+
     letters = sorted(stage.encoder.azimuths)
     needed = [
         *(stage_topic(f"head_{letter}") for letter in letters),
@@ -138,6 +143,8 @@ def _stage_problem(
 def _machine_problem(
     reader: BagReader, twin: TwinFile, machine: MachineDescription, remarks: tuple[str, ...]
 ) -> MachineProblem:
+    from rotary_error_monitor.gap.machine import MachineProblem
+
     reader.check_topics([POSE, PROBE])
     names = [name for name in (POSE, PROBE, WARMTH) if name in reader.topics]
     recording = record_poses(reader.read(names), machine, str(reader.path))

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect, positioning_error
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.chances import chi_square_median, log_chi_square_tail
 from rotary_error_monitor.gap.machine_where import machine_advice, machine_where
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
@@ -34,7 +34,10 @@ _LEVER = 1e-5
 """Size of an error component, m or rad, by which its lever at a pose is found: above rounding, below curvature."""
 
 _STEP = 0.1
-"""Step of numerical derivatives in usual sizes; the machine is linear in its errors to one part in 10^4."""
+"""Step of numerical derivatives in usual sizes, µm or µrad: the machine is linear in its errors to one part in 10^5."""
+
+_SHAPE_STEP = 1e-8
+"""Relative step of derivatives with respect to a period: small beside one turn in all turns over the travel."""
 
 
 class MachineProblem:
@@ -63,6 +66,8 @@ class MachineProblem:
         self.index = np.arange(len(recording.probe), dtype=np.float64)
         self._shifts = uncertain_shifts(machine)
         self._starts: dict[tuple[str, str], Array] = {}
+        self._plain: Array | None = None
+        self._moved: Array | None = None
         self._structure_table = self._smooth_machine()
         self.kept: NDArray[np.bool_] = np.ones(len(self.index), bool)
         self.kept = self._find_outliers()
@@ -85,30 +90,33 @@ class MachineProblem:
 
     def residual(self, causes: Sequence[Cause]) -> Rows:
         """White rows (n, 1) of measured minus predicted."""
-        return self._rows((self.recording.probe - predict_probe(self.machine, self.recording, causes))[:, :, None])
+        return self._rows((self.recording.probe - self._prediction(causes))[:, :, None])
 
     def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
         """White rows of the derivative of the prediction with respect to values of `cause`, beside `others`."""
         effect, columns = cause.effect, []
+        base = self._prediction((*others, cause))
         for index in indices:
-            step = _STEP * effect.scales()[index]
-            if index in effect.indices(Role.SHAPE):
-                step = 1e-4 * float(cause.values[index])
-            ends = []
-            for sign in (1.0, -1.0):
-                values = cause.values.copy()
-                values[index] += sign * step
-                ends.append(predict_probe(self.machine, self.recording, (*others, cause.with_values(values))))
-            columns.append((ends[0] - ends[1]) / (2 * step))
+            # A wave that is moved along bends at once: the step in its period is far smaller.
+            shape = index in effect.indices(Role.SHAPE)
+            step = _SHAPE_STEP * float(cause.values[index]) if shape else _STEP * effect.scales()[index]
+            values = cause.values.copy()
+            values[index] += step
+            columns.append((self._prediction((*others, cause.with_values(values))) - base) / step)
         return self._rows(np.stack(columns, axis=2))
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
-        """White rows of one standard uncertainty of each uncertain parameter."""
+        """White rows of one standard uncertainty of each uncertain parameter.
+
+        Causes are micrometres on a machine of metres: what a parameter does beside them is the same.
+        """
         if not self._shifts:
             return {}
-        base = predict_probe(self.machine, self.recording, causes)
-        moved = [predict_probe(shift.machine, self.recording, causes) - base for shift in self._shifts]
-        return self._rows(np.stack(moved, axis=2))
+        if self._moved is None:
+            base = self._prediction(())
+            moved = [predict_probe(shift.machine, self.recording) - base for shift in self._shifts]
+            self._moved = np.stack(moved, axis=2)
+        return self._rows(self._moved)
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
         """Every effect at every place; harmonics of rotary axes of every order, the best period of each linear axis."""
@@ -122,19 +130,19 @@ class MachineProblem:
         count = 3 * int(self.kept.sum())
         power = float(white @ white)
         findings = [
-            Finding("probe", "power", float(chi2.logsf(power, count)), max(0.0, power - count), "pose: scatter")
+            Finding("probe", "power", log_chi_square_tail(power, count), max(0.0, power - count), "pose: scatter")
         ]
         for axis, names, table in self._structure_table:
             kept = table * np.tile(self.kept, 3)[:, None]
             gains = np.square(kept.T @ white) / np.maximum(np.sum(np.square(kept), axis=0), 1e-300)
             best = int(np.argmax(gains))
-            chance = min(0.0, float(chi2.logsf(gains[best], 1)) + float(np.log(len(names))))
+            chance = min(0.0, log_chi_square_tail(float(gains[best]), 1) + float(np.log(len(names))))
             findings.append(Finding("probe", f"axis {axis}", chance, max(0.0, float(gains[best]) - 1), names[best]))
         return findings
 
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
         """Look for outliers again with the causes taken out; whether the rows have changed by it."""
-        white = (self.recording.probe - predict_probe(self.machine, self.recording, causes)) / self.probe_std
+        white = (self.recording.probe - self._prediction(causes)) / self.probe_std
         kept = self._inliers(white)
         if np.array_equal(kept, self.kept):
             return False
@@ -147,7 +155,7 @@ class MachineProblem:
         Raises:
             InputError: the twin describes another machine.
         """
-        predicted = predict_probe(self.machine, self.recording)
+        predicted = self._prediction(())
         off = np.median(np.abs(self.recording.probe - predicted))
         if off > 10 * np.median(np.abs(predicted)) and off > 1e-3:
             raise InputError(
@@ -173,8 +181,8 @@ class MachineProblem:
 
     def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
         """Residuals of the probe's components over each axis, before and after the causes, in µm."""
-        before = 1e6 * (self.recording.probe - predict_probe(self.machine, self.recording))
-        after = 1e6 * (self.recording.probe - predict_probe(self.machine, self.recording, causes))
+        before = 1e6 * (self.recording.probe - self._prediction(()))
+        after = 1e6 * (self.recording.probe - self._prediction(causes))
         found = []
         for channel in channels:
             component = CHANNELS.index(channel[-1])
@@ -189,6 +197,15 @@ class MachineProblem:
         """An effect without size, its shape as it was proposed."""
         effect = next(e for e in self.effects if e.name == key[0])
         return Cause(effect, key[1], self._starts.get(key, effect.start(key[1])))
+
+    def _prediction(self, causes: Sequence[Cause]) -> Array:
+        """Prediction with these causes; that without any size is kept."""
+        sized = tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
+        if sized:
+            return predict_probe(self.machine, self.recording, sized)
+        if self._plain is None:
+            self._plain = predict_probe(self.machine, self.recording)
+        return self._plain
 
     def _rows(self, values: Array) -> Rows:
         white = values / self.probe_std * self.kept[:, None, None]
@@ -223,17 +240,14 @@ class MachineProblem:
         flat = unit.copy()
         # A period far above the travel makes the wave a constant: the direction in which the axis's error shows.
         flat[effect.slices()["period"]], flat[amplitude] = 1e6, effect.scales()[amplitude]
-        shown = predict_probe(self.machine, self.recording, (Cause(effect, place, flat),))
-        shown = shown - predict_probe(self.machine, self.recording)
+        shown = self._prediction((Cause(effect, place, flat),))
+        shown = shown - self._prediction(())
         along = shown / np.linalg.norm(shown, axis=1, keepdims=True)
         signal = np.sum(np.stack([rest[c][:, 0] for c in CHANNELS], axis=1) * along, axis=1)
         span = float(np.ptp(position))
-        frequencies = np.arange(1 / PERIODS[1], 1 / PERIODS[0], 0.2 / span)
-        power = _scan(position, signal, frequencies)
-        best = float(frequencies[int(np.argmax(power))])
-        fine = best + np.linspace(-0.2, 0.2, 41) / span
+        best = find_frequency(position, signal, 1 / PERIODS[1], 1 / PERIODS[0])
         start = unit.copy()
-        start[effect.slices()["period"]] = 1 / float(fine[int(np.argmax(_scan(position, signal, fine)))])
+        start[effect.slices()["period"]] = 1 / best
         return start, max(int(span * (1 / PERIODS[0] - 1 / PERIODS[1])), 1)
 
     def _smooth_machine(self) -> list[tuple[str, list[str], Array]]:
@@ -242,7 +256,7 @@ class MachineProblem:
         To first order a component's effect is its value times where that axis stands at the pose: one prediction for
         each component gives that lever, and every shape is a multiple of it.
         """
-        base = predict_probe(self.machine, self.recording)
+        base = self._prediction(())
         warming = self.recording.temperature - self.machine.reference_temperature
         tables = []
         for column, axis in enumerate(self.machine.axes):
@@ -261,7 +275,7 @@ class MachineProblem:
         return tables
 
     def _find_outliers(self) -> NDArray[np.bool_]:
-        white = (self.recording.probe - predict_probe(self.machine, self.recording)) / self.probe_std
+        white = (self.recording.probe - self._prediction(())) / self.probe_std
         return self._inliers(white)
 
     def _inliers(self, white: Array) -> NDArray[np.bool_]:
@@ -278,7 +292,7 @@ class MachineProblem:
             gram = table.T @ (tripled[:, None] * table) + np.eye(table.shape[1])
             left = rows - table @ np.linalg.solve(gram, table.T @ (tripled * rows))
             distance = np.sqrt(np.mean(np.square(left.reshape(3, -1)), axis=0))
-            spread = max(1.0, float(np.median(distance)) / np.sqrt(chi2.median(3) / 3))
+            spread = max(1.0, float(np.median(distance)) / np.sqrt(chi_square_median(3) / 3))
             # Weights of Student's t, three degrees of freedom: a distant pose counts with the inverse of its square.
             weight = np.minimum(4.0 / (3.0 + np.square(distance / spread)), 1.0)
         outlying: NDArray[np.bool_] = np.asarray(distance > OUTLIER * spread, bool)
@@ -296,12 +310,20 @@ def _shapes(position: Array, axis: Axis) -> dict[str, Array]:
     return {"order 0": np.ones(len(position)), **waves}
 
 
-def _scan(position: Array, signal: Array, frequencies: Array) -> Array:
-    """Power of waves, at equally spaced frequencies, in a position that is not evenly sampled."""
-    turns = np.exp(-2j * np.pi * frequencies[0] * position)
-    step = np.exp(-2j * np.pi * (frequencies[1] - frequencies[0]) * position)
-    power = np.empty(len(frequencies))
-    for i in range(len(frequencies)):
-        power[i] = abs(turns @ signal) ** 2
-        turns = turns * step
-    return power / len(signal)
+def find_frequency(position: Array, signal: Array, lowest: float, highest: float) -> float:
+    """Frequency, 1/m, of the wave with the most power in a signal at positions that are not evenly spaced.
+
+    The signal is first summed into cells a twentieth of the shortest wave wide, so that one fast transform sees all
+    frequencies a fifth of the resolution apart; near the best of them the positions count as they are.
+    """
+    span = float(np.ptp(position))
+    width = 0.05 / highest
+    sums = np.bincount(((position - position.min()) / width).astype(np.intp), signal)
+    length = int(2 ** np.ceil(np.log2(5 * span / width)))
+    power = np.square(np.abs(np.fft.rfft(sums, length)))
+    frequencies = np.arange(len(power)) / (length * width)
+    allowed = (frequencies >= lowest) & (frequencies <= highest)
+    best = float(frequencies[int(np.argmax(np.where(allowed, power, -1.0)))])
+    fine = np.clip(best + np.linspace(-0.2, 0.2, 41) / span, lowest, highest)
+    exact = np.abs(np.exp(-2j * np.pi * np.outer(fine, position)) @ signal)
+    return float(fine[int(np.argmax(exact))])

@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, norm
 
+from rotary_error_monitor.gap.chances import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.normal import combine
 from rotary_error_monitor.gap.problem import Array, Candidate, Finding, Problem, Rows
@@ -323,9 +323,11 @@ def _strained(fit: Fit) -> list[Finding]:
         return []
     together = float(np.sum(np.square(moved)))
     furthest = float(np.max(np.abs(moved)))
-    alone = min(0.0, float(norm.logsf(furthest)) + float(np.log(2 * len(moved))))
+    alone = min(0.0, log_normal_tail(furthest) + float(np.log(2 * len(moved))))
     words = "twin: parameters beyond their uncertainty"
     return [
-        Finding("twin", "parameters", float(chi2.logsf(together, len(moved))), max(0.0, together - len(moved)), words),
+        Finding(
+            "twin", "parameters", log_chi_square_tail(together, len(moved)), max(0.0, together - len(moved)), words
+        ),
         Finding("twin", "parameter", alone, max(0.0, furthest**2 - 1), words),
     ]

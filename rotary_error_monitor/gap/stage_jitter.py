@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize
-from scipy.signal import welch
 
 from rotary_error_monitor.gap.stage_search import LINES, order_spectrum
 from rotary_error_monitor.twin.stage_noise import Jitter
@@ -22,6 +21,9 @@ HIGHEST = 25.0
 """Frequency, Hz, up to which lines are the rotor's own; above it inertia lets nothing through."""
 
 MOST_LINES = 24
+
+STRETCH = 2000
+"""Samples of one stretch of the averaged periodogram."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +55,23 @@ def estimate_jitter(motion: SharedMotion) -> tuple[Jitter, Array]:
     """
     frequencies, left = _separated(motion)
     period = float(np.ptp(motion.time)) / (len(motion.time) - 1)
-    frequency, power = welch(left, 1 / period, nperseg=min(2000, len(left)))
-    # Welch's mean of many periodograms scatters little, so its median is nearly its mean.
-    return fit_spectrum(frequency[1:], power[1:] * np.log(2.0), motion.floor, Jitter()), frequencies
+    frequency, power = periodogram(left, period)
+    # The mean of many periodograms scatters little, so its median is nearly its mean.
+    return fit_spectrum(frequency, power * np.log(2.0), motion.floor, Jitter()), frequencies
+
+
+def periodogram(values: Array, period: float) -> tuple[Array, Array]:
+    """Frequencies in Hz above zero and one-sided power density there, averaged over stretches that overlap by half.
+
+    Welch 1967, with a Hann window. (scipy.signal does the same, but takes long to load.)
+    """
+    length = min(STRETCH, len(values))
+    stretches = np.lib.stride_tricks.sliding_window_view(values, length)[:: length // 2]
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
+    spectra = np.fft.rfft((stretches - stretches.mean(axis=1, keepdims=True)) * window)
+    power = 2 * period / np.sum(window**2) * np.mean(np.square(np.abs(spectra)), axis=0)
+    last = (length + 1) // 2  # at the highest frequency of an even length both sides are one
+    return np.asarray(np.fft.rfftfreq(length, period)[1:last], np.float64), np.asarray(power[1:last], np.float64)
 
 
 def _separated(motion: SharedMotion) -> tuple[Array, Array]:

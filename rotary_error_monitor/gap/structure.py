@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
 
+from rotary_error_monitor.gap.chances import chi_square_median, log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.problem import Array, Finding
 
 MODELLED_ORDERS = 16
@@ -70,7 +70,7 @@ def _orders(track: Track) -> Finding:
         if np.max(each) / floor > best:
             best, words = np.max(each) / floor, f"order {int(np.argmax(each))} at {name}"
     return Finding(
-        track.channel, "orders", float(chi2.logsf(gain, max(freedom, 1))), max(0.0, gain - freedom), f"angle: {words}"
+        track.channel, "orders", log_chi_square_tail(gain, max(freedom, 1)), max(0.0, gain - freedom), f"angle: {words}"
     )
 
 
@@ -100,7 +100,7 @@ def _noise_above(angle: Array, rows: Array) -> float:
     """Noise level at orders just above the modelled ones; rounding of a slowly turning ring is not quite white."""
     table = _wave_table(angle, 3 * MODELLED_ORDERS, MODELLED_ORDERS + 1)
     power = np.square(table.T @ rows) * 2 / len(rows)
-    return float(np.median(power) / chi2.median(1))
+    return float(np.median(power) / chi_square_median(1))
 
 
 def _line(track: Track) -> Finding:
@@ -134,7 +134,7 @@ def _place(track: Track) -> Finding:
     cell = (np.mod(track.angle, 2 * np.pi) * PLACES / (2 * np.pi)).astype(np.intp) % PLACES
     z, used = _means(cell, track.rows, PLACES)
     best = int(np.argmax(np.abs(z)))
-    log_chance = _log_any(float(norm.logsf(abs(z[best])) + np.log(2)), used)
+    log_chance = _log_any(log_normal_tail(abs(float(z[best]))) + float(np.log(2)), used)
     where = (best + 0.5) * 360 / PLACES
     return Finding(track.channel, "place", log_chance, max(0.0, float(z[best]) ** 2 - 1), f"angle: place {where:.0f}°")
 
@@ -144,7 +144,7 @@ def _time(track: Track) -> Finding:
     cell = ((track.time - track.time[0]) / SECONDS).astype(np.intp)
     z, used = _means(cell, track.rows, int(cell[-1]) + 1)
     best = int(np.argmax(np.abs(z)))
-    log_chance = _log_any(float(norm.logsf(abs(z[best])) + np.log(2)), used)
+    log_chance = _log_any(log_normal_tail(abs(float(z[best]))) + float(np.log(2)), used)
     moment = track.time[0] + (best + 0.5) * SECONDS
     return Finding(track.channel, "time", log_chance, max(0.0, float(z[best]) ** 2 - 1), f"time: at {moment:.1f} s")
 

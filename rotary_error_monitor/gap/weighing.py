@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.gap.chances import log_chi_square_tail
 from rotary_error_monitor.gap.normal import BlockNormal, Normal, stack
 from rotary_error_monitor.gap.problem import Array, Candidate, Problem, Rows
 
@@ -49,7 +49,7 @@ class Weight:
     @property
     def log_chance(self) -> float:
         """Natural logarithm of the chance that noise alone gives this gain to these columns."""
-        return float(chi2.logsf(self.gain, self.freedom))
+        return log_chi_square_tail(self.gain, self.freedom)
 
 
 class Weighing:

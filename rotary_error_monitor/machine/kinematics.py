@@ -6,6 +6,7 @@ frame of the moved body.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -223,8 +224,12 @@ def _fixtures(
     return Fixtures(axes, *ends)
 
 
+@functools.lru_cache(maxsize=256)
 def _fixed(displacement: Displacement) -> Array:
-    return transform(rotation_by(_column(displacement.rotation)), _column(displacement.shift))
+    """(3, 4, 1) transform of a displacement; kept, because a fit arranges a machine for each parameter moved."""
+    fixed = transform(rotation_by(_column(displacement.rotation)), _column(displacement.shift))
+    fixed.flags.writeable = False
+    return fixed
 
 
 def _small_fixtures(tool: tuple[Body, ...], workpiece: tuple[Body, ...], numbers: dict[str, int]) -> SmallFixtures:
@@ -245,7 +250,7 @@ def _small_fixtures(tool: tuple[Body, ...], workpiece: tuple[Body, ...], numbers
 
 def _seen_from(pose: Displacement, small: Array) -> Array:
     """A small displacement (6, 1) of a frame, told in a frame that stands at `pose` in it."""
-    back = inverse(rotation_by(_column(pose.rotation)))
+    back = inverse(_fixed(pose))
     shift = small[:3] + cross(small[3:], _column(pose.shift))
     return np.concatenate([rotate(back, shift), rotate(back, small[3:])])
 

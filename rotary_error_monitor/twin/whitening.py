@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter, oaconvolve
 
 Array = NDArray[np.float64]
 
@@ -35,14 +34,14 @@ def whitening_taps(density: Callable[[Array], Array], period: float, taps: int =
 
 @dataclass(frozen=True)
 class Whitener:
-    """A causal filter: feed-forward `taps` and, for an autoregressive part, `feedback` (first entry 1).
+    """A causal filter.
 
     Attributes:
+        taps: (k,) its response to a single sample.
         start_up: samples after which a filter started from nothing has all but 1 % of its memory.
     """
 
     taps: Array
-    feedback: Array
     start_up: int
 
     def apply(self, rows: Array, segments: list[slice]) -> Array:
@@ -54,15 +53,27 @@ class Whitener:
         for segment in segments:
             part = rows[segment]
             if len(part) > self.start_up:
-                result[segment] = self._convolve(part)
+                result[segment] = convolve(part, self.taps)
                 result[segment][: self.start_up] = 0.0
         return result
 
-    def _convolve(self, part: Array) -> Array:
-        if len(self.feedback) > 1:
-            return np.asarray(lfilter(self.taps, self.feedback, part, axis=0), np.float64)
-        taps = self.taps.reshape(-1, *(1,) * (part.ndim - 1))
-        return np.asarray(oaconvolve(part, taps, axes=0)[: len(part)], np.float64)
+
+def convolve(rows: Array, taps: Array) -> Array:
+    """Rows (n, …) filtered along the first axis by `taps` (k,), as many rows as before.
+
+    Overlap-add, the transform some times longer than the filter: the work grows with the rows, not with their square.
+    (scipy.signal does the same, but to load it takes as long as half a diagnosis.)
+    """
+    length = int(2 ** np.ceil(np.log2(8 * len(taps))))
+    step = length - len(taps) + 1
+    count = -(-len(rows) // step)
+    blocks = np.zeros((count * step, *rows.shape[1:]))
+    blocks[: len(rows)] = rows
+    spectrum = np.fft.rfft(blocks.reshape(count, step, -1), length, axis=1)
+    spectrum *= np.fft.rfft(taps, length)[:, None]
+    filtered = np.fft.irfft(spectrum, length, axis=1)
+    filtered[1:, : length - step] += filtered[:-1, step:]
+    return np.ascontiguousarray(filtered[:, :step].reshape(blocks.shape)[: len(rows)])
 
 
 def predictor(density: Callable[[Array], Array], period: float) -> Whitener:
@@ -70,7 +81,7 @@ def predictor(density: Callable[[Array], Array], period: float) -> Whitener:
     taps = whitening_taps(density, period)
     energy = np.cumsum(taps[::-1] ** 2)[::-1] / np.sum(taps**2)
     start_up = int(np.argmax(energy < 1e-4)) if (energy < 1e-4).any() else len(taps)
-    return Whitener(taps[: max(2 * start_up, 8)], np.ones(1), start_up)
+    return Whitener(taps[: max(2 * start_up, 8)], start_up)
 
 
 def drift_predictor(std: float, correlation_time: float, white: float, period: float) -> Whitener:
@@ -85,7 +96,9 @@ def drift_predictor(std: float, correlation_time: float, white: float, period: f
     forget = half - np.sqrt(half**2 - 1)
     innovation = np.sqrt(memory * white**2 / forget)
     start_up = int(np.ceil(np.log(1e-2) / np.log(forget)))
-    return Whitener(np.array([1.0, -memory]) / innovation, np.array([1.0, -forget]), start_up)
+    # The response of (1 - m z) / (1 - c z), until it has faded to one part in 10^6.
+    response = (forget - memory) * forget ** np.arange(3 * start_up)
+    return Whitener(np.concatenate([[1.0], response]) / innovation, start_up)
 
 
 def segments_of(present: NDArray[np.bool_]) -> list[slice]:

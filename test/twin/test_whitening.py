@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from rotary_error_monitor.twin.whitening import drift_predictor, predictor, segments_of, whitening_taps
+from rotary_error_monitor.twin.whitening import convolve, drift_predictor, predictor, segments_of, whitening_taps
 
 PERIOD = 0.004
 
@@ -69,3 +69,23 @@ def test_segments_are_the_runs_that_are_present():
     present = np.array([0, 1, 1, 0, 0, 1, 0, 1, 1, 1], bool)
     assert segments_of(present) == [slice(1, 3), slice(5, 6), slice(7, 10)]
     assert segments_of(np.zeros(3, bool)) == []
+
+
+@pytest.mark.parametrize(("rows", "taps"), [(3000, 40), (50, 40), (7, 1), (1000, 255)])
+def test_overlapping_pieces_give_the_plain_convolution(rows, taps):
+    draw = np.random.default_rng(4)
+    values, filter_ = draw.normal(size=(rows, 3)), draw.normal(size=taps)
+    plain = lfilter(filter_, [1.0], values, axis=0)
+    np.testing.assert_allclose(convolve(values, filter_), plain, rtol=0, atol=1e-12)
+
+
+def test_the_filter_of_a_drift_is_its_recursion():
+    std, correlation_time, white = 3e-7, 0.3, 5e-7
+    whitener = drift_predictor(std, correlation_time, white, PERIOD)
+    rows = np.random.default_rng(5).normal(size=(2000, 2))
+    memory = np.exp(-PERIOD / correlation_time)
+    forget = memory + whitener.taps[1] / whitener.taps[0]  # the response to one sample is 1, forget - memory, …
+    recursion = lfilter(whitener.taps[0] * np.array([1.0, -memory]), [1.0, -forget], rows, axis=0)
+    filtered = whitener.apply(rows, [slice(0, 2000)])
+    later, close = slice(whitener.start_up, None), 1e-6 * float(np.abs(recursion).max())
+    np.testing.assert_allclose(filtered[later], recursion[later], rtol=0, atol=close)
