@@ -17,7 +17,8 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Wire, load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings, Correction, InputsUsed
+from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings, InputsUsed
+from rotary_error_monitor.pipeline.corrections import Correction
 from rotary_error_monitor.pipeline.estimation import (
     AUTOCOLLIMATOR,
     COMMAND,

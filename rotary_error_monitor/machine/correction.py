@@ -18,7 +18,7 @@ from rotary_error_monitor.machine.kinematics import MachineModel, axis_columns, 
 from rotary_error_monitor.machine.transforms import Array, cross, dot, length
 
 MOST_STEPS = 12
-LAST_STEP = 1e-10
+LAST_STEP = 1e-8
 """A pose is solved once its step is no longer than this, m or rad; the next would be a thousandth of it at most."""
 
 
@@ -40,6 +40,16 @@ class AxisCorrections:
     position_spanned: NDArray[np.bool_]
     direction_spanned: NDArray[np.bool_]
     offset: Array
+
+    def at(self, chosen: NDArray[np.int64]) -> AxisCorrections:
+        """The same at some of the poses."""
+        return AxisCorrections(
+            self.corrections[chosen],
+            self.converged[chosen],
+            self.position_spanned[chosen],
+            self.direction_spanned[chosen],
+            self.offset[chosen],
+        )
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,12 @@ class ErrorMotion:
     observable: NDArray[np.bool_]
     covariance: NDArray[np.float64]
 
+    def at(self, chosen: NDArray[np.int64]) -> ErrorMotion:
+        """The same at some of the times."""
+        return ErrorMotion(
+            self.theta[chosen], self.components[chosen], self.observable[chosen], self.covariance[chosen]
+        )
+
 
 def rotate(vector: tuple[float, float], theta: NDArray[np.float64]) -> NDArray[np.float64]:
     """(m, 2) a vector of the rotor's frame in the base's, at rotations `theta` (m,)."""

@@ -21,8 +21,8 @@ from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode, run
 from rotary_error_monitor.nodes.parameters import Setting, cell_settings
-from rotary_error_monitor.pipeline.compensation import Compensation as Computed
-from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings, Correction
+from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings
+from rotary_error_monitor.pipeline.corrections import Correction
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 NAME = "compensation"
@@ -116,6 +116,7 @@ class Compensation(ManagedNode):
         self._watches["joint states"] = self._joints = StreamWatch(joints.name, limit, limit, now_ns)
         self.listen_to(joints, self._receive_joints)
         self.listen_to(self.wire.topic("machine_temperature"), self._receive_temperature)
+        self.after_messages(self._compensate)
         self.serve(Trigger, "~/reset", self._reset)
         self.every(_WATCH_PERIOD, self._watch)
 
@@ -149,31 +150,36 @@ class Compensation(ManagedNode):
         if now_ns - int(block.times_ns[-1]) > self._age_limit_ns:
             self._stale += len(block.rows)  # nothing of it could be published: no time is lost on it
             return
-        self._publish(self._compensator.push_error_motion(block))
+        self._compensator.accept_error_motion(block)
 
     def _receive_joints(self, message: JointState) -> None:
         stamp_ns = messages.measured_ns(message.header)
         positions, velocities = messages.joint_motion(message)
         self._joints.observe_stamp(stamp_ns, self.now_ns())
-        self._publish(self._compensator.push_joint_state(stamp_ns, positions, velocities))
+        self._compensator.accept_joint_state(stamp_ns, positions, velocities)
 
     def _receive_temperature(self, message: Temperature) -> None:
         self._compensator.push_temperature(message.temperature)
 
-    def _publish(self, computed: Computed) -> None:
-        """Send what is fresh; what waited too long for its other half is dropped."""
+    def _compensate(self) -> None:
+        """Send what is fresh of what came together; what waited too long for its other half is dropped."""
+        computed = self._compensator.advance()
         oldest_ns = self.now_ns() - self._age_limit_ns
         for block in computed.offsets:
-            if int(block.times_ns[-1]) < oldest_ns:
-                self._stale += len(block.rows)
-                continue
-            self._outputs["tool_offset_samples"].publish(
-                messages.block_bytes(block, self._topics["tool_offset_samples"].frame)
-            )
-            self._worst_age = max(self._worst_age, (self.now_ns() - int(block.times_ns[-1])) / NANOSECONDS)
+            self._publish_offsets(block, oldest_ns)
         for correction in computed.corrections:
             if correction.stamp_ns >= oldest_ns:
                 self._publish_correction(correction)
+
+    def _publish_offsets(self, block: SampleBlock, oldest_ns: int) -> None:
+        stale = int(np.searchsorted(block.times_ns, oldest_ns))
+        self._stale += stale
+        if stale == len(block.rows):
+            return
+        fresh = SampleBlock(block.stamp_ns, block.names, block.rows[stale:])
+        topic = self._topics["tool_offset_samples"]
+        self._outputs["tool_offset_samples"].publish(messages.block_bytes(fresh, topic.frame))
+        self._worst_age = max(self._worst_age, (self.now_ns() - int(fresh.times_ns[-1])) / NANOSECONDS)
 
     def _publish_correction(self, correction: Correction) -> None:
         self._latest = correction

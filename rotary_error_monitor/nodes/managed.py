@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock
+from rclpy.clock import Clock, ROSClock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -120,7 +120,8 @@ class ManagedNode(LifecycleNode):
         """The node's clock, timestamp (ns); with `use_sim_time` that of `/clock`."""
         clock = self.get_clock()
         # The clock builds an object and asks three times for one number; the system's time is the same number.
-        return int(clock.now().nanoseconds) if clock.ros_time_is_active else time.time_ns()
+        simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
+        return int(clock.now().nanoseconds) if simulated else time.time_ns()
 
     def publish_on(self, topic: Topic) -> Publisher:
         """Publisher of one of the contract's topics; silent unless the node is active."""

@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
 
-COMMAND = "command"
-"""Stream by whose columns `angle` and `velocity` turns are counted."""
-
 _MOTION = ("angle", "velocity")
 
 _SLACK = 1.0
@@ -87,17 +84,21 @@ class RecentTurns:
         late: blocks dropped because they were not after the one before.
     """
 
-    def __init__(self, streams: Mapping[str, Sequence[str]], turns: float, longest: float, most_samples: int) -> None:
-        """Keep `streams`, columns by name, `command` among them.
+    def __init__(
+        self, streams: Mapping[str, Sequence[str]], command: str, turns: float, longest: float, most_samples: int
+    ) -> None:
+        """Keep nothing yet.
 
         Args:
             streams: columns to keep by stream.
+            command: the stream by whose columns `angle` and `velocity` turns are counted.
             turns: of the stage.
             longest: time, s, that is kept at most.
             most_samples: of each stream that are kept at most.
         """
         self.late = 0
         self._memories = {name: _Memory(tuple(columns)) for name, columns in streams.items()}
+        self._command = command
         self._turns = turns
         self._longest_ns = round(longest * NANOSECONDS)
         self._most_samples = most_samples
@@ -106,18 +107,18 @@ class RecentTurns:
     @property
     def turns(self) -> float:
         """Turns of the stage in memory."""
-        return self._memories[COMMAND].travel / (2 * np.pi)
+        return self._memories[self._command].travel / (2 * np.pi)
 
     @property
     def duration(self) -> float:
         """Time from the first to the last sample of the command in memory, s."""
-        command = self._memories[COMMAND]
+        command = self._memories[self._command]
         return (command.newest_ns - command.oldest_ns) / NANOSECONDS if command.pieces else 0.0
 
     @property
     def newest_ns(self) -> int | None:
         """Timestamp (ns) of the last sample of the command; None before the first."""
-        command = self._memories[COMMAND]
+        command = self._memories[self._command]
         return command.newest_ns if command.pieces else None
 
     @property
@@ -138,7 +139,7 @@ class RecentTurns:
                 self.late += 1
                 return
             self.clear()
-        memory.append(_Piece(times, values, self._travel(block) if stream == COMMAND else 0.0))
+        memory.append(_Piece(times, values, self._travel(block) if stream == self._command else 0.0))
         self._forget(stream)
 
     def clear(self) -> None:
@@ -153,7 +154,7 @@ class RecentTurns:
         Args:
             span: blocks are joined until they are this long, s; 0 leaves them as they came.
         """
-        command = self._memories[COMMAND]
+        command = self._memories[self._command]
         if not command.pieces:
             return {}
         found = {
@@ -166,7 +167,7 @@ class RecentTurns:
         """Way, rad, from the last sample of the command through all of a block; a new count forgets all before it."""
         angle, velocity = block.columns(_MOTION).T
         within = float(np.abs(np.diff(angle)).sum())
-        memory = self._memories[COMMAND]
+        memory = self._memories[self._command]
         if not memory.pieces:
             return within
         last_angle, last_velocity = (float(memory.pieces[-1].values[-1, memory.names.index(n)]) for n in _MOTION)
@@ -178,8 +179,8 @@ class RecentTurns:
         return step + within
 
     def _forget(self, stream: str) -> None:
-        memory, command = self._memories[stream], self._memories[COMMAND]
-        if stream == COMMAND:
+        memory, command = self._memories[stream], self._memories[self._command]
+        if stream == self._command:
             while memory.travel - memory.pieces[0].travel >= 2 * np.pi * self._turns:
                 memory.drop_oldest()
         begin_ns = command.oldest_ns if command.pieces else 0
@@ -188,7 +189,7 @@ class RecentTurns:
             too_many = memory.samples > self._most_samples
             if not (too_long or too_many or memory.pieces[0].newest_ns < begin_ns):
                 break
-            self._is_bounded |= too_many or (too_long and stream == COMMAND)
+            self._is_bounded |= too_many or (too_long and stream == self._command)
             memory.drop_oldest()
 
 

@@ -33,7 +33,10 @@ def test_joint_states_alone_correct_y_and_a_replay_repeats_it(cell, tmp_path, ca
     assert cell.wire.topic("error_motion_samples").name not in names
 
     cell.remove(compensation)
-    cell.wait_until(lambda: len(offsets) >= len(corrections), "the last offsets")
+    last_ns = messages.ns_from_stamp(corrections[-1].header.stamp)
+    cell.wait_until(
+        lambda: messages.block_from_message(offsets[-1]).times_ns[-1] >= last_ns, "the offset of the last correction"
+    )
     cell.remove(recorder)
     out = tmp_path / "out.npz"
     assert main(["replay", str(bag), "--machine", GRINDER, "-o", str(out)]) == 0

@@ -11,7 +11,8 @@ from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.limits import Level
 from rotary_error_monitor.metrology.guideway_compensation import count_reversals
-from rotary_error_monitor.pipeline.compensation import Compensation, Compensator, CompensatorSettings, InputsUsed
+from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings, InputsUsed
+from rotary_error_monitor.pipeline.corrections import Compensation
 from rotary_error_monitor.pipeline.estimation import COLUMNS
 from rotary_error_monitor.signals.blocks import block_from_samples
 
