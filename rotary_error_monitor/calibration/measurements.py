@@ -3,7 +3,8 @@
 Headers (columns in any order):
     positioning, linear  target_mm,direction,cycle,deviation_um    or reading_mm instead of deviation_um
     positioning, rotary  target_deg,direction,cycle,deviation_arcsec    or reading_deg
-    straightness         segment,run,direction,position_mm,reading_um
+    straightness         segment,run,direction,position_mm,reading_um    and mirror (1, -1 turned over) if it was turned
+    mirror               distance_mm,height_um
     tracker              feature,distance_mm,elevation_deg,azimuth_deg
     poses                X_mm,Y_mm,…,C_deg,…,temperature_degC,dx_um,dy_um,dz_um; directions as X_direction, … if known
 """
@@ -11,6 +12,7 @@ Headers (columns in any order):
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -141,11 +143,20 @@ def read_positioning_poses(path: Path | str, machine: MachineDescription, letter
         raise InputError(f"{path}: {error}") from error
 
 
-def read_straightness(path: Path | str) -> dict[str, list[Run]]:
-    """Runs by segment, in the order of the file, from a CSV file.
+@dataclass(frozen=True)
+class Placement:
+    """Runs along one placement of the mirror; `turned`: the mirror is turned over about its long axis."""
+
+    runs: tuple[Run, ...]
+    turned: bool = False
+
+
+def read_straightness(path: Path | str) -> dict[str, Placement]:
+    """Placements by name of the segment, in the order of the file, from a CSV file.
 
     Raises:
-        InputError: what `read_table` raises, a run that does not go one way, or a gap in one.
+        InputError: what `read_table` raises, a run that does not go one way, a gap in one, or a mirror that is turned
+            within a segment.
     """
     columns = [
         Column("segment", text=True),
@@ -154,18 +165,45 @@ def read_straightness(path: Path | str) -> dict[str, list[Run]]:
         Column("position_mm", LENGTH),
         Column("reading_um", LINEAR_ERROR),
     ]
-    table = read_table(path, [columns])
+    table = read_table(path, [columns, [*columns, Column("mirror")]])
+    sides = table.numbers.get("mirror", np.ones(len(table.lines)))
     groups: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(table.words["segment"], table.words["run"], strict=True)):
         groups.setdefault(key, []).append(row)
-    segments: dict[str, list[Run]] = {}
+    segments: dict[str, Placement] = {}
     for (segment, run), rows in groups.items():
         positions = table.numbers["position_mm"][rows]
         directions = table.numbers["direction"][rows]
         _check_pass(table, rows, positions, directions, f"segment {segment}, run {run}")
-        readings = table.numbers["reading_um"][rows]
-        segments.setdefault(segment, []).append(Run(positions, readings, int(directions[0])))
+        before = segments.get(segment, Placement((), bool(sides[rows[0]] == -1)))
+        _check_sides(table, rows, sides, segment, before.turned)
+        passed = Run(positions, table.numbers["reading_um"][rows], int(directions[0]))
+        segments[segment] = Placement((*before.runs, passed), before.turned)
     return segments
+
+
+def _check_sides(table: Table, rows: list[int], sides: Array, segment: str, turned: bool) -> None:
+    for row in rows:
+        if sides[row] not in (1, -1):
+            raise table.error(row, f"mirror {sides[row]:g}; expected 1 or -1 (turned over about its long axis)")
+        if (sides[row] == -1) != turned:
+            raise table.error(row, f"segment {segment}: mirror {sides[row]:g} among others; name a segment of its own")
+
+
+def read_mirror_profile(path: Path | str) -> Array:
+    """(k, 2) calibrated form of a mirror, rising distance from its start and height, m, from a CSV file.
+
+    Raises:
+        InputError: what `read_table` raises, or distances that do not rise.
+    """
+    table = read_table(path, [[Column("distance_mm", LENGTH), Column("height_um", LINEAR_ERROR)]])
+    distance = table.numbers["distance_mm"]
+    if np.any(np.diff(distance) <= 0):
+        row = int(np.argmax(np.diff(distance) <= 0)) + 1
+        raise table.error(
+            row, f"distance {distance[row] * 1e3:g} mm after {distance[row - 1] * 1e3:g} mm; they must rise"
+        )
+    return np.stack([distance, table.numbers["height_um"]], axis=1)
 
 
 def _check_pass(table: Table, rows: list[int], positions: Array, directions: Array, name: str) -> None:

@@ -57,6 +57,8 @@ def straightness_text(result: StraightnessResult, output: Path) -> str:
         f"straightness ({result.name}) {result.error * 1e6:.3f} µm about the least squares line, standard uncertainty "
         f"{result.uncertainty * 1e6:.3f} µm, {spliced.positions[0] * 1e3:g} to {spliced.positions[-1] * 1e3:g} mm"
     ]
+    ends, zone = (spliced.straightness(method).error for method in ("end_point", "minimum_zone"))
+    lines.append(f"  about the line through the ends {ends * 1e6:.3f} µm, minimum zone {zone * 1e6:.3f} µm")
     if result.repeatability is not None:
         lines.append(f"  largest deviation of a run from the mean of its direction {result.repeatability * 1e6:.3f} µm")
     if result.reversal is not None:

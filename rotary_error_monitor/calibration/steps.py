@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.calibration.identification import Identification, check_held_out, identify_machine
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.measurements import (
+    Placement,
     read_positioning,
     read_positioning_poses,
     read_probed_poses,
@@ -38,7 +39,7 @@ from rotary_error_monitor.metrology.positioning import (
     find_outliers,
 )
 from rotary_error_monitor.metrology.splicing import Mirror, Segment, SplicedProfile, splice_segments
-from rotary_error_monitor.metrology.straightness import Run, combine_runs
+from rotary_error_monitor.metrology.straightness import combine_runs
 from rotary_error_monitor.metrology.tracker import TrackerNoise, estimate_point_covariance, estimate_points
 
 Array = NDArray[np.float64]
@@ -139,11 +140,11 @@ def calibrate_straightness(
     """
     axis = _straightness_axis(job.file.machine, name)
     segments, repeatability, reversal = [], [], []
-    for runs in read_straightness(job.source).values():
-        segment, spread, turn = _segment(runs, noise)
+    for placement in read_straightness(job.source).values():
+        segment, spread, back = _segment(placement, noise)
         segments.append(segment)
         repeatability += [] if spread is None else [spread]
-        reversal += [] if turn is None else [turn]
+        reversal += [] if back is None else [back]
     try:
         spliced = splice_segments(segments, mirror, spacing=spacing)
     except InputError as error:
@@ -169,18 +170,20 @@ def calibrate_straightness(
     )
 
 
-def _segment(runs: list[Run], noise: float) -> tuple[Segment, float | None, float | None]:
+def _segment(placement: Placement, noise: float) -> tuple[Segment, float | None, float | None]:
     """One placement: repeated runs averaged, with their largest deviation and reversal part; a single one as it is."""
+    runs = placement.runs
     start = min(float(run.positions.min()) for run in runs)
     counts = {sign: sum(run.direction == sign for run in runs) for sign in (1, -1)}
     if 1 in counts.values() or len(runs) == 1:
         positions = np.concatenate([run.positions for run in runs])
         # Runs may differ in height by how the sensor was set; the first one's counts.
         readings = np.concatenate([run.readings - run.readings.mean() for run in runs])
-        return Segment(positions, readings, noise, start), None, None
+        return Segment(positions, readings, noise, start, placement.turned), None, None
     combined = combine_runs(runs)
     floor = noise / math.sqrt(len(runs))
-    segment = Segment(combined.positions, combined.mean, max(combined.standard_uncertainty, floor / 2), start)
+    spread = max(combined.standard_uncertainty, floor / 2)
+    segment = Segment(combined.positions, combined.mean, spread, start, placement.turned)
     reversal = None if combined.reversal is None else float(np.abs(combined.reversal).max())
     return segment, combined.largest_deviation, reversal
 

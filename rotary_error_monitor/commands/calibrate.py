@@ -15,6 +15,7 @@ from rotary_error_monitor.calibration.assembly import assembly_text, calibrate_a
 from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
 from rotary_error_monitor.calibration.grinding import flatness_text, predict_flatness
 from rotary_error_monitor.calibration.machine_file import MachineFile
+from rotary_error_monitor.calibration.measurements import read_mirror_profile
 from rotary_error_monitor.calibration.parameters import Orders
 from rotary_error_monitor.calibration.steps import (
     Job,
@@ -73,11 +74,17 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 
 def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
-    text = "overlapping segments along a mirror: segment,run,direction,position_mm,reading_um"
+    text = "overlapping segments along a mirror: segment,run,direction,position_mm,reading_um; mirror as well if turned"
     parser = _step(steps, "straightness", _straightness, text)
     parser.add_argument("--component", required=True, help="such as EYX: straightness of X in Y")
     parser.add_argument("--mirror-length-mm", type=float, required=True)
     parser.add_argument("--mirror-flatness-um", required=True, help="peak to valley, or 'unknown'")
+    parser.add_argument(
+        "--mirror-profile",
+        type=Path,
+        metavar="CSV",
+        help="its calibrated form: distance_mm,height_um",
+    )
     parser.add_argument("--noise-um", type=float, required=True, help="standard deviation of a reading")
     parser.add_argument(
         "--monotone", action="store_true", help="rotate the curve so that its correction never reverses"
@@ -169,7 +176,8 @@ def _positioning(arguments: argparse.Namespace) -> int:
 
 def _straightness(arguments: argparse.Namespace) -> int:
     job = _job(arguments)
-    mirror = Mirror(arguments.mirror_length_mm * 1e-3, _flatness(arguments.mirror_flatness_um))
+    profile = read_mirror_profile(arguments.mirror_profile) if arguments.mirror_profile else None
+    mirror = Mirror(arguments.mirror_length_mm * 1e-3, _flatness(arguments.mirror_flatness_um), profile)
     noise = arguments.noise_um * 1e-6
     result = calibrate_straightness(job, arguments.component, mirror, noise, monotone=arguments.monotone)
     print(reports.straightness_text(result, job.output))

@@ -3,6 +3,10 @@
 Zhou et al. 2023, Section 2.1, fit a rotation and a shift to one overlap. Their Equation 1 prints both sines with the
 same sign; a rotation has [[cos, -sin], [sin, cos]]. At the microradians between two mirror placements it is a change of
 slope and of height, so all placements, the profile and the mirror's form are unknowns of one linear least squares.
+
+The mirror's form is common to all placements while the guideway's is not, so overlaps show it, but for its curvature:
+a curved mirror looks like a curved guideway in every placement. A placement measured a second time with the mirror
+turned over about its long axis (straightedge reversal) shows the curvature as well.
 """
 
 from __future__ import annotations
@@ -28,6 +32,9 @@ LEAST_OVERLAP = 0.15
 MIRROR_ORDERS = range(2, 7)
 """Legendre orders of the mirror's unknown form; orders 0 and 1 are its placement."""
 
+TURNED_ORDERS = range(2, 13)
+"""The same where a turned placement shows the form, so that finer detail can be told."""
+
 MIRROR_RANGE = 3.8
 """Mean peak-to-valley of a sum of those Legendre polynomials with coefficients of standard deviation 1."""
 
@@ -36,6 +43,9 @@ DISAGREEMENT = 1e-3
 
 UNKNOWN_DISAGREEMENT = 0.01
 """The same for a mirror of unknown flatness: an overlap shows only a part of its form, so suspicion comes earlier."""
+
+ANY_RANGE = 1e-3
+"""Range allowed to the form of a mirror that a turned placement shows whatever it is, m."""
 
 DEGREE = 3
 
@@ -64,12 +74,15 @@ class Segment:
         readings: (n,) displacement readings, m.
         noise: standard deviation of a reading, m.
         start: axis position where the mirror begins, m; None for the first sample.
+        turned: the mirror is turned over about its long axis, so that its form counts the other way; readings keep
+            their sign as the axis goes (those of a sensor that now looks the other way are negated).
     """
 
     positions: NDArray[np.float64]
     readings: NDArray[np.float64]
     noise: float
     start: float | None = None
+    turned: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,7 +151,8 @@ def splice_segments(segments: Sequence[Segment], mirror: Mirror, *, spacing: flo
     The profile is a cubic spline with knots every `spacing` m (by default twice the sample spacing, at most 1000
     knots), each segment after the first lies at an unknown slope and height, and the mirror adds a form of low Legendre
     orders that is the same in every placement and as large as its flatness allows. All are estimated together, so that
-    samples need not share positions, and the mirror is calibrated as far as the overlaps can.
+    samples need not share positions, and the mirror is calibrated as far as the overlaps can: in all but its curvature,
+    and in that as well where a placement is measured both ways up.
 
     Raises:
         InputError: segments that do not meet, a gap, a sample beyond the mirror, or a mirror of unknown flatness whose
@@ -150,7 +164,7 @@ def splice_segments(segments: Sequence[Segment], mirror: Mirror, *, spacing: flo
     knots = _knots(parts, spacing)
     solution = _solve(parts, mirror, knots)
     overlaps = _overlaps(parts, ordered, mirror, solution)
-    warnings = _warnings(overlaps, mirror)
+    warnings = _warnings(overlaps, unknown=_form_prior(parts, mirror) is None)
     order = np.argsort(ordered)
     return SplicedProfile(
         positions=solution.positions,
@@ -165,12 +179,16 @@ def splice_segments(segments: Sequence[Segment], mirror: Mirror, *, spacing: flo
 
 @dataclass(frozen=True)
 class _Part:
-    """A segment made ready: ascending, the known form of the mirror removed, `along` the mirror from -1 to 1."""
+    """A segment made ready: ascending, the known form of the mirror removed, `along` the mirror from -1 to 1.
+
+    `side` is +1, or -1 where the mirror is turned over.
+    """
 
     positions: NDArray[np.float64]
     heights: NDArray[np.float64]
     along: NDArray[np.float64]
     noise: float
+    side: float
 
 
 @dataclass(frozen=True)
@@ -200,9 +218,31 @@ def _levelled(segment: Segment, mirror: Mirror, number: int) -> _Part:
             f"segment {number + 1} runs from {positions[0]:g} m to {positions[-1]:g} m, beyond the mirror of "
             f"{mirror.length:g} m that begins at {start:g} m"
         )
+    side = -1.0 if segment.turned else 1.0
     if mirror.profile is not None:
-        heights = heights - np.interp(distance, mirror.profile[:, 0], mirror.profile[:, 1])
-    return _Part(positions, heights, 2 * distance / mirror.length - 1, segment.noise)
+        first, last = float(mirror.profile[0, 0]), float(mirror.profile[-1, 0])
+        if distance[0] < first - slack or distance[-1] > last + slack:
+            raise InputError(
+                f"segment {number + 1} uses the mirror from {distance[0]:g} m to {distance[-1]:g} m, but its form is "
+                f"calibrated from {first:g} m to {last:g} m"
+            )
+        heights = heights - side * np.interp(distance, mirror.profile[:, 0], mirror.profile[:, 1])
+    return _Part(positions, heights, 2 * distance / mirror.length - 1, segment.noise, side)
+
+
+@dataclass(frozen=True)
+class _FormPrior:
+    """What may be assumed of the mirror's form: how many Legendre orders from 2 on, and their range, m."""
+
+    orders: int
+    range: float
+
+
+def _form_prior(parts: Sequence[_Part], mirror: Mirror) -> _FormPrior | None:
+    """None where nothing is known of the form and no turned placement shows it."""
+    if len({part.side for part in parts}) == 2:
+        return _FormPrior(len(TURNED_ORDERS), mirror.flatness or ANY_RANGE)
+    return None if mirror.flatness is None else _FormPrior(len(MIRROR_ORDERS), max(mirror.flatness, 1e-12))
 
 
 def _check_meeting(parts: Sequence[_Part], ordered: Sequence[int]) -> None:
@@ -236,9 +276,10 @@ def _knots(parts: Sequence[_Part], spacing: float | None) -> NDArray[np.float64]
     return np.concatenate([np.full(DEGREE, first), breaks, np.full(DEGREE, last)])
 
 
-def _form(along: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, m) Legendre polynomials of the mirror's form."""
-    return np.asarray(legendre.legvander(along, MIRROR_ORDERS[-1])[:, MIRROR_ORDERS[0] :], dtype=np.float64)
+def _form(part: _Part, orders: int) -> NDArray[np.float64]:
+    """(n, orders) Legendre polynomials of the mirror's form, as it lies in a placement."""
+    polynomials = legendre.legvander(part.along, MIRROR_ORDERS[0] + orders - 1)[:, MIRROR_ORDERS[0] :]
+    return np.asarray(part.side * polynomials, dtype=np.float64)
 
 
 def _solve(parts: Sequence[_Part], mirror: Mirror, knots: NDArray[np.float64]) -> _Solution:
@@ -248,12 +289,13 @@ def _solve(parts: Sequence[_Part], mirror: Mirror, knots: NDArray[np.float64]) -
     weights = np.concatenate([np.full(part.positions.size, 1 / part.noise) for part in parts])
     middle = float(samples.mean())
     design = csr_array(BSpline.design_matrix(samples, knots, DEGREE)).multiply(weights[:, None]).tocsr()
-    rest = _placement_columns(parts, middle, with_form=mirror.flatness is not None) * weights[:, None]
+    form = _form_prior(parts, mirror)
+    rest = _placement_columns(parts, middle, 0 if form is None else form.orders) * weights[:, None]
     target = heights * weights
     count = 2 * (len(parts) - 1)
     prior = np.zeros(rest.shape[1])
-    if mirror.flatness is not None:
-        prior[count:] = (MIRROR_RANGE / max(mirror.flatness, 1e-12)) ** 2
+    if form is not None:
+        prior[count:] = (MIRROR_RANGE / form.range) ** 2
 
     factor = cholesky_banded(_upper_band(csr_array(design.T @ design)))
     cross = np.asarray(design.T @ rest)
@@ -276,14 +318,14 @@ def _solve(parts: Sequence[_Part], mirror: Mirror, knots: NDArray[np.float64]) -
     return _Solution(positions, basis @ coefficients, covariance, slopes, offsets, placed[count:], spline)
 
 
-def _placement_columns(parts: Sequence[_Part], middle: float, *, with_form: bool) -> NDArray[np.float64]:
+def _placement_columns(parts: Sequence[_Part], middle: float, orders: int) -> NDArray[np.float64]:
     rows = []
     for number, part in enumerate(parts):
         block = np.zeros((part.positions.size, 2 * (len(parts) - 1)))
         if number:
             block[:, 2 * number - 2] = part.positions - middle
             block[:, 2 * number - 1] = 1.0
-        rows.append(np.column_stack([block, _form(part.along)]) if with_form else block)
+        rows.append(np.column_stack([block, _form(part, orders)]))
     return np.concatenate(rows)
 
 
@@ -330,11 +372,11 @@ def _overlaps(
 def _residual(part: _Part, number: int, solution: _Solution) -> NDArray[np.float64]:
     """Readings minus all that the solution knows: profile, placement and mirror form."""
     placed = solution.slopes[number] * part.positions + solution.offsets[number]
-    form = _form(part.along) @ solution.form if solution.form.size else np.zeros_like(placed)
+    form = _form(part, len(solution.form)) @ solution.form
     return cast("NDArray[np.float64]", part.heights - solution.spline(part.positions) - placed - form)
 
 
-def _warnings(overlaps: Sequence[Overlap], mirror: Mirror) -> tuple[str, ...]:
+def _warnings(overlaps: Sequence[Overlap], *, unknown: bool) -> tuple[str, ...]:
     warnings = []
     for overlap in overlaps:
         pair = f"segments {overlap.segments[0] + 1} and {overlap.segments[1] + 1}"
@@ -342,18 +384,20 @@ def _warnings(overlaps: Sequence[Overlap], mirror: Mirror) -> tuple[str, ...]:
             warnings.append(
                 f"{pair} share {overlap.share:.1%} of the mirror's length; {LEAST_OVERLAP:.0%} is good practice"
             )
-        if overlap.probability < (UNKNOWN_DISAGREEMENT if mirror.flatness is None else DISAGREEMENT):
+        if overlap.probability < (UNKNOWN_DISAGREEMENT if unknown else DISAGREEMENT):
             finding = (
                 f"{pair} differ by {overlap.difference * 1e6:.3f} µm in their overlap, where noise explains "
                 f"{overlap.expected * 1e6:.3f} µm"
             )
-            if mirror.flatness is None:
+            if unknown:
                 raise InputError(
-                    f"{finding}, and the mirror's flatness is unknown; have the mirror calibrated, or state it"
+                    f"{finding}, and the mirror's flatness is unknown; have the mirror calibrated, state its flatness, "
+                    "or measure a placement a second time with the mirror turned over"
                 )
             warnings.append(f"{finding}; noise, flatness or the placement is not as stated")
-    if mirror.flatness is None and overlaps:
+    if unknown and overlaps:
         warnings.append(
-            "the mirror's flatness is unknown: its curvature grows with every joint and stays unseen in all overlaps"
+            "the mirror's flatness is unknown: its curvature grows with every joint and stays unseen in all overlaps; "
+            "one placement measured a second time with the mirror turned over would show it"
         )
     return tuple(warnings)

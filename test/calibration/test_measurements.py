@@ -12,6 +12,7 @@ from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.calibration.measurements import (
     JOINT_STATES,
     TOOL_PROBE,
+    read_mirror_profile,
     read_positioning,
     read_positioning_poses,
     read_probed_poses,
@@ -129,9 +130,31 @@ def test_straightness_table(tmp_path: Path) -> None:
     rows = [f"1,a,1,{x},{x / 100}" for x in range(5)] + [f"2,b,-1,{x},0.5" for x in range(9, 3, -1)]
     segments = read_straightness(written(tmp_path, SAMPLES, *rows))
     assert list(segments) == ["1", "2"]
-    np.testing.assert_allclose(segments["1"][0].positions, 1e-3 * np.arange(5))
-    np.testing.assert_allclose(segments["1"][0].readings, 1e-8 * np.arange(5))
-    assert segments["2"][0].direction == -1
+    np.testing.assert_allclose(segments["1"].runs[0].positions, 1e-3 * np.arange(5))
+    np.testing.assert_allclose(segments["1"].runs[0].readings, 1e-8 * np.arange(5))
+    assert segments["2"].runs[0].direction == -1
+    assert not segments["1"].turned
+
+
+def test_a_placement_with_the_mirror_turned(tmp_path: Path) -> None:
+    rows = [f"1,a,1,{x},0,1" for x in range(3)] + [f"2,b,{d},{x},0,-1" for d in (1, -1) for x in range(3)[::d]]
+    rows[6:] = [row.replace(",b,", ",c,") for row in rows[6:]]
+    segments = read_straightness(written(tmp_path, f"{SAMPLES},mirror", *rows))
+    assert [(len(each.runs), each.turned) for each in segments.values()] == [(1, False), (2, True)]
+    rows[-1] = rows[-1][:-2] + "1"
+    with pytest.raises(InputError, match=r"runs.csv:10: segment 2: mirror 1 among others"):
+        read_straightness(written(tmp_path, f"{SAMPLES},mirror", *rows))
+    rows[-1] = rows[-1][:-1] + "2"
+    with pytest.raises(InputError, match=r"runs.csv:10: mirror 2; expected 1 or -1"):
+        read_straightness(written(tmp_path, f"{SAMPLES},mirror", *rows))
+
+
+def test_mirror_profile(tmp_path: Path) -> None:
+    header = "distance_mm,height_um"
+    profile = read_mirror_profile(written(tmp_path, header, "0,0", "200,0.04", "440,0"))
+    np.testing.assert_allclose(profile, [[0, 0], [0.2, 4e-8], [0.44, 0]])
+    with pytest.raises(InputError, match=r"runs.csv:4: distance 100 mm after 200 mm; they must rise"):
+        read_mirror_profile(written(tmp_path, header, "0,0", "200,0.04", "100,0"))
 
 
 @pytest.mark.parametrize(

@@ -117,17 +117,24 @@ def test_targets_beyond_the_travel(tmp_path: Path, machine: Path) -> None:
         run("positioning", positioning_file(tmp_path), "--machine", machine, "--axis", "B")
 
 
-def straightness_file(folder: Path, runs: int = 6) -> tuple[Path, Array]:
-    """Z of the grinder at two placements of a 440 mm mirror, measured back and forth."""
+def mirror_form(distance: Array) -> Array:
+    """Form of a curved mirror, µm over mm."""
+    return 0.4 * (distance / 220 - 1) ** 2
+
+
+def straightness_file(folder: Path, runs: int = 6, curved: float = 0.0, turn: bool = False) -> tuple[Path, Array]:
+    """Z of the grinder at two placements of a 440 mm mirror, measured back and forth; the first both ways up."""
     rng = np.random.default_rng(2)
-    lines = ["segment,run,direction,position_mm,reading_um"]
-    for number, start in enumerate((-800, -440)):
+    lines = ["segment,run,direction,position_mm,reading_um,mirror"]
+    placements = [(-800, 1), (-440, 1)] + ([(-800, -1)] if turn else [])
+    for number, (start, side) in enumerate(placements):
         tilt = rng.normal(0, 20)
         for k in range(runs):
             direction = 1 if k % 2 == 0 else -1
             x = np.arange(start, start + 440.5, 2)[::direction]
             y = curve(x * 1e-3) * 1e6 + tilt * (x - start) * 1e-3 + 0.06 * rng.normal(size=x.size)
-            lines += [f"{number},{k},{direction},{p:g},{v:.4f}" for p, v in zip(x, y, strict=True)]
+            y = y + side * curved * mirror_form(x - start)
+            lines += [f"{number},{k},{direction},{p:g},{v:.4f},{side}" for p, v in zip(x, y, strict=True)]
     path = folder / "straightness.csv"
     path.write_text("\n".join(lines), encoding="utf-8")
     q = np.linspace(-0.8, 0.0, 50)
@@ -160,6 +167,32 @@ def test_straightness(tmp_path: Path, runs: int, capsys: pytest.CaptureFixture[s
     rotated = np.array(component.table.forward) + component.poly[1] * (q + 0.4) / 0.4
     steps = np.diff(rotated)
     assert steps.min() > -1e-11 or steps.max() < 1e-11
+
+
+@pytest.mark.parametrize("way", ["turned", "calibrated"])
+def test_straightness_with_a_curved_mirror(tmp_path: Path, way: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A mirror hollow by 0.4 µm: measured both ways up, or with its calibration."""
+    source, truth = straightness_file(tmp_path, curved=1.0, turn=way == "turned")
+    machine = Path(shutil.copy(config("machines/grinder_zhou2023.yaml"), tmp_path / "grinder.yaml"))
+    words = ["straightness", source, "--machine", machine, "--component", "EYZ", "--mirror-length-mm", 440]
+    if way == "turned":
+        words += ["--mirror-flatness-um", "unknown", "--noise-um", 0.06]
+    else:
+        profile = tmp_path / "mirror.csv"
+        rows = [f"{x},{mirror_form(np.array(float(x))):.5f}" for x in range(0, 441, 10)]
+        profile.write_text("\n".join(["distance_mm,height_um", *rows]), encoding="utf-8")
+        words += ["--mirror-flatness-um", 0.005, "--noise-um", 0.06, "--mirror-profile", profile]
+    assert run(*words) == 0
+    text = capsys.readouterr().out
+    assert "warning" not in text
+    found = re.search(r"EYZ\) ([\d.]+) µm.*\n.*through the ends ([\d.]+) µm, minimum zone ([\d.]+) µm", text)
+    assert found is not None
+    squares, ends, zone = map(float, found.groups())
+    assert zone <= squares == pytest.approx(np.ptp(truth) * 1e6, abs=0.15)
+    assert zone <= ends
+    table = load_machine(machine).errors["EYZ"].table
+    assert table is not None
+    assert np.abs(np.interp(np.linspace(-0.8, 0.0, 50), table.positions, table.forward) - truth).max() < 0.15e-6
 
 
 def test_straightness_with_an_unknown_mirror_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

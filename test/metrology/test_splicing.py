@@ -59,15 +59,15 @@ class Guideway:
 
     def segments(self) -> list[Segment]:
         """Each placement measured several times at irregular positions, the mirror put down anew each time."""
-        made = []
-        for start in self.starts:
-            count = round(self.mirror_length / self.spacing) * self.runs
-            x = start + np.sort(self.rng.uniform(0, self.mirror_length, count))
-            form = np.interp(x - start, *self.mirror_table)
-            placed = self.rng.normal(0, 20e-6) * (x - start) + self.rng.normal(0, 10e-6)
-            y = self.truth(x) + form + placed + self.noise * self.rng.normal(size=count)
-            made.append(Segment(x, y, self.noise, start=float(start)))
-        return made
+        return [self.segment(start) for start in self.starts.tolist()]
+
+    def segment(self, start: float, *, turned: bool = False) -> Segment:
+        count = round(self.mirror_length / self.spacing) * self.runs
+        x = start + np.sort(self.rng.uniform(0, self.mirror_length, count))
+        form = np.interp(x - start, *self.mirror_table)
+        placed = self.rng.normal(0, 20e-6) * (x - start) + self.rng.normal(0, 10e-6)
+        y = self.truth(x) + (-form if turned else form) + placed + self.noise * self.rng.normal(size=count)
+        return Segment(x, y, self.noise, start, turned)
 
 
 def level(x: Array, y: Array) -> Array:
@@ -108,6 +108,45 @@ def test_two_segments_with_the_mirror_as_it_is() -> None:
         errors.append(error_of(splice_segments(guideway.segments(), Mirror(0.44, 0.08e-6), spacing=SPACING), guideway))
     assert np.sqrt(np.mean(np.square([np.sqrt(np.mean(e**2)) for e in errors]))) <= 0.1e-6
     assert max(np.abs(e).max() for e in errors) <= 0.3e-6  # Zhou et al. 2023, Figure 11
+
+
+@pytest.mark.parametrize("flatness", [0.08e-6, 1e-6])
+def test_a_placement_with_the_mirror_turned_makes_any_mirror_do(flatness: float) -> None:
+    """Nothing is known of the mirror, however curved: two segments to 0.1 µm, errors as the covariance says."""
+    ratios = []
+    for seed in range(20):
+        guideway = Guideway(seed, 2, flatness=flatness)
+        segments = [*guideway.segments(), guideway.segment(float(guideway.starts[0]), turned=True)]
+        result = splice_segments(segments, Mirror(0.44, None), spacing=SPACING)
+        error = error_of(result, guideway)
+        assert np.abs(error).max() <= 0.1e-6
+        assert result.warnings == ()
+        ratios.append(np.mean(error**2) / np.mean(np.diag(result.deviation_covariance())))
+    assert 0.6 < np.sqrt(np.mean(ratios)) < 1.2
+
+
+@pytest.mark.parametrize("placements", [3, 6, 10])
+def test_turned_placements_keep_the_error_small_over_many_joints(placements: int) -> None:
+    ratios, largest = [], []
+    for seed in range(6):
+        guideway = Guideway(100 * placements + seed, placements)
+        turned = [guideway.segment(start, turned=True) for start in guideway.starts.tolist()]
+        result = splice_segments([*guideway.segments(), *turned], Mirror(0.44, None), spacing=SPACING)
+        error = error_of(result, guideway)
+        largest.append(np.abs(error).max())
+        ratios.append(np.mean(error**2) / np.mean(np.diag(result.deviation_covariance())))
+    assert np.median(largest) <= 0.2e-6  # 2.4 µm at ten placements with the mirror one way up
+    assert np.sqrt(np.mean(ratios)) < 1.7  # six seeds, of little more than one degree of freedom each
+
+
+@pytest.mark.parametrize("placements", [2, 4, 6])
+def test_overlaps_show_the_mirror_but_for_its_curvature(placements: int) -> None:
+    for seed in range(6):
+        guideway = Guideway(100 * placements + seed, placements)
+        result = splice_segments(guideway.segments(), Mirror(0.44, 0.08e-6), spacing=SPACING)
+        error = error_of(result, guideway)
+        curved = error - np.polyval(np.polyfit(result.positions, error, 2), result.positions)
+        assert np.abs(curved).max() <= 0.12e-6
 
 
 def test_spliced_and_direct_routes_agree() -> None:
@@ -211,6 +250,8 @@ def test_bad_segments_are_refused() -> None:
         splice_segments([segment, Segment(x + 0.5, np.zeros_like(x), 60e-9)], mirror)
     with pytest.raises(InputError, match=r"beyond the mirror of 0.44 m"):
         splice_segments([Segment(x * 1.1, np.zeros_like(x), 60e-9)], mirror)
+    with pytest.raises(InputError, match=r"its form is calibrated from 0 m to 0.4 m"):
+        splice_segments([segment], Mirror(0.44, 5e-9, np.array([[0.0, 0.0], [0.4, 0.0]])))
     with pytest.raises(InputError, match="above 0"):
         splice_segments([Segment(x, np.zeros_like(x), 0.0)], mirror)
     with pytest.raises(InputError, match="no sample from"):
