@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, make_smoothing_spline
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Cause
@@ -24,6 +25,15 @@ from rotary_error_monitor.twin.recording import StageRecording, Stream
 
 Signals = dict[str, Array]
 """Arrays (n, k) by stream."""
+
+_NEIGHBOURS = 25
+"""Samples of a load cell that are judged together."""
+
+_BEYOND_NOISE = 6.0
+"""Standard deviations of their mean from which a force acts: chance does not get there in hours."""
+
+_MEDIAN_OF_DIFFERENCES = 0.954
+"""Median magnitude of the difference of two normal numbers, over their standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +50,14 @@ def stage_inputs(recording: StageRecording, reference_temperature: float) -> Sta
     """Inputs from the recorded streams.
 
     The command is interpolated with its own velocity, so it holds under acceleration. Temperature is smoothed: its
-    noise is the sensor's, and the stage is slower than that. Without a force stream no force acted.
+    noise is the sensor's, and the stage is slower than that. Without a force stream no force acted, nor where a load
+    cell shows nothing but its noise: a compliance must not be fitted to that.
     """
     command = recording.streams["command"]
     angle = CubicHermiteSpline(command.time, command.values[:, 0], command.values[:, 1])
     speed = angle.derivative()
     force, temperature = recording.streams.get("force"), recording.streams.get("temperature")
-    force_at = None if force is None else CubicSpline(force.time, force.values, axis=0)
+    force_at = None if force is None else CubicSpline(force.time, _above_noise(force.values), axis=0)
     warming_at = None if temperature is None else _smooth(temperature)
 
     def force_of(time: Array) -> Array:
@@ -65,6 +76,14 @@ def _smooth(stream: Stream) -> Callable[[Array], Array]:
         return lambda time: np.interp(time, stream.time, stream.values[:, 0])
     smooth: Callable[[Array], Array] = make_smoothing_spline(stream.time, stream.values[:, 0])
     return smooth
+
+
+def _above_noise(force: Array) -> Array:
+    """Force (n, 2) with zero wherever its mean over neighbouring samples is within its own noise."""
+    noise = np.median(np.abs(np.diff(force, axis=0)), axis=0) / _MEDIAN_OF_DIFFERENCES
+    mean = uniform_filter1d(force, _NEIGHBOURS, axis=0, mode="mirror")
+    acting = np.any(np.abs(mean) > _BEYOND_NOISE * noise / np.sqrt(_NEIGHBOURS), axis=1)
+    return np.where(maximum_filter1d(acting.astype(np.uint8), 2 * _NEIGHBOURS + 1)[:, None] > 0, force, 0.0)
 
 
 def _within(time: Array, stream: Stream) -> Array:
