@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rotary_error_monitor.calibration.axis_lines import ZERO, SquarenessResult
 from rotary_error_monitor.calibration.steps import (
     MachineResult,
     PositioningResult,
-    SquarenessResult,
     StraightnessResult,
 )
 from rotary_error_monitor.calibration.volume import ErrorCost
@@ -76,16 +77,27 @@ def straightness_text(result: StraightnessResult, output: Path) -> str:
 
 
 def squareness_text(result: SquarenessResult, output: Path) -> str:
-    """Squareness errors, and tilts of rotary axes."""
+    """Squareness errors, and location errors of rotary axes."""
     lines = ["squareness errors (angle less 90 degrees), µrad"]
     for letter, other, angle, uncertainty in result.squareness:
         lines.append(f"  {letter} to {other}: {angle * 1e6:+.2f}, standard uncertainty {uncertainty * 1e6:.2f}")
-    for letter, (tilt, spread) in result.tilts.items():
-        shown = ", ".join(f"{value * 1e6:+.2f}" for value in tilt)
+    for letter, found in result.locations.items():
         lines.append(
-            f"  axis {letter} tilted by ({shown}) about x, y, z, standard uncertainty {spread.max() * 1e6:.2f}"
+            f"  axis {letter} tilted by ({_micro(found.rotation)}) µrad about x, y, z, standard uncertainty "
+            f"{found.rotation_uncertainty.max() * 1e6:.2f}"
+        )
+        if letter == result.reference:
+            lines.append(f"    its place is that of the file, and others count from it (no feature {ZERO})")
+            continue
+        lines.append(
+            f"    displaced by ({_micro(np.where(np.isnan(found.shift_uncertainty), np.nan, found.shift))}) µm along "
+            f"x, y, z (nan: not seen), standard uncertainty {np.nanmax(found.shift_uncertainty) * 1e6:.2f}"
         )
     return "\n".join([*lines, f"written to {output}"])
+
+
+def _micro(values: NDArray[np.float64]) -> str:
+    return ", ".join(f"{value * 1e6:+.2f}" for value in values)
 
 
 def machine_text(result: MachineResult, output: Path) -> str:

@@ -19,7 +19,6 @@ from rotary_error_monitor.calibration.measurements import (
     read_positioning_poses,
     read_probed_poses,
     read_straightness,
-    read_tracker,
 )
 from rotary_error_monitor.calibration.parameters import Orders, list_parameters
 from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
@@ -27,8 +26,6 @@ from rotary_error_monitor.calibration.volume import Limits
 from rotary_error_monitor.calibration.yaml_document import Provenance, hash_source
 from rotary_error_monitor.description.machine import DIRECTIONS, Axis, MachineDescription
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.axis_fits import LineFit, fit_axis_average_line, fit_line_in_space
-from rotary_error_monitor.metrology.axis_fits import estimate_squareness as squareness_between
 from rotary_error_monitor.metrology.guideway_compensation import RotatedCurve, rotate_monotone
 from rotary_error_monitor.metrology.positioning import (
     Outlier,
@@ -40,7 +37,6 @@ from rotary_error_monitor.metrology.positioning import (
 )
 from rotary_error_monitor.metrology.splicing import Mirror, Segment, SplicedProfile, splice_segments
 from rotary_error_monitor.metrology.straightness import combine_runs
-from rotary_error_monitor.metrology.tracker import TrackerNoise, estimate_point_covariance, estimate_points
 
 Array = NDArray[np.float64]
 
@@ -186,98 +182,6 @@ def _segment(placement: Placement, noise: float) -> tuple[Segment, float | None,
     segment = Segment(combined.positions, combined.mean, spread, start, placement.turned)
     reversal = None if combined.reversal is None else float(np.abs(combined.reversal).max())
     return segment, combined.largest_deviation, reversal
-
-
-@dataclass(frozen=True)
-class SquarenessResult:
-    """Squareness errors as (axis, other, angle, uncertainty), rad, and tilts of rotary axes by letter, rad."""
-
-    squareness: tuple[tuple[str, str, float, float], ...]
-    tilts: Mapping[str, tuple[Array, Array]]
-
-
-def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
-    """Tracker readings along axes into squareness errors, and of rotary axes into their tilts.
-
-    Features are named by axis: X, Y, Z for points along a linear axis; C.1, C.2, … for targets that a rotary axis
-    carries round. Axes are taken in the order of the bodies: the first linear one is the reference, each other is
-    squared against those before it, and a rotary axis is tilted against the body that carries it.
-
-    Raises:
-        InputError: the table is wrong, a feature is no axis of the machine, or fewer than two axes were measured.
-    """
-    machine = job.file.machine
-    lines = _axis_lines(job.source, machine, noise)
-    ordered = [body.axis for body in machine.bodies if body.axis in lines]
-    linear = [letter for letter in ordered if letter is not None and machine.axis(letter).kind == "linear"]
-    if len(linear) < 2:
-        raise InputError(f"{job.source}: features of {len(linear)} linear axes; squareness needs two, such as X and Y")
-    found = []
-    for k, letter in enumerate(linear):
-        for other in linear[: min(k, 2)]:
-            square = squareness_between(lines[letter], lines[other])
-            found.append((letter, other, square.angle, square.uncertainty))
-            job.file.set_squareness(letter, other, square.angle)
-    frame = _basis_of(machine, linear) @ _basis(lines[linear[0]].direction, lines[linear[1]].direction).T
-    tilts = {}
-    for letter in (letter for letter in ordered if letter is not None and letter not in linear):
-        tilts[letter] = _tilt(job.file.changed, letter, frame, lines[letter])
-        old = np.array(machine.body_of(letter).location_error.shift)
-        job.file.set_location(letter, old, tilts[letter][0])
-    worst = max([row[3] for row in found] + [float(std.max()) for _, std in tilts.values()])
-    job.finish(["squareness", *(f"tilt of {letter}" for letter in tilts)], worst, {})
-    return SquarenessResult(tuple(found), tilts)
-
-
-def _axis_lines(source: Path, machine: MachineDescription, noise: TrackerNoise) -> dict[str, LineFit]:
-    """Direction of each measured axis, in the tracker's frame, running as the axis does."""
-    tracks: dict[str, list[tuple[Array, Array]]] = {}
-    for feature, reading in read_tracker(source).items():
-        points = estimate_points(*reading), estimate_point_covariance(*reading, noise)
-        tracks.setdefault(machine.axis(feature.partition(".")[0]).letter, []).append(points)
-    lines = {}
-    for letter, found in tracks.items():
-        try:
-            if machine.axis(letter).kind == "linear":
-                lines[letter] = fit_line_in_space(*found[0])
-            else:
-                lines[letter] = fit_axis_average_line([p for p, _ in found], [c for _, c in found])
-        except InputError as error:
-            raise InputError(f"{source}: feature {letter}: {error}") from error
-    return lines
-
-
-def _tilt(machine: MachineDescription, letter: str, frame: Array, line: LineFit) -> tuple[Array, Array]:
-    """Tilt of a rotary axis against the body that carries it (rotation vector, rad), and its uncertainty.
-
-    `frame` turns the tracker's frame into that of the base; what the carriers are turned by, as the file has it, is not
-    the axis's own.
-    """
-    nominal = np.array(machine.axis(letter).direction)
-    seen = frame @ line.direction
-    seen = seen if seen @ nominal > 0 else -seen
-    across = np.eye(3) - np.outer(nominal, nominal)
-    carriers = np.zeros(3)
-    parent = machine.body_of(letter).parent
-    while parent in (names := {body.name: body for body in machine.bodies}):
-        carriers += names[parent].location_error.rotation
-        parent = names[parent].parent
-    turn = np.cross(nominal, np.eye(3)).T @ frame
-    variance = np.diag(turn @ line.direction_covariance @ turn.T)
-    return np.cross(nominal, seen / (seen @ nominal)) - across @ carriers, np.sqrt(np.maximum(variance, 0.0))
-
-
-def _basis_of(machine: MachineDescription, linear: list[str]) -> Array:
-    """The frame of the base as columns: the first linear axis is followed exactly, the second lies in the plane."""
-    first, second = (np.array(machine.axis(letter).direction) for letter in linear[:2])
-    return _basis(first, second)
-
-
-def _basis(first: Array, second: Array) -> Array:
-    """Orthonormal columns: along `first`, towards `second`, and across both."""
-    across = np.cross(first, second)
-    across = across / np.linalg.norm(across)
-    return np.stack([first, np.cross(across, first), across], axis=1)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 
 from rotary_error_monitor.calibration import reports
 from rotary_error_monitor.calibration.assembly import assembly_text, calibrate_assembly
+from rotary_error_monitor.calibration.axis_lines import calibrate_squareness
 from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
 from rotary_error_monitor.calibration.grinding import flatness_text, predict_flatness
 from rotary_error_monitor.calibration.machine_file import MachineFile
@@ -21,7 +22,6 @@ from rotary_error_monitor.calibration.steps import (
     Job,
     calibrate_machine,
     calibrate_positioning,
-    calibrate_squareness,
     calibrate_straightness,
 )
 from rotary_error_monitor.calibration.volume import estimate_volumetric_map, rank_errors

@@ -7,7 +7,6 @@ import hashlib
 import math
 import re
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +17,13 @@ from numpy.typing import NDArray
 from rotary_error_monitor.bags.messages import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.calibration.measurements import JOINT_STATES, TEMPERATURE, TOOL_PROBE
-from rotary_error_monitor.calibration.parameters import apply_parameters, list_parameters, without_errors
+from rotary_error_monitor.calibration.parameters import apply_parameters, list_parameters
 from rotary_error_monitor.calibration.volume import sample_volume
 from rotary_error_monitor.commands import calibrate
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
-from rotary_error_monitor.machine.kinematics import MachineModel, arrange_machine, stand
+from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.resources import config
 
 Array = NDArray[np.float64]
@@ -210,74 +209,6 @@ def test_straightness_with_an_unknown_mirror_is_warned_of(tmp_path: Path, capsys
             run("straightness", source, "--machine", machine, "--component", name, *words)
     with pytest.raises(InputError, match="'thin' is no number"):
         run("straightness", source, "--machine", machine, "--component", "EYZ", *words[:3], "thin", *words[4:])
-
-
-def spherical(points: Array) -> Array:
-    distance = np.linalg.norm(points, axis=1)
-    return np.stack(
-        [
-            distance * 1e3,
-            np.rad2deg(np.arcsin(points[:, 2] / distance)),
-            np.rad2deg(np.arctan2(points[:, 1], points[:, 0])),
-        ],
-        axis=1,
-    )
-
-
-def test_squareness(tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Targets moved by the machine model itself, seen by a tracker that stands anywhere: its angles come back."""
-    truth = load_machine("pan2013")
-    parameters = [p for p in list_parameters(truth) if ".rotation." in p.name]
-    shifted = apply_parameters(truth, parameters, np.array([-3e-5, 2e-5, 4e-5, 1.5e-5, -2.5e-5, 1e-5, 3e-5]))
-    # Location errors alone, and a target off the axis of C so that A and C carry it round.
-    shifted = replace(shifted, errors={}, axes=tuple(replace(axis, reversal=0.0) for axis in shifted.axes))
-    model = arrange_machine(shifted)
-    ideal = arrange_machine(without_errors(shifted))
-
-    def path(letter: str, at: float = 0.0) -> Array:
-        q = np.zeros((25, 5))
-        number = model.letters.index(letter)
-        low, high = truth.axis(letter).travel
-        q[:, number] = np.linspace(0.9 * low, 0.9 * high, 25) if letter in "XYZ" else np.linspace(-1.5, 1.5, 25)
-        q[:, 4] += at
-        nominal = stand_tip(ideal, q)
-        return nominal + predict_tool_offset(model, q)[:, :3]
-
-    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
-    lines = ["feature,distance_mm,elevation_deg,azimuth_deg"]
-    for feature, points in (
-        ("Y", path("Y")),
-        ("X", path("X")),
-        ("Z", path("Z")),
-        ("C.1", path("C", 0.8)),
-        ("C.2", path("C", 1.4)),
-    ):
-        seen = spherical(points @ turn.T + np.array([6.0, 3.0, -1.0]))
-        lines += [f"{feature},{d:.9f},{e:.12f},{a:.12f}" for d, e, a in seen]
-    source = tmp_path / "tracker.csv"
-    source.write_text("\n".join(lines), encoding="utf-8")
-    assert run("squareness", source, "--machine", machine) == 0
-    assert "X to Y" in capsys.readouterr().out
-    after = load_machine(machine)
-    for name in ("carriage", "ram", "swivel_head"):
-        expected = np.array(shifted.body(name).location_error.rotation)
-        np.testing.assert_allclose(after.body(name).location_error.rotation, expected, atol=2e-8, err_msg=name)
-
-
-def stand_tip(model: MachineModel, q: Array) -> Array:
-    return stand(model, q.T, None).tool_in_workpiece()[:, 3].T
-
-
-def test_squareness_needs_two_linear_axes(tmp_path: Path, machine: Path) -> None:
-    source = tmp_path / "tracker.csv"
-    rows = [f"X,{2000 + k * 100},0,{k}" for k in range(5)]
-    source.write_text("\n".join(["feature,distance_mm,elevation_deg,azimuth_deg", *rows]), encoding="utf-8")
-    with pytest.raises(InputError, match="features of 1 linear axes"):
-        run("squareness", source, "--machine", machine)
-    source.write_text("\n".join(["feature,distance_mm,elevation_deg,azimuth_deg", *rows[:2]]), encoding="utf-8")
-    with pytest.raises(InputError, match=r"tracker.csv: feature X: 2 points"):
-        run("squareness", source, "--machine", machine)
 
 
 def poses_bag(folder: Path, name: str) -> Path:
