@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from rotary_error_monitor.calibration.yaml_document import (
     Provenance,
+    Whole,
     YamlDocument,
     in_one_line,
     note_provenance,
@@ -26,6 +27,7 @@ from rotary_error_monitor.description.machine import (
     load_machine,
     machine_from_mapping,
 )
+from rotary_error_monitor.description.machine_section import machine_mapping
 from rotary_error_monitor.errors import InputError
 
 Array = NDArray[np.float64]
@@ -33,6 +35,8 @@ Array = NDArray[np.float64]
 
 class MachineFile:
     """A machine file that is being changed; nothing is on disk before `save`.
+
+    A section of parameters, as a digital twin has it, becomes a tree of bodies: only that holds all that is calibrated.
 
     Attributes:
         path: the file that it was read from.
@@ -43,17 +47,14 @@ class MachineFile:
         """Read the file.
 
         Raises:
-            InputError: the file is no valid machine file, or holds a twin's parameters instead of a tree of bodies.
+            InputError: the file is no valid machine file.
         """
         self.path = path
         self.machine: MachineDescription = load_machine(path)
         self._document = YamlDocument(path)
+        if "bodies" not in self._document.content["machine"]:
+            self._document.content["machine"] = _tree(self.machine)
         self._section: CommentedMap = self._document.content["machine"]
-        if "bodies" not in self._section:
-            raise InputError(
-                f"{path}: the section 'machine' holds the parameters of a twin; calibrate a machine file with "
-                "'bodies', such as config/machines/pan2013.yaml"
-            )
 
     @property
     def changed(self) -> MachineDescription:
@@ -158,3 +159,33 @@ class MachineFile:
         for key in ("reversal", "expansion"):
             if getattr(axis, key) != getattr(before, key):
                 entry[key] = number(getattr(axis, key))
+
+
+def _tree(machine: MachineDescription) -> CommentedMap:
+    """The machine as a tree of bodies, a row in one line each, all numbers with all their digits."""
+    content = _whole(machine_mapping(machine))
+    for row in (*content["axes"].values(), *content["bodies"]):
+        for key in ("expansion", "reversal", "pose", "location_error"):
+            if key in row and not np.any(list(_numbers_in(row[key]))):
+                del row[key]
+    section = CommentedMap(content)
+    for name in ("axes", "errors"):
+        section[name] = CommentedMap({key: in_one_line(row) for key, row in content[name].items()})
+    section["bodies"] = CommentedSeq([in_one_line(body) for body in content["bodies"]])
+    return section
+
+
+def _whole(value: Any) -> Any:  # noqa: ANN401 (YAML content)
+    if isinstance(value, dict):
+        return {key: _whole(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_whole(part) for part in value]
+    return Whole(value) if isinstance(value, float) else value
+
+
+def _numbers_in(value: Any) -> Iterator[float]:  # noqa: ANN401 (YAML content)
+    if isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _numbers_in(part)
+    else:
+        yield value

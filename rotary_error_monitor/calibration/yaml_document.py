@@ -24,6 +24,10 @@ DIGITS = 6
 """Significant digits of a number in a file: a part in a million of an error is far below any uncertainty."""
 
 
+class Whole(float):
+    """A number that is written with all its digits: it was not found by this calibration."""
+
+
 @dataclass(frozen=True)
 class Provenance:
     """Where a section of a machine file is from.
@@ -68,6 +72,7 @@ class YamlDocument:
         self._yaml.indent(mapping=2, sequence=4, offset=2)
         self._yaml.preserve_quotes = True
         self._yaml.representer.add_representer(float, _represent_float)
+        self._yaml.representer.add_representer(Whole, _represent_whole)
         self.content: CommentedMap = self._yaml.load(path.read_text(encoding="utf-8"))
 
     def save(self, path: Path, check: Callable[[Path], T]) -> T:
@@ -116,7 +121,14 @@ def note_provenance(section: CommentedMap, names: Sequence[str], provenance: Pro
 
 def _represent_float(representer: RoundTripRepresenter, value: float) -> ScalarNode:
     """A number that every YAML reader takes for one: 1.0e-07, where Python writes 1e-07."""
-    text = f"{value:.{DIGITS}g}"
+    return _scalar(representer, f"{value:.{DIGITS}g}")
+
+
+def _represent_whole(representer: RoundTripRepresenter, value: Whole) -> ScalarNode:
+    return _scalar(representer, float.__repr__(value))
+
+
+def _scalar(representer: RoundTripRepresenter, text: str) -> ScalarNode:
     mantissa, mark, exponent = text.partition("e")
     if "." not in mantissa:
         mantissa += ".0"

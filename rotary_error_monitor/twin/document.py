@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rotary_error_monitor.description.machine import Displacement, ErrorComponent, MachineDescription
+from rotary_error_monitor.description.machine_section import machine_mapping as machine_mapping
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import effect_named
@@ -61,42 +61,6 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
     return content
 
 
-def machine_mapping(machine: MachineDescription) -> dict[str, Any]:
-    """Content of a `machine` section as a tree of bodies, whatever form it was read from."""
-    content: dict[str, Any] = {
-        "name": machine.name,
-        "tool": machine.tool,
-        "workpiece": machine.workpiece,
-        "reference_temperature": machine.reference_temperature,
-        "axes": {
-            axis.letter: {
-                "kind": axis.kind,
-                "direction": list(axis.direction),
-                "travel": list(axis.travel),
-                "expansion": axis.expansion,
-                "reversal": axis.reversal,
-            }
-            for axis in machine.axes
-        },
-        "bodies": [
-            {
-                "name": body.name,
-                "parent": body.parent,
-                "pose": _displacement(body.pose, "position"),
-                "location_error": _displacement(body.location_error, "shift"),
-                **({} if body.axis is None else {"axis": body.axis}),
-            }
-            for body in machine.bodies
-        ],
-        "errors": {name: _component(component) for name, component in machine.errors.items()},
-    }
-    if machine.monitored is not None:
-        content["monitored"] = machine.monitored
-    if machine.uncertainty:
-        content["uncertainty"] = dict(machine.uncertainty)
-    return content
-
-
 def effect_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
     """Causes as rows of a twin's `effects` section."""
     rows = []
@@ -126,23 +90,3 @@ def causes_from_rows(rows: object, effects: Sequence[Kind], origin: str) -> tupl
 
 def _rows(rows: Sequence[PlanarHarmonic]) -> list[dict[str, Any]]:
     return [{"order": row.order, "x": list(row.x), "y": list(row.y)} for row in rows]
-
-
-def _displacement(displacement: Displacement, shift: str) -> dict[str, Any]:
-    return {shift: list(displacement.shift), "rotation": list(displacement.rotation)}
-
-
-def _component(component: ErrorComponent) -> dict[str, Any]:
-    content: dict[str, Any] = {}
-    if component.poly:
-        content["poly"] = list(component.poly)
-    if component.harmonic:
-        content["harmonic"] = [{"order": w.order, "cos": w.cos, "sin": w.sin} for w in component.harmonic]
-    if component.table is not None:
-        table = component.table
-        content["table"] = {
-            "positions": list(table.positions),
-            "forward": list(table.forward),
-            "backward": list(table.backward),
-        }
-    return content

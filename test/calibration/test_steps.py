@@ -276,11 +276,28 @@ def test_tables_and_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
             run(*words)
 
 
-def test_a_twin_is_no_machine_file(tmp_path: Path) -> None:
-    twin = tmp_path / "twin.yaml"
-    travel = {letter: [-1.0, 1.0] for letter in "XYZCA"}
-    twin.write_text(
-        yaml.safe_dump({"machine": {"travel": travel, "head_length": 0.3, "tool_length": 0.1}}), encoding="utf-8"
-    )
-    with pytest.raises(InputError, match="parameters of a twin"):
-        run("positioning", positioning_file(tmp_path), "--machine", twin, "--axis", "X")
+def test_a_twin_of_parameters_becomes_a_tree_of_bodies(tmp_path: Path) -> None:
+    twin, out = tmp_path / "twin.yaml", tmp_path / "out.yaml"
+    travel = {letter: [-3.0, 3.0] for letter in "XYZ"} | {letter: [-2 * math.pi, 2 * math.pi] for letter in "CA"}
+    section = {"travel": travel, "head_length": 0.3, "tool_length": 0.1, "squareness": {"XY": 1.234567e-05}}
+    errors = {"EYX": {"poly": [0.0, 0.0, 3e-6]}, "ECC": {"harmonic": [{"order": 1, "cos": 1e-6, "sin": 0.0}]}}
+    twin.write_text(yaml.safe_dump({"machine": {**section, "errors": errors}}), encoding="utf-8")
+    assert run("positioning", positioning_file(tmp_path), "--machine", twin, "--axis", "X", "-o", out) == 0
+    before, after = load_machine(twin), load_machine(out)
+    assert after.axes == before.axes
+    assert after.bodies == before.bodies
+    assert {name: after.errors[name] for name in before.errors} == dict(before.errors)
+    assert after.errors["EXX"].table is not None
+    assert "bodies" not in yaml.safe_load(twin.read_text(encoding="utf-8"))["machine"]
+
+
+@pytest.mark.cases("open", "machine", "null", most=2)
+def test_the_twin_of_a_case_is_calibrated_from_its_bag(case: Path, tmp_path: Path) -> None:
+    """The twin is exact there: the calibration is good and changes no more than the probe's noise lets it."""
+    out = tmp_path / "out.yaml"
+    limits = ["--limits", "X=-2700,2700", "Y=-900,900", "Z=-900,900", "C=-150,150", "A=-95,95"]
+    assert run("machine", case / "bag", "--machine", case / "twin.yaml", "-o", out, *limits) == 0
+    before, after = load_machine(case / "twin.yaml"), load_machine(out)
+    poses = sample_volume(before, 200, {"X": (-2.7, 2.7), "A": (-1.6, 1.6)})
+    offsets = [predict_tool_offset(arrange_machine(machine), poses)[:, :3] for machine in (before, after)]
+    assert np.sqrt(np.mean((offsets[1] - offsets[0]) ** 2)) < 1.5e-6
