@@ -24,6 +24,7 @@ from rotary_error_monitor.calibration.csv_tables import Column, Table, read_tabl
 from rotary_error_monitor.calibration.identification import ProbedPoses
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.kinematics import arrange_machine, axis_columns, stand
 from rotary_error_monitor.metrology.positioning import PositioningRuns, estimate_deviations
 from rotary_error_monitor.metrology.straightness import Run
 
@@ -40,6 +41,12 @@ SAME_POSITION = 1e-6
 
 LEAST_GAP = 5.0
 """Steps this much longer than the median step are gaps."""
+
+TRAVEL_SLACK = 1e-3
+"""Part of its travel by which a pose of an axis may be beyond it."""
+
+LEAST_LEVER = 0.05
+"""Least distance of the tool tip from a rotary axis whose angle it shows, m: a micrometre is 20 µrad there."""
 
 JOINT_STATES, TOOL_PROBE, TEMPERATURE = "/machine/joint_states", "/machine/tool_probe", "/machine/temperature"
 
@@ -112,16 +119,17 @@ def _check_runs(table: Table, targets: Array, column: Column) -> None:
 
 
 def read_positioning_poses(path: Path | str, machine: MachineDescription, letter: str) -> PositioningRuns:
-    """Bidirectional runs of one linear axis from a bag of probed poses in which no other axis moves.
+    """Bidirectional runs of one axis from a bag of probed poses in which no other axis moves.
 
-    The deviation is the tool's, along the axis; the cycle is how often the axis has come to the target from that side.
+    The deviation is the tool's along the way that the axis moves it; of a rotary axis, over the tool's distance from
+    the axis, so that what moves the tool along besides (radial error motions, a displaced axis) counts in. The cycle is
+    how often the axis has come to the target from that side.
 
     Raises:
-        InputError: what `read_probed_poses` raises, a rotary axis, another axis that moves, or an unknown direction.
+        InputError: what `read_probed_poses` raises, another axis that moves, an unknown direction, or a tool tip too
+            near to the axis of rotation.
     """
     axis, number = machine.axis(letter), machine.letters.index(letter)
-    if axis.kind == "rotary":
-        raise InputError(f"{path}: a tool probe sees no angle of axis {letter}; give a CSV file of its deviations")
     poses = read_probed_poses(path, machine, 1e-6)
     others = np.delete(poses.positions, number, axis=1)
     if np.ptp(others, axis=0).max(initial=0.0) > SAME_POSITION:
@@ -130,7 +138,7 @@ def read_positioning_poses(path: Path | str, machine: MachineDescription, letter
         at = int(np.argmax(poses.direction[:, number] == 0))
         raise InputError(f"{path}: pose {at + 1} does not say from which side axis {letter} came (velocity +1 or -1)")
     targets, place = np.unique(np.round(poses.positions[:, number] / SAME_POSITION), return_inverse=True)
-    deviations = poses.deviations @ np.array(axis.direction)
+    deviations = _own_deviations(path, machine, number, poses)
     runs: dict[int, Array] = {}
     for sign in (1, -1):
         rows = [deviations[(place == k) & (poses.direction[:, number] == sign)] for k in range(len(targets))]
@@ -138,9 +146,23 @@ def read_positioning_poses(path: Path | str, machine: MachineDescription, letter
         for values, row in zip(runs[sign], rows, strict=True):
             values[: len(row)] = row
     try:
-        return PositioningRuns(targets * SAME_POSITION, runs[1], runs[-1] if runs[-1].size else None)
+        backward = runs[-1] if runs[-1].size else None
+        return PositioningRuns(targets * SAME_POSITION, runs[1], backward, axis.kind == "rotary")
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def _own_deviations(path: Path | str, machine: MachineDescription, number: int, poses: ProbedPoses) -> Array:
+    """(n,) deviations as one axis alone would have to move to make them, m or rad."""
+    model = arrange_machine(machine)
+    along = axis_columns(model, stand(model, poses.positions.T, None))[0][:, number].T
+    square = (along**2).sum(axis=1)
+    if square.min() < LEAST_LEVER**2:
+        raise InputError(
+            f"{path}: the tool tip is {math.sqrt(square.min()) * 1e3:.1f} mm from axis {machine.letters[number]}, too "
+            f"near to see its angle; probe at {LEAST_LEVER * 1e3:g} mm or more, or give a CSV file of deviations"
+        )
+    return np.asarray((poses.deviations * along).sum(axis=1) / square, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -267,11 +289,16 @@ def _poses_of_table(path: Path, machine: MachineDescription, noise: float) -> Pr
     rest = [Column("temperature_degC", 200.0), *(Column(f"d{letter}_um", LINEAR_ERROR) for letter in "xyz")]
     ways = [Column(f"{letter}_direction") for letter in machine.letters]
     table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]])
-    count = len(table.lines)
+    positions = np.stack([table.numbers[column.name] for column in axes], axis=1)
+    for row, pose in enumerate(positions):
+        _check_within_travel(f"{path}:{table.lines[row]}", machine, pose)
     known = ways[0].name in table.numbers
+    direction = np.stack([table.numbers[c.name] for c in ways], axis=1) if known else np.zeros_like(positions)
+    for row, axis in np.argwhere(~np.isin(direction, (-1, 0, 1)))[:1]:
+        raise table.error(row, f"{ways[axis].name} {direction[row, axis]:g}; expected 1, -1, or 0 where unknown")
     return ProbedPoses(
-        positions=np.stack([table.numbers[column.name] for column in axes], axis=1),
-        direction=np.stack([table.numbers[c.name] for c in ways], axis=1) if known else np.zeros((count, len(axes))),
+        positions=positions,
+        direction=direction,
         temperature=table.numbers["temperature_degC"],
         deviations=np.stack([table.numbers[column.name] for column in rest[1:]], axis=1),
         noise=noise,
@@ -308,8 +335,21 @@ def _axes_of(state: Content | None, machine: MachineDescription, where: str) -> 
             f"{where}: no position of axis {', '.join(missing)}; the joint state names {', '.join(state.names)}"
         )
     order = [state.names.index(letter) for letter in machine.letters]
+    _check_within_travel(where, machine, state.position[order])
     direction = np.sign(state.velocity[order]) if len(state.velocity) else np.zeros(len(order))
     return state.position[order], direction
+
+
+def _check_within_travel(where: str, machine: MachineDescription, pose: Array) -> None:
+    for axis, value in zip(machine.axes, pose, strict=True):
+        low, high = axis.travel
+        slack = TRAVEL_SLACK * (high - low)
+        if not low - slack <= value <= high + slack:
+            scale, unit = (1e3, "mm") if axis.kind == "linear" else (180 / math.pi, "degrees")
+            raise InputError(
+                f"{where}: axis {axis.letter} at {value * scale:g} {unit} is beyond its travel, {low * scale:g} to "
+                f"{high * scale:g} {unit}: is it in another unit?"
+            )
 
 
 def _warmth(content: Content | None, machine: MachineDescription) -> float:

@@ -108,7 +108,10 @@ def calibrate_positioning(job: Job, letter: str) -> PositioningResult:
             "accuracy": both.accuracy,
         }
     job.finish([name], uncertainty, noted)
-    return PositioningResult(name, runs, figures, find_outliers(runs), check_standard_test(runs), uncertainty)
+    remarks = check_standard_test(runs)
+    if runs.rotary and job.source.suffix != ".csv":
+        remarks += ("told from a tool tip: radial error motions and a displaced axis count into the angle",)
+    return PositioningResult(name, runs, figures, find_outliers(runs), remarks, uncertainty)
 
 
 @dataclass(frozen=True)

@@ -182,6 +182,71 @@ def test_tracker_table(tmp_path: Path) -> None:
         read_tracker(written(tmp_path, header, "X,2000,100,20"))
 
 
+GRINDER_POSES = "X_mm,Z_mm,Y_mm,temperature_degC,dx_um,dy_um,dz_um"
+TABLES = {
+    "positioning": (lambda path: read_positioning(path, rotary=False), HEADER, GOOD),
+    "rotary": (
+        lambda path: read_positioning(path, rotary=True),
+        "target_deg,direction,cycle,reading_deg",
+        [f"{target},1,{cycle},{target}.001" for cycle in (1, 2) for target in (0, 90, 200)],
+    ),
+    "straightness": (read_straightness, SAMPLES, [f"1,a,1,{x},0.5" for x in range(6)]),
+    "mirror": (read_mirror_profile, "distance_mm,height_um", ["0,0.0", "100,0.04", "200,0.0"]),
+    "tracker": (read_tracker, "feature,distance_mm,elevation_deg,azimuth_deg", ["X,2000,10,20", "X,2100,11,21"]),
+    "poses": (
+        lambda path: read_probed_poses(path, load_machine("grinder_zhou2023"), 1.5e-6),
+        GRINDER_POSES,
+        ["-100,-20,30,20.5,1,2,3", "-200,-20,30,20.5,1,2,3"],
+    ),
+}
+
+
+def with_last_value(row: str, value: str) -> str:
+    return f"{row.rpartition(',')[0]},{value}"
+
+
+@pytest.mark.parametrize("kind", TABLES)
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda header, rows: [], ":1: the file is empty"),
+        (lambda header, rows: [header], ":1: a header and no row below it"),
+        (lambda header, rows: [*rows], ":1: header .*; expected "),
+        (lambda header, rows: [header, rows[0], with_last_value(rows[1], "nan")], ":3: .* is no finite number"),
+        (lambda header, rows: [header, rows[0], with_last_value(rows[1], '"1,5"')], ":3: .* has a decimal comma"),
+        (lambda header, rows: [header, rows[0], with_last_value(rows[1], "1,5")], ":3: .*not commas"),
+        (lambda header, rows: [header, rows[0], with_last_value(rows[1], "")], ":3: .* is empty"),
+        (lambda header, rows: [header, rows[0], with_last_value(rows[1], "9e7")], ":3: .* beyond .*another unit"),
+    ],
+    ids=["empty", "header_only", "no_header", "nan", "quoted_comma", "comma", "missing", "unit"],
+)
+def test_every_table_names_file_and_line(tmp_path: Path, kind: str, spoil, message: str) -> None:
+    read, header, rows = TABLES[kind]
+    read(written(tmp_path, header, *rows))
+    with pytest.raises(InputError, match=f"runs.csv{message}"):
+        read(written(tmp_path, *spoil(header, rows)))
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("-100000,-20,30,20,1,2,3", r":2: axis X at -100000 mm is beyond its travel, -1400 to 0 mm: is it in another"),
+        ("-100,20,30,20,1,2,3", r":2: axis Z at 20 mm is beyond its travel, -800 to 0 mm"),
+        ("-100,-20,30,20,1,2,3000", r":2: dz_um 3000 is beyond ±1000: is it in another unit"),
+    ],
+)
+def test_poses_that_the_machine_does_not_reach(tmp_path: Path, row: str, message: str) -> None:
+    with pytest.raises(InputError, match=f"runs.csv{message}"):
+        read_probed_poses(written(tmp_path, GRINDER_POSES, row), load_machine("grinder_zhou2023"), 1.5e-6)
+
+
+def test_a_direction_that_is_none(tmp_path: Path) -> None:
+    header = "X_mm,X_direction,Z_mm,Z_direction,Y_mm,Y_direction,temperature_degC,dx_um,dy_um,dz_um"
+    path = written(tmp_path, header, "-100,1,-20,-1,30,0,20.5,1,2,3", "-100,1,-20,2,30,0,20.5,1,2,3")
+    with pytest.raises(InputError, match=r"runs.csv:3: Z_direction 2; expected 1, -1, or 0 where unknown"):
+        read_probed_poses(path, load_machine("grinder_zhou2023"), 1.5e-6)
+
+
 def test_poses_table(tmp_path: Path) -> None:
     machine = load_machine("grinder_zhou2023")
     header = "X_mm,Z_mm,Y_mm,temperature_degC,dx_um,dy_um,dz_um"
@@ -221,8 +286,43 @@ def test_positioning_from_a_bag(tmp_path: Path) -> None:
     np.testing.assert_allclose(runs.backward, expected - 3e-6, atol=1e-15)
     with pytest.raises(InputError, match="other axes than Y move"):
         read_positioning_poses(tmp_path / "bag", machine, "Y")
-    with pytest.raises(InputError, match="sees no angle of axis C"):
-        read_positioning_poses(tmp_path / "bag", machine, "C")
+
+
+def test_positioning_of_a_rotary_axis_from_a_bag(tmp_path: Path) -> None:
+    """C over more than a turn, the head tilted by 90 degrees: the tip is 0.5 m from the axis and goes round with it."""
+    machine = load_machine("pan2013")
+    targets = np.deg2rad([-200.0, -95.0, 0.0, 80.0, 180.0, 270.0])
+    positions, direction = np.zeros((24, 5)), np.ones((24, 5))
+    positions[:, 4] = np.pi / 2
+    positions[:, 3] = np.tile([*targets, *targets[::-1]], 2)
+    direction[:, 3] = np.tile(np.repeat([1, -1], 6), 2)
+    contents: dict[str, list[Content]] = {JOINT_STATES: [], TOOL_PROBE: []}
+    for k, (row, way) in enumerate(zip(positions, direction, strict=True)):
+        # Rz(C) Rx(90°) (0, 0, -0.5) is 0.5 (-sin C, cos C, 0): turned on by an angle it goes along (-cos C, -sin C, 0).
+        angle = 1e-5 * row[3] + 4e-6 * way[3] + 1e-6 * (k // 12)
+        along = np.array([-np.cos(row[3]), -np.sin(row[3]), 0.0])
+        point = 0.5 * angle * along + 3e-6 * np.array([-np.sin(row[3]), np.cos(row[3]), 1.0])
+        contents[JOINT_STATES].append(JointState((k + 1) * 10**9, machine.letters, row, way, np.array([])))
+        contents[TOOL_PROBE].append(PointStamped((k + 1) * 10**9, point))
+    write_messages(tmp_path / "bag", contents)
+    runs = read_positioning_poses(tmp_path / "bag", machine, "C")
+    assert runs.rotary
+    np.testing.assert_allclose(runs.targets, targets, atol=1e-6)
+    expected = (1e-5 * targets + 4e-6)[:, None] + np.array([[0.0, 1e-6]])
+    np.testing.assert_allclose(runs.forward, expected, atol=1e-12)
+    assert runs.backward is not None
+    np.testing.assert_allclose(runs.backward, expected - 8e-6, atol=1e-12)
+    with pytest.raises(InputError, match="other axes than A move"):
+        read_positioning_poses(tmp_path / "bag", machine, "A")
+
+
+def test_a_tool_on_the_axis_shows_no_angle(tmp_path: Path) -> None:
+    machine = load_machine("pan2013")
+    positions = np.zeros((4, 5))
+    positions[:, 3] = [0.0, 1.0, 0.0, 1.0]
+    bag = poses_bag(tmp_path, machine, positions, np.ones((4, 5)))
+    with pytest.raises(InputError, match=r"bag: the tool tip is 0.0 mm from axis C, too near"):
+        read_positioning_poses(bag, machine, "C")
 
 
 def test_a_bag_that_does_not_say_the_direction(tmp_path: Path) -> None:
