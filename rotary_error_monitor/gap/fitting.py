@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.gap.normal import BlockNormal, combine, stack, subtract
-from rotary_error_monitor.gap.problem import Array, Problem, Rows
+from rotary_error_monitor.gap.normal import BlockNormal, combine, stack, subtract, width_of
+from rotary_error_monitor.gap.problem import Array, Columns, Problem, Rows
 
 MOST_STEPS = 6
 _SETTLED = 1e-2
@@ -35,9 +35,9 @@ class Fit:
     causes: tuple[Cause, ...]
     covariances: tuple[Array, ...]
     data: Rows
-    nuisance: Rows
+    nuisance: Columns
     nuisance_values: Array
-    columns: tuple[Rows, ...]
+    columns: tuple[Columns, ...]
     rest: Rows
     blocks: BlockNormal
 
@@ -47,7 +47,7 @@ class Fit:
         return float(sum(np.sum(np.square(rows)) for rows in self.rest.values()) + np.sum(self.nuisance_values**2))
 
 
-def fit_causes(problem: Problem, causes: Sequence[Cause], nuisance: Rows | None = None) -> Fit:
+def fit_causes(problem: Problem, causes: Sequence[Cause], nuisance: Columns | None = None) -> Fit:
     """Size the causes from where they start.
 
     Args:
@@ -57,8 +57,8 @@ def fit_causes(problem: Problem, causes: Sequence[Cause], nuisance: Rows | None 
     """
     sized = tuple(causes)
     uncertain = problem.nuisance(sized) if nuisance is None else nuisance
-    leading = stack(problem, problem.residual(sized), [uncertain]) if uncertain and sized else None
-    count = next((rows.shape[1] for rows in uncertain.values()), 0)
+    count = width_of(uncertain)
+    leading = stack(problem, problem.residual(sized), [uncertain]) if count and sized else None
     for step in range(MOST_STEPS + 1):
         data = problem.residual(sized)
         columns = tuple(_columns(problem, sized))
@@ -73,7 +73,7 @@ def fit_causes(problem: Problem, causes: Sequence[Cause], nuisance: Rows | None 
         if step == MOST_STEPS or not sized or np.all(np.abs(change[count:]) < _SETTLED * std):
             break
         sized = _moved(sized, change[count:])
-    rest = subtract(data, combine([uncertain], [change[:count]])) if count else data
+    rest = subtract(data, combine(problem, [uncertain], [change[:count]])) if count else data
     return Fit(
         sized, _spread(sized, covariance[count:, count:]), data, uncertain, change[:count], columns, rest, blocks
     )
@@ -83,7 +83,7 @@ def _free(cause: Cause) -> list[int]:
     return cause.effect.indices(Role.LINEAR, Role.SHAPE)
 
 
-def _columns(problem: Problem, causes: Sequence[Cause]) -> list[Rows]:
+def _columns(problem: Problem, causes: Sequence[Cause]) -> list[Columns]:
     return [problem.signature(c, _free(c), (*causes[:i], *causes[i + 1 :])) for i, c in enumerate(causes)]
 
 

@@ -121,7 +121,7 @@ def _stage_problem(
     reader: BagReader, twin: TwinFile, stage: StageDescription, remarks: tuple[str, ...]
 ) -> StageProblem:
     # The libraries of a stage's signals take a second to load, which a machine need not wait for.
-    from rotary_error_monitor.gap.stage import StageProblem
+    from rotary_error_monitor.gap.stage_stretches import stage_problem
 
     letters = sorted(stage.encoder.azimuths)
     needed = [
@@ -137,7 +137,7 @@ def _stage_problem(
     recording = record_stage(topics, letters)
     recording = StageRecording(recording.start_ns, recording.streams, (*remarks, *recording.remarks))
     effects = tuple(effect for effect in twin.effects if isinstance(effect, StageEffect))
-    return StageProblem(stage, recording, effects, twin.known)
+    return stage_problem(stage, recording, effects, twin.known)
 
 
 def _machine_problem(

@@ -6,14 +6,14 @@ that were left out. The recording is read once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from rotary_error_monitor.gap.problem import Array, Problem, Rows
+from rotary_error_monitor.gap.problem import Array, Columns, LateRows, Problem, Rows
 
 
 @dataclass(frozen=True)
@@ -80,47 +80,61 @@ class Normal:
         )
 
 
-def stack(problem: Problem, data: Rows, columns: Sequence[Rows], leading: BlockNormal | None = None) -> BlockNormal:
+def stack(problem: Problem, data: Rows, columns: Sequence[Columns], leading: BlockNormal | None = None) -> BlockNormal:
     """Normal equations of all `columns`, one after the other, for the data.
 
     Columns are absent from channels on which they do not act, which saves most of the work. So does `leading`: the
     equations of the first columns if they were stacked before; only their products with the data are made again.
     """
-    widths = [_width(rows) for rows in columns]
+    widths = [width_of(rows) for rows in columns]
     places = np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
     blocks, size = len(problem.conditions.labels), int(places[-1])
     done = 0 if leading is None else leading.moment.shape[1]
     gram, moment = np.zeros((blocks, size, size)), np.zeros((blocks, size))
     power, count = np.zeros(blocks), np.zeros(blocks)
-    for channel, values in data.items():
-        acting = [i for i, rows in enumerate(columns) if channel in rows]
-        index = np.concatenate([np.arange(places[i], places[i + 1]) for i in acting] or [np.zeros(0, np.intp)])
-        table = np.concatenate([columns[i][channel] for i in acting] + [values], axis=1)
-        known = int(np.count_nonzero(index < done))
-        expected = problem.expected(channel)
-        for block, part in enumerate(problem.conditions.slices(problem.times(channel))):
-            product = table[part].T @ table[part, known:]
-            gram[block][np.ix_(index, index[known:])] += product[:-1, :-1]
-            moment[block][index] += product[:-1, -1]
-            power[block] += product[-1, -1]
-            count[block] += float(expected[part].sum())
+    conditions = problem.conditions
+    for stretch in range(conditions.stretches):
+        made = [rows_in(rows, stretch) for rows in columns]
+        for channel, values in data.items():
+            extent = conditions.extent(channel, len(values), stretch)
+            acting = [i for i, rows in enumerate(made) if channel in rows]
+            index = np.concatenate([np.arange(places[i], places[i + 1]) for i in acting] or [np.zeros(0, np.intp)])
+            table = np.concatenate([made[i][channel] for i in acting] + [values[extent]], axis=1)
+            known = int(np.count_nonzero(index < done))
+            expected = problem.expected(channel)
+            for block, part in conditions.pieces(channel, problem.times(channel), stretch):
+                rows = table[part.start - extent.start : part.stop - extent.start]
+                product = rows.T @ rows[:, known:]
+                gram[block][np.ix_(index, index[known:])] += product[:-1, :-1]
+                moment[block][index] += product[:-1, -1]
+                power[block] += product[-1, -1]
+                count[block] += float(expected[part].sum())
     if leading is not None:
         gram[:, done:, :done] = gram[:, :done, done:].transpose(0, 2, 1)
         gram[:, :done, :done] = leading.gram
     return BlockNormal(gram, moment, power, count)
 
 
-def _width(rows: Mapping[str, Array]) -> int:
-    return next((values.shape[1] for values in rows.values()), 0)
+def width_of(rows: Columns) -> int:
+    """Number of columns."""
+    return rows.width if isinstance(rows, LateRows) else next((values.shape[1] for values in rows.values()), 0)
 
 
-def combine(columns: Sequence[Rows], amplitudes: Sequence[Array]) -> Rows:
+def rows_in(rows: Columns, stretch: int) -> Rows:
+    """Rows of one stretch; rows that are kept are those of the only one."""
+    return rows.of(stretch) if isinstance(rows, LateRows) else rows
+
+
+def combine(problem: Problem, columns: Sequence[Columns], amplitudes: Sequence[Array]) -> Rows:
     """White rows (m, 1) of columns times amplitudes, summed."""
     total: Rows = {}
-    for rows, amplitude in zip(columns, amplitudes, strict=True):
-        for channel, values in rows.items():
-            part = values @ amplitude.reshape(-1, 1)
-            total[channel] = total[channel] + part if channel in total else part
+    conditions = problem.conditions
+    for stretch in range(conditions.stretches):
+        for rows, amplitude in zip(columns, amplitudes, strict=True):
+            for channel, values in rows_in(rows, stretch).items():
+                count = len(problem.times(channel))
+                whole = total.setdefault(channel, np.zeros((count, 1)))
+                whole[conditions.extent(channel, count, stretch)] += values @ amplitude.reshape(-1, 1)
     return total
 
 

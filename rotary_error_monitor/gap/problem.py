@@ -7,7 +7,7 @@ chi-square and one unit means the same on every channel.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,6 +21,23 @@ Array = NDArray[np.float64]
 
 Rows = dict[str, Array]
 """White rows (m, p) by channel; a channel on which nothing acts may be absent."""
+
+
+@dataclass(frozen=True)
+class LateRows:
+    """White rows of a long recording, made for one stretch at a time when they are needed: all would fill the memory.
+
+    Attributes:
+        width: number of columns.
+        of: rows of the stretch with that number.
+    """
+
+    width: int
+    of: Callable[[int], Rows]
+
+
+Columns = Rows | LateRows
+"""White rows that are kept, or that are made stretch by stretch."""
 
 
 @dataclass(frozen=True)
@@ -110,10 +127,52 @@ class Conditions:
     labels: NDArray[np.intp]
     names: tuple[str, ...]
 
-    def slices(self, time: Array) -> list[slice]:
-        """Rows of each block, from the times of the rows."""
+    @property
+    def stretches(self) -> int:
+        """Number of stretches that columns are made for one at a time; the whole recording is one."""
+        return 1
+
+    def extent(self, channel: str, count: int, stretch: int) -> slice:
+        """Rows of a channel, of `count` altogether, that lie in one stretch."""
+        return slice(0, count)
+
+    def pieces(self, channel: str, time: Array, stretch: int) -> list[tuple[int, slice]]:
+        """Rows of a channel in one stretch by the block that they belong to, from the times of all its rows."""
         bounds = np.searchsorted(time, self.edges)
-        return [slice(int(a), int(b)) for a, b in itertools.pairwise(bounds)]
+        return [(block, slice(int(a), int(b))) for block, (a, b) in enumerate(itertools.pairwise(bounds))]
+
+
+@dataclass(frozen=True)
+class StretchedConditions(Conditions):
+    """Conditions of a long recording: a block is several spans of time under one condition.
+
+    Attributes:
+        blocks: (s,) block of each span; `edges` (s + 1,) are those of the spans.
+        stretch: (s,) stretch of each span.
+        rows: rows of each channel at which stretches begin and end, (stretches + 1,).
+    """
+
+    blocks: NDArray[np.intp]
+    stretch: NDArray[np.intp]
+    rows: Mapping[str, NDArray[np.intp]]
+
+    @property
+    def stretches(self) -> int:
+        """Number of stretches."""
+        return int(self.stretch[-1]) + 1
+
+    def extent(self, channel: str, count: int, stretch: int) -> slice:
+        """Rows of a channel that lie in one stretch."""
+        return slice(int(self.rows[channel][stretch]), int(self.rows[channel][stretch + 1]))
+
+    def pieces(self, channel: str, time: Array, stretch: int) -> list[tuple[int, slice]]:
+        """Rows of each span of one stretch with the block that it belongs to."""
+        extent = self.extent(channel, len(time), stretch)
+        first, last = extent.start, extent.stop
+        spans = np.flatnonzero(self.stretch == stretch)
+        inner = first + np.searchsorted(time[first:last], self.edges[spans[1:]])
+        bounds = itertools.pairwise([first, *inner.tolist(), last])
+        return [(int(self.blocks[span]), slice(a, b)) for span, (a, b) in zip(spans, bounds, strict=True)]
 
 
 class Problem(Protocol):
@@ -136,10 +195,10 @@ class Problem(Protocol):
     def residual(self, causes: Sequence[Cause]) -> Rows:
         """White rows (m, 1) of measured minus predicted with these causes in the twin."""
 
-    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
+    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Columns:
         """White rows (m, len(indices)): change of the prediction with each of those values of the cause."""
 
-    def nuisance(self, causes: Sequence[Cause]) -> Rows:
+    def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows (m, q): change of the prediction by one standard uncertainty of each parameter of the twin."""
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:

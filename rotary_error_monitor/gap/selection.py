@@ -16,7 +16,7 @@ import numpy as np
 from rotary_error_monitor.gap.chances import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.normal import combine
-from rotary_error_monitor.gap.problem import Array, Candidate, Finding, Problem, Rows
+from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Finding, Problem
 from rotary_error_monitor.gap.weighing import Weighing, Weight
 
 MOST_CAUSES = 2
@@ -129,7 +129,7 @@ class _Search:
         self._problem = problem
         self._level = false_alarms / 2
         self._known: dict[tuple[str, str, bytes], Candidate] = {}
-        self._columns: dict[tuple[str, str, bytes], Rows] = {}
+        self._columns: dict[tuple[str, str, bytes], Columns] = {}
         self._promising: list[tuple[str, str, bytes]] = []
 
     def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Stage:
@@ -295,14 +295,14 @@ class _Search:
         own = [self._sized(fit, i) for i in range(len(fit.causes))]
         candidates = [c for c, _, _ in own] + [c for c, _ in others]
         columns = [rows for _, rows, _ in own] + [rows for _, rows in others]
-        put_back = combine([rows for _, rows, _ in own], [amplitudes for _, _, amplitudes in own])
+        put_back = combine(self._problem, [rows for _, rows, _ in own], [amplitudes for _, _, amplitudes in own])
         data = {
             channel: rows + put_back[channel] if channel in put_back else rows for channel, rows in fit.data.items()
         }
         weighing = Weighing(self._problem, data, fit.nuisance, candidates, columns)
         return weighing, tuple(range(len(own)))
 
-    def _sized(self, fit: Fit, index: int) -> tuple[Candidate, Rows, Array]:
+    def _sized(self, fit: Fit, index: int) -> tuple[Candidate, Columns, Array]:
         """A cause of the fit as a candidate: its signature at its own values, and its amplitudes."""
         cause = fit.causes[index]
         known = next(candidate for candidate in self._known.values() if candidate.key == cause.key)

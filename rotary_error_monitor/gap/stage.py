@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.effects.rotor import LVDT, StageEffect
+from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.stage_experiments import advise
 from rotary_error_monitor.gap.stage_jitter import SharedMotion, estimate_jitter
 from rotary_error_monitor.gap.stage_search import StageSearch
@@ -21,7 +21,7 @@ from rotary_error_monitor.gap.stage_where import stage_where
 from rotary_error_monitor.gap.structure import Track, find_structure
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.recording import StageRecording
-from rotary_error_monitor.twin.stage import Signals, StageTwin, twin_of
+from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise
 from rotary_error_monitor.twin.stage_parameters import UncertainParameter, uncertain_parameters
 
@@ -57,6 +57,7 @@ class StageProblem:
         recording: what was measured.
         effects: the known effects.
         known: effects that the twin has besides its parameters.
+        inputs: what drove the stage, where the recording is a stretch of a longer one.
     """
 
     def __init__(
@@ -65,12 +66,13 @@ class StageProblem:
         recording: StageRecording,
         effects: Sequence[StageEffect],
         known: Sequence[Cause] = (),
+        inputs: StageInputs | None = None,
     ) -> None:
         self.stage = stage
         self.recording = recording
         self.effects = tuple(effects)
-        self.twin: StageTwin = twin_of(stage, recording, tuple(known))
-        self._warmings = _unknown_warmings(self.twin) if "temperature" not in recording.streams else ()
+        self.twin: StageTwin = twin_of(stage, recording, tuple(known), inputs)
+        self._warmings = () if "temperature" in recording.streams else unknown_warmings(self.twin, recording.duration)
         self._uncertain: tuple[UncertainParameter, ...] = uncertain_parameters(stage)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
         raw = self._raw_residual(())
@@ -82,6 +84,7 @@ class StageProblem:
         self._starts: dict[tuple[str, str], Array] = {}
         self.noise.with_jitter(*self._estimate_jitter(raw))
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
+        self._kept_nuisance: dict[str, Rows] = {}
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -92,6 +95,11 @@ class StageProblem:
     def conditions(self) -> Conditions:
         """Blocks of constant commanded speed, cut to at least a second."""
         return self._conditions
+
+    @property
+    def head_rows(self) -> int:
+        """Number of instants at which the heads were read."""
+        return len(self.noise.grid.time)
 
     def times(self, channel: str) -> Array:
         """(m,) time of each row, s."""
@@ -111,8 +119,12 @@ class StageProblem:
         """Measured minus predicted (n, k) of each stream, in its unit."""
         return self._raw_residual(causes)
 
-    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
+    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Columns:
         """White rows of the derivative of the prediction with respect to values of `cause`, beside `others`."""
+        return self.own_signature(cause, indices, others)
+
+    def own_signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause]) -> Rows:
+        """The same as rows that are kept."""
         effect = cause.effect
         assert isinstance(effect, StageEffect)
         streams = [name for name in self.twin.times if effect.touches(cause.location, name)]
@@ -127,19 +139,51 @@ class StageProblem:
                 columns[name].append((moved[name] - base[name]) / step)
         return self._white_columns(columns)
 
-    def nuisance(self, causes: Sequence[Cause]) -> Rows:
-        """White rows of one standard uncertainty of each uncertain parameter."""
-        base = self.twin.predict(causes)
-        columns: dict[str, list[Array]] = {name: [] for name in base}
-        for parameter in self._uncertain:
-            moved = self.twin.predict(causes, stage=parameter.shifted(self.stage, parameter.uncertainty))
-            for name, values in base.items():
-                columns[name].append(moved[name] - values)
-        for warmed in self._warmings:
-            moved = warmed.predict(causes)
-            for name, values in base.items():
-                columns[name].append(moved[name] - values)
-        return self._white_columns(columns) if any(columns.values()) else {}
+    def nuisance(self, causes: Sequence[Cause]) -> Columns:
+        """White rows of one standard uncertainty of each uncertain parameter.
+
+        They are made again only for streams that one of the causes rescales: beside others they are the same.
+        """
+        return self.own_nuisance(causes)
+
+    def own_nuisance(self, causes: Sequence[Cause]) -> Rows:
+        """The same as rows that are kept."""
+        rescaled = {
+            kind
+            for cause in causes
+            if isinstance(cause.effect, StageEffect) and cause.effect.rescales
+            for kind in cause.effect.acts_on
+        }
+        rows: Rows = {}
+        for kind in dict.fromkeys(name.partition("_")[0] for name in self.twin.times):
+            if kind in rescaled:
+                rows |= self._nuisance_of(kind, causes)
+                continue
+            if kind not in self._kept_nuisance:
+                self._kept_nuisance[kind] = self._nuisance_of(kind, ())
+            rows |= self._kept_nuisance[kind]
+        return rows
+
+    def _nuisance_of(self, kind: str, causes: Sequence[Cause]) -> Rows:
+        """White rows of all uncertain parameters on the streams of one kind."""
+        streams = [name for name in self.twin.times if name.partition("_")[0] == kind]
+        base = self._prediction(causes, streams)
+        acting = [i for i, parameter in enumerate(self._uncertain) if kind in parameter.seen_by]
+        moved = [
+            self.twin.predict(causes, streams, self._uncertain[i].shifted(self.stage, self._uncertain[i].uncertainty))
+            for i in acting
+        ]
+        acting += range(len(self._uncertain), len(self._uncertain) + len(self._warmings))
+        moved += [warmed.predict(causes, streams) for warmed in self._warmings]
+        if not acting:
+            return {}
+        columns = {name: [signals[name] - base[name] for signals in moved] for name in streams}
+        width = len(self._uncertain) + len(self._warmings)
+        found: Rows = {}
+        for channel, rows in self._white_columns(columns).items():
+            found[channel] = np.zeros((len(rows), width))
+            found[channel][:, acting] = rows
+        return found
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
         """Every effect at every place, orders and moments as found in what is left."""
@@ -157,8 +201,9 @@ class StageProblem:
                 continue
             time = self.times(channel)
             labels = np.zeros(len(time), np.intp)
-            for label, part in zip(self.conditions.labels, self.conditions.slices(time), strict=True):
-                labels[part] = label
+            for stretch in range(self.conditions.stretches):
+                for block, part in self.conditions.pieces(channel, time, stretch):
+                    labels[part] = self.conditions.labels[block]
             angle = np.asarray(self.twin.inputs.command(time[used]), np.float64)
             white = rows[used, 0] / np.sqrt(expected[used])
             found.append(Track(channel, white, time[used], angle, labels[used], self.conditions.names))
@@ -184,6 +229,7 @@ class StageProblem:
             return False
         self.noise.with_jitter(jitter, lines)
         self._expected = {}
+        self._kept_nuisance.pop(HEAD, None)
         return True
 
     def check_plausible(self) -> None:
@@ -218,15 +264,17 @@ class StageProblem:
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """What was left out of the recording, and sensors noisier than the twin says."""
         found = list(self.recording.remarks)
-        for name, spikes in self.noise.spikes.items():
-            if spikes.any():
-                found.append(f"{name}: {int(spikes.sum())} spikes left out")
+        found += [f"{name}: {count} spikes left out" for name, count in self.spikes().items() if count]
         for track in self.tracks(rest):
             # Neighbouring rows differ by noise alone, whatever slow thing is left in them.
             level = float(np.sqrt(0.5 * np.mean(np.square(np.diff(track.rows)))))
             if level > 1 + max(NOISIER, 5 / np.sqrt(len(track.rows))):
                 found.append(f"{track.channel}: noise is {level:.2f} times what the twin states")
         return tuple(found)
+
+    def spikes(self) -> dict[str, int]:
+        """Number of samples of each sensor that are spikes."""
+        return {name: int(spikes.sum()) for name, spikes in self.noise.spikes.items()}
 
     def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
         """Residuals of channels over rotation and over time, before and after the causes, in µrad or µm."""
@@ -273,9 +321,11 @@ class StageProblem:
         return estimate_jitter(SharedMotion(grid.time, command, mean[:, 0], enough, smooth, self.noise.command_floor))
 
 
-def _unknown_warmings(twin: StageTwin) -> tuple[StageTwin, ...]:
-    """Twins that warm by one standard uncertainty of each slow course, where no thermometer was recorded."""
-    last = max(float(time[-1]) for time in twin.times.values())
+def unknown_warmings(twin: StageTwin, last: float) -> tuple[StageTwin, ...]:
+    """Twins that warm by one standard uncertainty of each slow course up to the time `last`, s.
+
+    For recordings without a thermometer.
+    """
 
     def course(power: int) -> Callable[[Array], Array]:
         return lambda time: UNKNOWN_WARMING * (2 * np.asarray(time, np.float64) / last - 1) ** power

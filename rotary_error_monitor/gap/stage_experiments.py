@@ -45,7 +45,14 @@ def advise(problem: StageProblem, keys: Sequence[Key], causes: Sequence[Cause]) 
     """Words for the measurement that tells the first of these effects apart from the others best."""
     first = next(cause for cause in causes if cause.key == tuple(keys[0]))
     rivals = [_idle(problem, key) for key in keys[1:]]
-    scored = [(min(_distance(problem, e, first, rival) for rival in rivals), e) for e in _experiments(problem)]
+    old = _Measurement(problem, problem.twin.inputs, problem.stage, LVDT in problem.twin.times)
+    known = old.shown(first), [old.columns(rival) for rival in rivals]
+    scored = []
+    for experiment in _experiments(problem):
+        new = _Measurement(problem, experiment.inputs, experiment.stage, experiment.with_lvdt)
+        wanted = np.concatenate([known[0], new.shown(first)])
+        tables = [np.concatenate([seen, new.columns(r)]) for seen, r in zip(known[1], rivals, strict=True)]
+        scored.append((min(_distance(wanted, table) for table in tables), experiment))
     best, experiment = max(scored, key=lambda pair: pair[0])
     if best < DECISIVE:
         return (
@@ -95,42 +102,55 @@ def _idle(problem: StageProblem, key: Key) -> Cause:
     return Cause(effect, key[1], effect.start(key[1]) if known is None else known)
 
 
-def _distance(problem: StageProblem, experiment: Experiment, first: Cause, rival: Cause) -> float:
-    """Standard deviations between the first cause as sized and the nearest that the rival can do, old and new data."""
-    twins = [_planned(problem, problem.twin.inputs, problem.stage, LVDT in problem.twin.times)]
-    twins.append(_planned(problem, experiment.inputs, experiment.stage, experiment.with_lvdt))
-    wanted = np.concatenate([_rows(problem, twin, (first,)) - _rows(problem, twin, ()) for twin in twins])
-    columns = []
-    for index in rival.effect.indices(Role.LINEAR):
-        values = rival.values.copy()
-        values[index] += rival.effect.scales()[index]
-        moved = rival.with_values(values)
-        columns.append(np.concatenate([_rows(problem, twin, (moved,)) - _rows(problem, twin, ()) for twin in twins]))
-    table = np.stack(columns, axis=1)
+def _distance(wanted: Array, table: Array) -> float:
+    """Standard deviations between what one effect shows and the nearest that the columns of another can do."""
     fitted, *_ = np.linalg.lstsq(table, wanted, rcond=None)
     return float(np.linalg.norm(wanted - table @ fitted))
 
 
-def _planned(problem: StageProblem, inputs: StageInputs, stage: StageDescription, lvdt: bool) -> StageTwin:
-    time = np.linspace(0.0, problem.recording.duration, SAMPLES)
-    streams = [*problem.recording.heads, "autocollimator", *([LVDT] if lvdt else [])]
-    return StageTwin(stage, inputs, dict.fromkeys(streams, time))
+class _Measurement:
+    """What a measurement would show, in standard deviations of what a whole recording averages to.
 
+    Args:
+        problem: the recording that it varies.
+        inputs: what drives the stage.
+        stage: the stage as it stands then.
+        lvdt: whether the LVDT takes part.
+    """
 
-def _rows(problem: StageProblem, twin: StageTwin, causes: Sequence[Cause]) -> Array:
-    """Predicted signals in standard deviations of what a whole recording averages to."""
-    signals = twin.predict(causes)
-    heads = [name for name in signals if name.startswith("head_")]
-    shared = np.mean([signals[name][:, 0] for name in heads], axis=0)
-    gain = np.sqrt(len(problem.noise.grid.time) / SAMPLES)
-    jitter = problem.noise.jitter
-    # The jitter is one independent value in each of its correlation times.
-    independent = np.sqrt(min(1.0, 2 * jitter.bandwidth * problem.recording.duration / SAMPLES))
-    white = problem.noise.std["head"] / np.sqrt(len(heads)) / gain
-    parts = [shared / np.hypot(jitter.std / independent, white)]
-    parts += [(signals[name][:, 0] - shared) / problem.noise.std["head"] * gain for name in heads]
-    for name, values in signals.items():
-        if name not in heads:
-            std = problem.noise.std[name] or 1.0
-            parts.append(values.ravel() / std * gain)
-    return np.concatenate(parts)
+    def __init__(self, problem: StageProblem, inputs: StageInputs, stage: StageDescription, lvdt: bool) -> None:
+        self._problem = problem
+        time = np.linspace(0.0, problem.recording.duration, SAMPLES)
+        streams = [*problem.recording.heads, "autocollimator", *([LVDT] if lvdt else [])]
+        self._twin = StageTwin(stage, inputs, dict.fromkeys(streams, time))
+        self._base = self._rows(())
+
+    def shown(self, cause: Cause) -> Array:
+        """(m,) what a cause adds."""
+        return self._rows((cause,)) - self._base
+
+    def columns(self, cause: Cause) -> Array:
+        """(m, k) what one usual size of each linear value of a cause adds."""
+        scales, found = cause.effect.scales(), []
+        for index in cause.effect.indices(Role.LINEAR):
+            values = cause.values.copy()
+            values[index] += scales[index]
+            found.append(self.shown(cause.with_values(values)))
+        return np.stack(found, axis=1)
+
+    def _rows(self, causes: Sequence[Cause]) -> Array:
+        problem, signals = self._problem, self._twin.predict(causes)
+        heads = [name for name in signals if name.startswith("head_")]
+        shared = np.mean([signals[name][:, 0] for name in heads], axis=0)
+        gain = np.sqrt(problem.head_rows / SAMPLES)
+        jitter = problem.noise.jitter
+        # The jitter is one independent value in each of its correlation times.
+        independent = np.sqrt(min(1.0, 2 * jitter.bandwidth * problem.recording.duration / SAMPLES))
+        white = problem.noise.std["head"] / np.sqrt(len(heads)) / gain
+        parts = [shared / np.hypot(jitter.std / independent, white)]
+        parts += [(signals[name][:, 0] - shared) / problem.noise.std["head"] * gain for name in heads]
+        for name, values in signals.items():
+            if name not in heads:
+                std = problem.noise.std[name] or 1.0
+                parts.append(values.ravel() / std * gain)
+        return np.concatenate(parts)

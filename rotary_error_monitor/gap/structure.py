@@ -23,6 +23,9 @@ LINE_ORDERS = 200
 PLACES = 180
 SECONDS = 0.5
 
+PIECE = 2**15
+"""Rows that are compared with all waves at once: more only take memory."""
+
 
 @dataclass(frozen=True)
 class Track:
@@ -63,8 +66,7 @@ def _orders(track: Track) -> Finding:
         chosen = track.labels == label
         if np.count_nonzero(chosen) < 4 * MODELLED_ORDERS:
             continue
-        table = _wave_table(track.angle[chosen], MODELLED_ORDERS)
-        part, dimension, each = _explained(table, track.rows[chosen])
+        part, dimension, each = _explained(*_wave_products(track.angle[chosen], track.rows[chosen], 0, MODELLED_ORDERS))
         floor = max(1.0, _noise_above(track.angle[chosen], track.rows[chosen]))
         gain, freedom = gain + part / floor, freedom + dimension
         if np.max(each) / floor > best:
@@ -72,6 +74,16 @@ def _orders(track: Track) -> Finding:
     return Finding(
         track.channel, "orders", log_chi_square_tail(gain, max(freedom, 1)), max(0.0, gain - freedom), f"angle: {words}"
     )
+
+
+def _wave_products(angle: Array, rows: Array, first: int, last: int) -> tuple[Array, Array]:
+    """Products of waves of all orders from `first` to `last` with one another and with the rows, piece by piece."""
+    gram, moment = np.zeros(()), np.zeros(())
+    for start in range(0, len(rows), PIECE):
+        part = slice(start, start + PIECE)
+        table = _wave_table(angle[part], last, first)
+        gram, moment = gram + table.T @ table, moment + table.T @ rows[part]
+    return gram, moment
 
 
 def _wave_table(angle: Array, orders: int, first: int = 0) -> Array:
@@ -83,14 +95,13 @@ def _wave_table(angle: Array, orders: int, first: int = 0) -> Array:
     return np.concatenate([turns.real, turns.imag[:, 1 if first == 0 else 0 :]], axis=1)
 
 
-def _explained(table: Array, rows: Array) -> tuple[float, int, Array]:
-    """Power that columns explain, their rank, and the power at each order alone."""
-    gram, moment = table.T @ table, table.T @ rows
+def _explained(gram: Array, moment: Array) -> tuple[float, int, Array]:
+    """Power that waves explain, their rank, and the power at each order alone."""
     values, vectors = np.linalg.eigh(gram)
     seen = values > 1e-6 * values[-1]
     gain = float(np.sum((vectors.T @ moment)[seen] ** 2 / values[seen]))
     single = moment**2 / np.maximum(np.diag(gram), 1e-12)
-    orders = (table.shape[1] + 1) // 2
+    orders = (len(moment) + 1) // 2
     each = single[:orders].copy()
     each[1:] += single[orders:]
     return gain, int(seen.sum()), each
@@ -98,8 +109,8 @@ def _explained(table: Array, rows: Array) -> tuple[float, int, Array]:
 
 def _noise_above(angle: Array, rows: Array) -> float:
     """Noise level at orders just above the modelled ones; rounding of a slowly turning ring is not quite white."""
-    table = _wave_table(angle, 3 * MODELLED_ORDERS, MODELLED_ORDERS + 1)
-    power = np.square(table.T @ rows) * 2 / len(rows)
+    _, moment = _wave_products(angle, rows, MODELLED_ORDERS + 1, 3 * MODELLED_ORDERS)
+    power = np.square(moment) * 2 / len(rows)
     return float(np.median(power) / chi_square_median(1))
 
 

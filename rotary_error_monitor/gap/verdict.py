@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Role
+from rotary_error_monitor.gap.normal import combine
 from rotary_error_monitor.gap.problem import Finding, Problem
 from rotary_error_monitor.gap.selection import Stage
 
@@ -60,7 +61,8 @@ def trusted_causes(problem: Problem, stage: Stage) -> bool:
         free = cause.effect.indices(Role.LINEAR, Role.SHAPE)
         shapes = set(cause.effect.indices(Role.SHAPE))
         amplitude = np.array([0.0 if i in shapes else cause.values[i] for i in free])
-        power = {channel: float(np.sum((rows @ amplitude) ** 2)) for channel, rows in columns.items()}
+        shown = combine(problem, [columns], [amplitude])
+        power = {channel: float(np.sum(rows**2)) for channel, rows in shown.items()}
         total = sum(power.values())
         own = [channel for channel, value in power.items() if value > OWN_CHANNEL * total]
         left = sum(float(np.sum(stage.fit.rest[c] ** 2) - np.sum(problem.expected(c))) for c in own)

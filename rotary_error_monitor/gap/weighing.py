@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.chances import log_chi_square_tail
-from rotary_error_monitor.gap.normal import BlockNormal, Normal, stack
-from rotary_error_monitor.gap.problem import Array, Candidate, Problem, Rows
+from rotary_error_monitor.gap.normal import BlockNormal, Normal, stack, width_of
+from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Problem, Rows
 
 _SINGULAR = 1e-9
 """Part of a column that must remain beside the others for its amplitude to be looked at at all."""
@@ -67,15 +67,14 @@ class Weighing:
         self,
         problem: Problem,
         data: Rows,
-        nuisance: Rows,
+        nuisance: Columns,
         candidates: Sequence[Candidate],
-        columns: Sequence[Rows],
+        columns: Sequence[Columns],
     ) -> None:
-        seen = [i for i, rows in enumerate(columns) if rows]
+        seen = [i for i, rows in enumerate(columns) if width_of(rows)]
         self.candidates = tuple(candidates[i] for i in seen)
-        self.columns = tuple(columns[i] for i in seen)
-        self.nuisances = next((rows.shape[1] for rows in nuisance.values()), 0)
-        self.blocks: BlockNormal = stack(problem, data, [nuisance, *self.columns])
+        self.nuisances = width_of(nuisance)
+        self.blocks: BlockNormal = stack(problem, data, [nuisance, *(columns[i] for i in seen)])
         self._scales = [candidate.effect.scales()[candidate.linear] for candidate in self.candidates]
         sizes = np.concatenate([[0], np.cumsum([len(scale) for scale in self._scales])]).astype(np.intp)
         self._places = [np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(sizes)]

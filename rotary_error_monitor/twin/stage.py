@@ -101,6 +101,7 @@ class StageTwin:
         times: sample times of each predicted stream, s.
         observed: what each head read, rad; carries the phase of errors within a line.
         known: effects that the stage has besides the description's parameters.
+        keeps_states: whether the rotor's states at the sample times are kept between predictions.
     """
 
     stage: StageDescription
@@ -108,6 +109,7 @@ class StageTwin:
     times: dict[str, Array]
     observed: dict[str, Array] = field(default_factory=dict)
     known: tuple[Cause, ...] = ()
+    keeps_states: bool = True
     _states: dict[str, RotorState] = field(default_factory=dict, repr=False)
 
     def predict(
@@ -129,11 +131,15 @@ class StageTwin:
 
     def state(self, stream: str, delay: float = 0.0) -> RotorState:
         """The rotor at the sample times of a stream, `delay` seconds earlier."""
-        if delay != 0.0:
+        if delay != 0.0 or not self.keeps_states:
             return self.state_at(self.times[stream], delay, self.observed.get(stream))
         if stream not in self._states:
             self._states[stream] = self.state_at(self.times[stream], 0.0, self.observed.get(stream))
         return self._states[stream]
+
+    def forget(self) -> None:
+        """Give back the memory of the states."""
+        self._states.clear()
 
     def state_at(self, time: Array, delay: float = 0.0, observed: Array | None = None) -> RotorState:
         """The rotor at any times (m,), `delay` seconds earlier, with what a head read there."""
@@ -233,12 +239,20 @@ _SENSORS: dict[str, Callable[[str, StageDescription, RotorState, _Acting], Array
 }
 
 
-def twin_of(stage: StageDescription, recording: StageRecording, known: tuple[Cause, ...] = ()) -> StageTwin:
-    """Twin of the recorded stage: predicts every sensor stream that was recorded and that the stage has."""
+def twin_of(
+    stage: StageDescription,
+    recording: StageRecording,
+    known: tuple[Cause, ...] = (),
+    inputs: StageInputs | None = None,
+) -> StageTwin:
+    """Twin of the recorded stage: predicts every sensor stream that was recorded and that the stage has.
+
+    `inputs` stands for those in the recording, where that is a stretch of a longer one.
+    """
     sensors = [name for name in recording.sensors if name != LVDT or stage.lvdt is not None]
     return StageTwin(
         stage,
-        stage_inputs(recording, stage.reference_temperature),
+        inputs or stage_inputs(recording, stage.reference_temperature),
         {name: recording.streams[name].time for name in sensors},
         {name: recording.streams[name].values[:, 0] for name in recording.heads},
         known,

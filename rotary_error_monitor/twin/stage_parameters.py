@@ -7,10 +7,21 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT
 from rotary_error_monitor.errors import InputError
 
 Part = Any
 """A number, a row of harmonics, or numbers by name or in a row: whatever stands in a description."""
+
+_SEEN_BY = {
+    ("encoder", ""): (HEAD,),
+    ("mirror", ""): (AUTOCOLLIMATOR,),
+    ("autocollimator", ""): (AUTOCOLLIMATOR,),
+    ("lvdt", ""): (LVDT,),
+    ("spindle", "radial"): (HEAD, LVDT),
+    ("spindle", "tilt"): (AUTOCOLLIMATOR, LVDT),
+}
+"""Kinds of streams that the parameters of a section move, for the spindle by the first word of their names."""
 
 
 @dataclass(frozen=True)
@@ -20,11 +31,13 @@ class UncertainParameter:
     Attributes:
         name: dotted name with the component, such as `encoder.eccentricity[0]`.
         uncertainty: its standard uncertainty, in the number's unit.
+        seen_by: kinds of streams that it moves: `head`, `autocollimator`, `lvdt`.
         shifted: the description with that number larger by an amount.
     """
 
     name: str
     uncertainty: float
+    seen_by: tuple[str, ...]
     shifted: Callable[[StageDescription, float], StageDescription]
 
 
@@ -48,7 +61,8 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
             raise InputError(f"uncertainty: no parameter is called '{name}'; name one such as encoder.eccentricity")
         for path in _paths(value):
             label = name + "".join(f"[{step}]" for step in path)
-            found.append(UncertainParameter(label, uncertainty, _shifter(section_name, attribute, path)))
+            seen_by = _SEEN_BY[section_name, key.partition("_")[0] if section_name == "spindle" else ""]
+            found.append(UncertainParameter(label, uncertainty, seen_by, _shifter(section_name, attribute, path)))
     return tuple(found)
 
 

@@ -122,8 +122,10 @@ def test_nothing_is_found_in_noise(linear, rng):
     assert alarms <= 2
 
 
-def test_rows_combine_and_subtract():
+def test_rows_combine_and_subtract(linear):
+    linear.data = {"x": np.zeros((1, 1)), "y": np.zeros((1, 1))}
     rows = combine(
+        linear,
         [{"x": np.array([[1.0, 2.0]])}, {"x": np.array([[1.0]]), "y": np.array([[3.0]])}],
         [np.array([1.0, 1.0]), np.array([2.0])],
     )

@@ -1,0 +1,201 @@
+"""A long recording of a stage as a problem of diagnosis, worked through stretch by stretch so that memory holds one.
+
+Rows of one column (residuals, what is left) are kept whole: they take a hundredth of the memory that the signatures of
+all effects and parameters take, which are made for one stretch at a time. Noise is learnt in each stretch on its own.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.gap.problem import (
+    Array,
+    Columns,
+    Conditions,
+    Finding,
+    LateRows,
+    Rows,
+    StretchedConditions,
+)
+from rotary_error_monitor.gap.stage import MOST_BLOCKS, StageProblem, stage_conditions
+from rotary_error_monitor.gap.stage_search import StageSearch
+from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
+from rotary_error_monitor.twin.stage import StageInputs, twin_of
+
+STRETCH = 40.0
+"""Length of a stretch, s: the spectrum of the jitter is well known from it, and its columns fill half a gigabyte."""
+
+LONGEST = 60.0
+"""Length of a recording, s, up to which it is taken as one stretch."""
+
+
+def stage_problem(
+    stage: StageDescription,
+    recording: StageRecording,
+    effects: Sequence[StageEffect],
+    known: Sequence[Cause] = (),
+) -> StageProblem:
+    """The problem of a recording of any length; arguments as `StageProblem`."""
+    kind = LongStageProblem if recording.duration > LONGEST else StageProblem
+    return kind(stage, recording, effects, known)
+
+
+class LongStageProblem(StageProblem):
+    """A recording too long for its signatures to be kept; arguments as `StageProblem`."""
+
+    def __init__(
+        self,
+        stage: StageDescription,
+        recording: StageRecording,
+        effects: Sequence[StageEffect],
+        known: Sequence[Cause] = (),
+        inputs: StageInputs | None = None,
+    ) -> None:
+        self.stage, self.recording, self.effects = stage, recording, tuple(effects)
+        whole = twin_of(stage, recording, tuple(known), inputs)
+        self.twin = replace(whole, keeps_states=False)
+        self._measured = {name: recording.streams[name].values for name in self.twin.times}
+        self._search = StageSearch(self)
+        self._starts: dict[tuple[str, str], Array] = {}
+        self._expected: dict[str, Array] = {}
+        bounds = np.linspace(0.0, recording.duration, max(2, round(recording.duration / STRETCH)) + 1)
+        pieces = [cut_recording(recording, a, b) for a, b in itertools.pairwise(bounds)]
+        read = [i for i, piece in enumerate(pieces) if piece.heads]
+        self._stretches = [_Stretch(stage, pieces[i], effects, known, whole.inputs) for i in read]
+        self._opened = 0
+        self.noise = self._stretches[0].noise
+        self._times = {
+            channel: np.concatenate([s.times(channel) for s in self._stretches if channel in s.channels])
+            for channel in dict.fromkeys(c for s in self._stretches for c in s.channels)
+        }
+        self._conditions = self._stretched(stage_conditions(recording), bounds, read)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels of rows: `command`, each head, each component of the other sensors."""
+        return tuple(self._times)
+
+    @property
+    def head_rows(self) -> int:
+        """Number of instants at which the heads were read."""
+        return sum(stretch.head_rows for stretch in self._stretches)
+
+    def times(self, channel: str) -> Array:
+        """(m,) time of each row, s."""
+        return self._times[channel]
+
+    def expected(self, channel: str) -> Array:
+        """(m,) expected square of each row under noise alone."""
+        if not self._expected:
+            self._expected = self._joined(lambda stretch: {c: stretch.expected(c) for c in stretch.channels})
+        return self._expected[channel]
+
+    def residual(self, causes: Sequence[Cause]) -> Rows:
+        """White rows (m, 1) of measured minus predicted."""
+        return self._joined(lambda stretch: stretch.residual(causes))
+
+    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Columns:
+        """White rows of the derivative of the prediction with respect to values of `cause`, beside `others`."""
+        effect = cause.effect
+        assert isinstance(effect, StageEffect)
+        if not any(effect.touches(cause.location, name) for name in self.twin.times):
+            return {}
+        return LateRows(len(indices), lambda i: self._open(i).own_signature(cause, indices, others))
+
+    def nuisance(self, causes: Sequence[Cause]) -> Columns:
+        """White rows of one standard uncertainty of each uncertain parameter."""
+        width = self._stretches[0].nuisances
+        return LateRows(width, lambda i: self._open(i).own_nuisance(causes)) if width else {}
+
+    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+        """Estimate the jitter's spectrum again in each stretch; says whether it differs in any."""
+        changed = [self._open(i).learn_noise(causes, findings) for i in range(len(self._stretches))]
+        self._expected = {}
+        return any(changed)
+
+    def spikes(self) -> dict[str, int]:
+        """Number of samples of each sensor that are spikes."""
+        names = dict.fromkeys(name for stretch in self._stretches for name in stretch.noise.spikes)
+        counts = [stretch.spikes() for stretch in self._stretches]
+        return {name: sum(count.get(name, 0) for count in counts) for name in names}
+
+    def _open(self, index: int) -> _Stretch:
+        """A stretch to work in; the one before forgets what it can compute again."""
+        if index != self._opened:
+            self._stretches[self._opened].forget()
+            self._opened = index
+        return self._stretches[index]
+
+    def _joined(self, of_stretch: Callable[[_Stretch], Rows]) -> Rows:
+        """Rows of all stretches, one after the other."""
+        parts: dict[str, list[Array]] = {}
+        for i in range(len(self._stretches)):
+            for channel, rows in of_stretch(self._open(i)).items():
+                parts.setdefault(channel, []).append(rows)
+        return {channel: np.concatenate(rows) for channel, rows in parts.items()}
+
+    def _stretched(self, plain: Conditions, bounds: Array, read: Sequence[int]) -> StretchedConditions:
+        """Conditions whose spans end where stretches do, several spans of one condition to a block."""
+        edges = np.unique(np.concatenate([plain.edges[1:-1], bounds[1:-1]]))
+        starts = np.concatenate([[-np.inf], edges])
+        stretch = np.searchsorted(bounds[1:-1], starts, side="right")
+        kept = np.flatnonzero(np.isin(stretch, read))
+        labels = plain.labels[np.searchsorted(plain.edges[1:-1], starts, side="right")][kept]
+        blocks = np.zeros(len(kept), np.intp)
+        owners: list[int] = []
+        each = max(1, MOST_BLOCKS // len(plain.names))
+        for label in np.unique(labels):
+            spans = np.flatnonzero(labels == label)
+            count = min(each, len(spans))
+            blocks[spans] = len(owners) + np.arange(len(spans)) * count // len(spans)
+            owners += [int(label)] * count
+        lengths = {c: [len(s.times(c)) if c in s.channels else 0 for s in self._stretches] for c in self._times}
+        return StretchedConditions(
+            np.concatenate([starts[kept], [np.inf]]),
+            np.asarray(owners, np.intp),
+            plain.names,
+            blocks,
+            np.searchsorted(np.asarray(read), stretch[kept]),
+            {channel: np.concatenate([[0], np.cumsum(count)]).astype(np.intp) for channel, count in lengths.items()},
+        )
+
+
+class _Stretch(StageProblem):
+    """One stretch of a long recording; what drives the stage is known from the whole."""
+
+    @property
+    def nuisances(self) -> int:
+        """Number of uncertain parameters."""
+        return len(self._uncertain) + len(self._warmings)
+
+    def forget(self) -> None:
+        """Give back the memory of what can be computed again."""
+        self.twin.forget()
+        for warmed in self._warmings:
+            warmed.forget()
+        self._kept_prediction = None
+        self._kept_nuisance.clear()
+        self._expected.clear()
+
+
+def cut_recording(recording: StageRecording, start: float, stop: float) -> StageRecording:
+    """The sensors' samples from `start` to before `stop`, s; a sensor with hardly any is left out.
+
+    Command, force and temperature are kept whole: they are inputs, and one cut needs the samples around it.
+    """
+    whole = {name: stream for name, stream in recording.streams.items() if name not in recording.sensors}
+    cut = {}
+    for name in recording.sensors:
+        stream = recording.streams[name]
+        last = start + np.inf if stop >= recording.duration else stop
+        part = slice(*np.searchsorted(stream.time, [start, last]))
+        if part.stop - part.start >= FEWEST_SAMPLES:
+            cut[name] = Stream(stream.time[part], stream.values[part])
+    return StageRecording(recording.start_ns, whole | cut)

@@ -1,0 +1,93 @@
+"""A long recording, taken stretch by stretch, says what the same recording says as a whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.gap import stage_stretches
+from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.normal import combine, stack
+from rotary_error_monitor.gap.stage_stretches import LongStageProblem, cut_recording, stage_problem
+from rotary_error_monitor.gap.verdict import Verdict
+
+STRETCH = 8.0
+
+
+@pytest.fixture
+def both(stage_problem, monkeypatch):
+    """Function that gives a problem as a whole, the same in stretches, and its truth."""
+    monkeypatch.setattr(stage_stretches, "STRETCH", STRETCH)
+
+    def make(*args, **named):
+        whole, truth = stage_problem(*args, **named)
+        return whole, LongStageProblem(whole.stage, whole.recording, whole.effects), truth
+
+    return make
+
+
+def test_every_row_is_in_one_block_of_one_stretch(both):
+    _, long, _ = both(4, "null", rough=True)
+    conditions = long.conditions
+    assert conditions.stretches == 2
+    for channel in long.channels:
+        time = long.times(channel)
+        parts = [part for s in range(2) for _, part in conditions.pieces(channel, time, s)]
+        assert [parts[0].start, *(part.stop for part in parts)] == [*(part.start for part in parts), len(time)]
+        assert parts[0].start == 0
+
+
+def test_equations_are_those_of_the_whole(both):
+    whole, long, _ = both(11, "single", ["unbalance"], rough=True)
+    effect = next(e for e in whole.effects if e.name == "unbalance")
+    idle = Cause(effect, "", effect.start(""))
+    sums = []
+    for problem in (whole, long):
+        problem.noise.with_jitter(whole.noise.jitter)
+        columns = [problem.nuisance(()), problem.signature(idle, [0, 1])]
+        sums.append(stack(problem, problem.residual(()), columns).total())
+    # Filters start anew in each stretch, and each knows its own jitter: a few rows in a hundred are missing.
+    size = np.sqrt(np.diag(sums[0].gram))
+    np.testing.assert_allclose(sums[1].gram / np.outer(size, size), sums[0].gram / np.outer(size, size), atol=0.1)
+    shown = combine(long, [long.signature(idle, [0, 1])], [np.array([1e-8, 0.0])])
+    kept = combine(whole, [whole.signature(idle, [0, 1])], [np.array([1e-8, 0.0])])
+    assert np.std(shown["head_a"]) == pytest.approx(np.std(kept["head_a"]), rel=0.02)
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_the_verdict_is_that_of_the_whole(both, rough):
+    whole, long, truth = both(21, "single", ["mirror_wobble"], rough=rough)
+    one, other = diagnose(whole), diagnose(long)
+    assert one.verdict is other.verdict is Verdict.EXPLAINED
+    (a,), (b,) = one.causes, other.causes
+    assert a.cause.key == b.cause.key == (truth.faults[0].name, "")
+    # Parameters of different stretches of the same noise agree within the spread that they state.
+    tilt, again = a.parameters["tilt"], b.parameters["tilt"]
+    assert np.all(np.abs(np.subtract(tilt.value, again.value)) < 2 * np.asarray(tilt.std))
+    assert other.gap.shrink > 0.95
+    assert one.where[0].channel.rpartition("_")[0] == other.where[0].channel.rpartition("_")[0]
+
+
+def test_nothing_is_found_where_nothing_is(both):
+    _, long, _ = both(5, "null")
+    assert diagnose(long).verdict is Verdict.NO_GAP
+
+
+def test_a_sensor_that_falls_silent_is_missing_from_later_stretches_only(both):
+    whole, _, _ = both(6, "null")
+    recording = whole.recording
+    lvdt = recording.streams["lvdt"]
+    first = lvdt.time < 9.0
+    streams = {**recording.streams, "lvdt": type(lvdt)(lvdt.time[first], lvdt.values[first])}
+    silent = type(recording)(recording.start_ns, streams)
+    late = cut_recording(silent, 10.0, 20.0)
+    assert "lvdt" not in late.streams and "command" in late.streams
+    long = LongStageProblem(whole.stage, silent, whole.effects)
+    assert len(long.times("lvdt.x")) == np.count_nonzero(first)
+    assert diagnose(long).verdict is Verdict.NO_GAP
+
+
+def test_short_recordings_are_one_stretch(both):
+    whole, _, _ = both(6, "null")
+    assert type(stage_problem(whole.stage, whole.recording, whole.effects)) is not LongStageProblem
