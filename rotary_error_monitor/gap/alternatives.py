@@ -34,12 +34,13 @@ class Alternatives:
         return next((row[2] for row in self.ranking if (row[0], row[1]) == key), 0.0)
 
 
-def weigh_alternatives(problem: Problem, stage: Stage, unknown: float) -> Alternatives:
+def weigh_alternatives(problem: Problem, stage: Stage, unknown: float, dispersion: float = 1.0) -> Alternatives:
     """Every candidate in the place of every cause.
 
     The probability of a candidate is that of all sets that hold it, among the chosen set and those with one member
     replaced, less the chance that something unknown is at work. Without a cause the candidates stand alone, beside the
-    possibility of none.
+    possibility of none. `dispersion` is how many times the squares that remain are those of noise: what all candidates
+    leave alike is noise to the choice among them.
     """
     weighing = stage.weighing
     causes = tuple(i for i in (weighing.position(c.key) for c in stage.fit.causes) if i is not None)
@@ -49,7 +50,7 @@ def weigh_alternatives(problem: Problem, stage: Stage, unknown: float) -> Altern
         rows += [weighing.weigh((*causes[:k], i, *causes[k + 1 :])) for i in weighing.free(causes)]
     if not causes:
         rows += weighing.singles()
-    logs = np.array([row.log_evidence for row in rows])
+    logs = np.array([row.log_evidence for row in rows]) / dispersion
     weights = np.exp(logs - logsumexp(logs)) * (1 - unknown)
     share = np.zeros(len(weighing.candidates))
     for row, weight in zip(rows, weights, strict=True):
@@ -64,7 +65,7 @@ def weigh_alternatives(problem: Problem, stage: Stage, unknown: float) -> Altern
         (*weighing.candidates[i].key, float(share[i]), _rms(held_out, weighing, _with(causes, i, rows)))
         for i in order[:RANKED]
     )
-    return Alternatives(ranking, _groups(weighing, causes, chosen))
+    return Alternatives(ranking, _groups(weighing, causes, chosen, dispersion))
 
 
 def _distinct(weighing: Weighing, order: list[int]) -> list[int]:
@@ -86,7 +87,9 @@ def _rms(held_out: HeldOut, weighing: Weighing, members: tuple[int, ...]) -> flo
     return held_out.rms(columns.astype(np.intp), prior)
 
 
-def _groups(weighing: Weighing, causes: tuple[int, ...], chosen: Weight) -> tuple[tuple[Key, ...], ...]:
+def _groups(
+    weighing: Weighing, causes: tuple[int, ...], chosen: Weight, dispersion: float
+) -> tuple[tuple[Key, ...], ...]:
     """For each cause the candidates that could stand in its place without the recording objecting.
 
     The likelihood-ratio test compares the fits; a candidate with more freedom always fits as well where it includes the
@@ -99,7 +102,7 @@ def _groups(weighing: Weighing, causes: tuple[int, ...], chosen: Weight) -> tupl
             other = weighing.weigh((*causes[:k], i, *causes[k + 1 :]))
             freedom = max(abs(chosen.freedom - other.freedom), 1)
             without = weighing.weigh((*causes[:k], *causes[k + 1 :])).gain
-            fits = chosen.gain - other.gain < chi_square_quantile(REJECTED, freedom)
+            fits = chosen.gain - other.gain < dispersion * chi_square_quantile(REJECTED, freedom)
             if fits and other.gain > without and weighing.candidates[i].key not in group:
                 group.append(weighing.candidates[i].key)
         if len(group) > 1:

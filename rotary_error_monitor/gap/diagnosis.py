@@ -11,6 +11,7 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause, Estimate
 from rotary_error_monitor.gap.alternatives import Alternatives, Key, weigh_alternatives
+from rotary_error_monitor.gap.held_out import OpenProblem, dispersion, predicts
 from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, Share
 from rotary_error_monitor.gap.selection import MOST_CAUSES, Selection, Stage, select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
@@ -65,6 +66,7 @@ class Diagnosis:
     Attributes:
         remainder: structure that the causes leave, the least likely first.
         remarks: findings beside the causes: noise larger than stated, samples left out.
+        figures: numbers that people in the field ask for, named with their units.
     """
 
     verdict: Verdict
@@ -75,6 +77,7 @@ class Diagnosis:
     gap: Gap
     remainder: tuple[Finding, ...] = ()
     remarks: tuple[str, ...] = ()
+    figures: Mapping[str, float] = field(default_factory=dict)
     selection: Selection | None = field(default=None, repr=False, compare=False)
 
     def as_mapping(self) -> dict[str, Any]:
@@ -98,6 +101,7 @@ class Diagnosis:
                 for f in self.remainder
             ],
             "remarks": list(self.remarks),
+            **({"figures": dict(self.figures)} if self.figures else {}),
         }
 
 
@@ -122,9 +126,12 @@ def diagnose(
     selection = select_causes(problem, false_alarms, most_causes, progress)
     progress("verdict")
     verdict, stage = _judge(problem, selection)
-    unknown = chance_of_unknown(stage.findings)
     progress("alternatives")
-    alternatives = weigh_alternatives(problem, stage, unknown)
+    if isinstance(problem, OpenProblem) and verdict is Verdict.PARTLY_EXPLAINED:
+        # Something unknown is there beside the causes, not in their place: it is noise to the choice among them.
+        alternatives = weigh_alternatives(problem, stage, 0.0, dispersion(stage.fit))
+    else:
+        alternatives = weigh_alternatives(problem, stage, chance_of_unknown(stage.findings))
     gap = measure_gap(stage.fit, problem.conditions, _floor(problem, stage))
     progress("where")
     return Diagnosis(
@@ -136,6 +143,7 @@ def diagnose(
         gap,
         () if stage.settled else tuple(f for f in stage.findings if f.log_chance < stage.log_alarm)[:12],
         problem.remarks(stage.fit.rest),
+        problem.figures(stage.fit.causes) if isinstance(problem, OpenProblem) else {},
         selection,
     )
 
@@ -146,7 +154,7 @@ def _judge(problem: DiagnosableProblem, selection: Selection) -> tuple[Verdict, 
     if selection.chosen.settled:
         return Verdict.EXPLAINED, selection.chosen
     for stage in selection.stages[:0:-1]:
-        if trusted_causes(problem, stage):
+        if trusted_causes(problem, stage) or (isinstance(problem, OpenProblem) and predicts(problem, stage.fit)):
             return Verdict.PARTLY_EXPLAINED, stage
     return Verdict.UNKNOWN, selection.null
 
