@@ -1,0 +1,129 @@
+"""Pointing files of telescope mounts, in the plain format that pointing analysis programs exchange.
+
+Lines that begin with `!` or are plain text are remarks, lines that begin with `:` are options (`:EQUAT` is needed to be none
+or the mount's kind). The first line that begins with a sign or digit tells of the site:
+
+    latitude (d m s)  date (y m d)  temperature °C  pressure hPa  height m  humidity 0-1  wavelength µm  lapse rate K/m
+
+and each line after it is one pointing:
+
+    star's right ascension (h m s)  declination (d m s)  mount's right ascension (h m s)  declination (d m s)  sidereal time (h m)
+
+The star's place is that of the day, without refraction. The mount's is what its axes read: a declination beyond 90° means
+the other side of the pier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.twin.mount import FEWEST_POINTINGS, MountRecording
+from rotary_error_monitor.twin.refraction import Weather
+
+Array = NDArray[np.float64]
+
+SIDEREAL_SECOND = 0.9972696
+"""Seconds of time in a second of sidereal time."""
+
+_SITE, _POINTING = 12, 14
+_SUPPORTED = {":EQUAT", ":NODA"}
+
+
+def read_pointings(path: Path) -> MountRecording:
+    """Recording of a mount from a pointing file.
+
+    Raises:
+        InputError: the file cannot be read, a line has too few fields or a wrong value, or there are too few lines.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); give the path of a pointing file") from error
+    return parse_pointings(text, str(path))
+
+
+def parse_pointings(text: str, origin: str) -> MountRecording:
+    """Recording of a mount from the content of a pointing file; `origin` names it in messages.
+
+    Raises:
+        InputError: as `read_pointings`.
+    """
+    site: list[float] | None = None
+    latitude, rows = 0.0, []
+    for number, line in enumerate(text.splitlines(), start=1):
+        place, words = f"{origin}:{number}", line.split()
+        if not words or (site is None and not (words[0][0] in "+-" or words[0][0].isdigit())):
+            _check_option(words, place)
+        elif site is None:
+            site = _numbers(words, _SITE, place, "the site (latitude d m s, date y m d, temperature, pressure, …)")
+            latitude = np.radians(_in_range(_angle(words[:3]), 90.0, words[:3], place, "latitude"))
+        else:
+            rows.append(_pointing(words, place))
+    if site is None:
+        raise InputError(f"{origin}: no line of the site; it begins with the latitude in d m s")
+    if len(rows) < FEWEST_POINTINGS:
+        raise InputError(f"{origin}: {len(rows)} pointings; at least {FEWEST_POINTINGS} are needed")
+    return _recording(np.array(rows), float(latitude), site)
+
+
+def _check_option(words: Sequence[str], place: str) -> None:
+    if words and words[0].startswith(":") and words[0].upper() not in _SUPPORTED:
+        raise InputError(
+            f"{place}: option {words[0]}; only equatorial mounts are known ({', '.join(sorted(_SUPPORTED))})"
+        )
+
+
+def _pointing(words: Sequence[str], place: str) -> tuple[float, ...]:
+    _numbers(words, _POINTING, place, "a pointing (right ascension, declination, both of the mount, sidereal time)")
+    star = _in_range(_angle(words[3:6]), 90.0, words[3:6], place, "declination of the star")
+    mount = _in_range(_angle(words[9:12]), 360.0, words[9:12], place, "declination of the mount")
+    hours = (_angle(words[:3]), _angle(words[6:9]), _angle(words[12:14]))
+    ascension, read, sidereal = (_in_range(h, 24.0, words, place, "a right ascension or time") for h in hours)
+    return ascension, star, read, mount, sidereal
+
+
+def _recording(rows: Array, latitude: float, site: Sequence[float]) -> MountRecording:
+    ascension, star, read, declination, sidereal = rows.T
+    sidereal = np.unwrap(sidereal, period=24.0)
+    readings = np.radians(np.stack([15 * (sidereal - read), declination], axis=1))
+    # The travel of an axis is half a turn or so: it is cut where no mount stands, half a turn from its middle.
+    for column in readings.T:
+        middle = np.angle(np.mean(np.exp(1j * column)))
+        column[:] = middle + np.mod(column - middle + np.pi, 2 * np.pi) - np.pi
+    readings -= 2 * np.pi * np.round(np.mean(readings, axis=0) / (2 * np.pi))
+    moved = np.diff(readings, axis=0, prepend=readings[:1])
+    stars = np.radians(np.stack([15 * (sidereal - ascension), star], axis=1))
+    weather = Weather(temperature=site[6], pressure=site[7], humidity=site[9], wavelength=site[10])
+    time = 3600 * SIDEREAL_SECOND * sidereal
+    return MountRecording(readings, np.sign(moved), stars, time, latitude, weather)
+
+
+def _numbers(words: Sequence[str], count: int, place: str, what: str) -> list[float]:
+    if len(words) != count:
+        raise InputError(f"{place}: {len(words)} fields; {what} has {count}")
+    values = []
+    for word in words:
+        try:
+            values.append(float(word))
+        except ValueError as error:
+            raise InputError(f"{place}: '{word}' is no number; {what} has {count} numbers") from error
+    if not np.isfinite(values).all():
+        raise InputError(f"{place}: {' '.join(words)}: expected finite numbers")
+    return values
+
+
+def _angle(words: Sequence[str]) -> float:
+    """Degrees or hours from whole, minutes and seconds; the sign of -0 counts."""
+    size = sum(abs(float(word)) / 60**power for power, word in enumerate(words))
+    return -size if words[0].startswith("-") else size
+
+
+def _in_range(value: float, limit: float, words: Sequence[str], place: str, what: str) -> float:
+    if abs(value) > limit:
+        raise InputError(f"{place}: {' '.join(words)} as {what}; expected at most {limit:g}")
+    return value

@@ -1,0 +1,54 @@
+"""How well a mount repeats: what neighbouring pointings do not share, whatever causes what they share."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+
+NEIGHBOURS = 12
+OUTLIER = 5.0
+MOST_OUTLIERS = 0.05
+
+_MAD = 1.4826
+"""From median absolute deviation to standard deviation of normal numbers."""
+
+
+def neighbourhood(places: Array) -> tuple[NDArray[np.intp], Array]:
+    """For each of n places (n, k) its neighbours (n, m) and how to predict it from them (n, m).
+
+    The weights are those of a plane through the neighbours (Cleveland 1979, without tapering): all that is smooth over a
+    neighbourhood is predicted, noise is not.
+    """
+    count = min(NEIGHBOURS, len(places) - 1)
+    _, found = cKDTree(places).query(places, count + 1)
+    neighbours = found[:, 1:]
+    away = places[neighbours] - places[:, None]
+    table = np.concatenate([np.ones((*away.shape[:2], 1)), away], axis=2)
+    gram = np.einsum("nmi,nmj->nij", table, table)
+    # Where neighbours lie in a line the plane is not known across it; it is not needed there either.
+    gram += 1e-6 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
+    first = np.zeros((gram.shape[1], 1))
+    first[0] = 1.0
+    solved = np.linalg.solve(gram, np.broadcast_to(first, (len(places), *first.shape)))
+    return neighbours, np.asarray((table @ solved)[:, :, 0], np.float64)
+
+
+def estimate_repeatability(errors: Array, places: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Standard deviations (k,) of components of errors (n, k) that neighbours do not share, and (n,) no outlier.
+
+    A place further from its neighbours than 5 standard deviations is an outlier, at most one in twenty of them.
+    """
+    neighbours, weights = neighbourhood(places)
+    kept = np.ones(len(errors), bool)
+    for _ in range(3):
+        used = weights * kept[neighbours]
+        used = used / np.maximum(used.sum(axis=1, keepdims=True), 0.1)
+        predicted = np.einsum("nm,nmk->nk", used, errors[neighbours])
+        alone = (errors - predicted) / np.sqrt(1 + np.sum(np.square(used), axis=1))[:, None]
+        spread = _MAD * np.median(np.abs(alone[kept]), axis=0)
+        distance = np.max(np.abs(alone) / np.maximum(spread, 1e-300), axis=1)
+        kept = distance < max(OUTLIER, float(np.quantile(distance, 1 - MOST_OUTLIERS)))
+    return np.sqrt(np.mean(np.square(alone[kept]), axis=0)), kept

@@ -1,0 +1,257 @@
+"""Where the gap of a mount lies, what is left of it, how far it shrinks in arcseconds, and what to point at next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.gap.chances import log_chi_square_tail
+from rotary_error_monitor.gap.problem import Array, Finding, Rows, Share
+from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.twin.mount import MountRecording, MountTwin
+
+if TYPE_CHECKING:
+    from rotary_error_monitor.gap.mount import MountProblem
+
+ARCSEC = np.degrees(1.0) * 3600
+WAYS = {"hour": "/mount/pointing.hour_angle", "declination": "/mount/pointing.declination"}
+"""Channels of rows as the diagnosis names them: on the sky, along the way of each axis."""
+
+TELLING = 0.05
+DECISIVE = 5.0
+ORDERS = 4
+
+
+def _shapes(recording: MountRecording, upward: Array) -> dict[str, list[tuple[str, Array]]]:
+    """Smooth functions of what a pointing may depend on, with their names, grouped by that."""
+    hour, declination = recording.readings.T
+    time = (recording.time - recording.time.mean()) / max(float(np.ptp(recording.time)), 1.0)
+    waves = [
+        [(f"order {k}, {wave.__name__}", wave(k * angle)) for k in range(1, ORDERS + 1) for wave in (np.cos, np.sin)]
+        for angle in (hour, declination)
+    ]
+    products = [
+        (f"{a.__name__} of hour angle, {b.__name__} of declination", a(hour) * b(declination))
+        for a in (np.cos, np.sin)
+        for b in (np.cos, np.sin)
+    ]
+    side = np.where(np.cos(declination) < 0, 1.0, -1.0)
+    return {
+        "pose, hour angle": waves[0],
+        "pose, declination": waves[1],
+        "pose, both axes": products,
+        "pose, side of the pier": [("step", side), ("slope", side * hour)],
+        "pose, altitude": [("sine", upward), ("cosine", np.sqrt(np.maximum(1 - upward**2, 0)))],
+        "time": [(f"power {k}", time**k) for k in (1, 2, 3)],
+        "direction": [
+            (f"of {name}", recording.direction[:, i]) for i, name in enumerate(("hour axis", "declination axis"))
+        ],
+    }
+
+
+def mount_structure(problem: MountProblem, rest: Rows) -> list[Finding]:
+    """One test for each channel and group: the smooth function of it that explains most of what is left."""
+    shapes = _shapes(problem.recording, problem.twin.seen[2])
+    findings = []
+    for channel in problem.channels:
+        white = rest[channel][:, 0]
+        for group, rows in shapes.items():
+            names = [name for name, _ in rows]
+            table = np.stack([shape for _, shape in rows], axis=1) * problem.kept[:, None]
+            table = table - problem.kept[:, None] * table.sum(axis=0) / problem.kept.sum()
+            power = np.sum(np.square(table), axis=0)
+            gains = np.where(power > 1e-9, np.square(table.T @ white) / np.maximum(power, 1e-9), 0.0)
+            best = int(np.argmax(gains))
+            chance = min(0.0, log_chi_square_tail(float(gains[best]), 1) + float(np.log(len(names))))
+            pattern = f"{group}: {names[best]}"
+            findings.append(Finding(channel, group, chance, max(0.0, float(gains[best]) - 1), pattern))
+    return findings
+
+
+def mount_where(problem: MountProblem, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
+    """Shares of the two ways, larger one first; empty if nothing exceeds the noise."""
+    if explained:
+        signals = shown_by(problem, causes)
+        powers = np.mean(np.square(signals), axis=1)
+    else:
+        signals = np.stack([rest[channel][:, 0] for channel in problem.channels]) * problem.std[:, None]
+        squares = np.sum(np.square(signals), axis=1) / problem.kept.sum()
+        powers = np.maximum(0.0, squares - np.square(problem.std))
+    total = float(powers.sum())
+    if total <= 0:
+        return []
+    return [
+        Share(
+            WAYS[problem.channels[i]],
+            float(powers[i]) / total,
+            float(np.sqrt(powers[i])),
+            float(problem.std[i]),
+            _describe(problem, signals[i], float(powers[i])),
+        )
+        for i in np.argsort(-powers)
+    ]
+
+
+def shown_by(problem: MountProblem, causes: Sequence[Cause]) -> Array:
+    """(2, n) what the causes do to the pointing beyond what geometry can do, rad."""
+    geometry = problem.geometry(causes)
+    change = problem.twin.error(geometry) - problem.twin.error(geometry, causes)
+    table = _geometry_columns(problem, causes)
+    rows = np.concatenate(list(change))
+    fitted, *_ = np.linalg.lstsq(table, rows, rcond=None)
+    return np.asarray((rows - table @ fitted).reshape(2, -1), np.float64)
+
+
+def _geometry_columns(problem: MountProblem, causes: Sequence[Cause]) -> Array:
+    """(2 n, 6) derivatives of the pointing with respect to the geometry, in its uncertainties, not whitened."""
+    rows = problem.nuisance(causes)
+    return np.concatenate([rows[c] * std for c, std in zip(problem.channels, problem.std, strict=True)])
+
+
+def _describe(problem: MountProblem, values: Array, power: float) -> str:
+    """Groups of quantities on which one way's part of the gap depends, with what each explains alone."""
+    if power <= 0:
+        return "noise"
+    parts = []
+    for group, rows in _shapes(problem.recording, problem.twin.seen[2]).items():
+        table = np.stack([shape for _, shape in rows], axis=1)
+        table = table - table.mean(axis=0)
+        fitted, *_ = np.linalg.lstsq(table, values, rcond=None)
+        parts.append((float(np.mean(np.square(table @ fitted))) / power, group))
+    named = sorted((part for part in parts if part[0] > TELLING), reverse=True)[:4]
+    return "; ".join(f"{name} ({min(part, 1.0):.0%})" for part, name in named) or "no simple dependence"
+
+
+def mount_views(problem: MountProblem, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
+    """Residuals over hour angle, declination, altitude and time, before and after the causes, in arcsec."""
+    before, after = problem.error(()) * ARCSEC, problem.error(causes) * ARCSEC
+    recording, kept = problem.recording, problem.kept
+    quantities = {
+        "hour axis, °": np.degrees(recording.readings[:, 0]),
+        "declination axis, °": np.degrees(recording.readings[:, 1]),
+        "altitude, °": np.degrees(np.arcsin(problem.twin.seen[2])),
+        "time, h": (recording.time - recording.time.min()) / 3600,
+    }
+    rows = {name: i for i, name in enumerate(WAYS.values())}
+    return [
+        View(channel, words, x[kept], before[rows[channel], kept], after[rows[channel], kept], "arcsec")
+        for channel in channels
+        for words, x in quantities.items()
+    ]
+
+
+def mount_figures(problem: MountProblem, causes: Sequence[Cause]) -> Mapping[str, float]:
+    """Root mean squares on the sky, arcsec, of patches predicted from all others; noise; and the geometry itself.
+
+    Sums of squares of both ways, as pointing analysis gives its `sky RMS`; outliers are left out.
+    """
+    table = _geometry_columns(problem, causes)
+    own = [problem.signature(c, c.effect.indices(Role.LINEAR), _others(causes, i)) for i, c in enumerate(causes)]
+    effects = [
+        np.concatenate([rows[c] * std for c, std in zip(problem.channels, problem.std, strict=True)]) for rows in own
+    ]
+    alone = np.concatenate(list(problem.twin.error(problem.geometry(causes), causes)))
+    sizes = np.concatenate([c.values[c.effect.indices(Role.LINEAR)] for c in causes]) if causes else np.zeros(0)
+    columns = np.concatenate([table, *effects], axis=1)
+    without = np.concatenate(list(problem.error(())))
+    plain = _geometry_columns(problem, ())
+    indices = problem.mount.geometry.plus((*problem.geometry(()).as_tuple()[:2], 0.0, 0.0, 0.0, 0.0))
+    synchronised = np.concatenate(list(problem.twin.error(indices)))
+    found = {
+        "held_out_indices_arcsec": _held_out(problem, synchronised, plain[:, :2]),
+        "held_out_geometry_arcsec": _held_out(problem, without, plain),
+    }
+    if causes:
+        found["held_out_causes_arcsec"] = _held_out(problem, alone + columns[:, 6:] @ sizes, columns)
+    found["noise_arcsec"] = float(np.hypot(*problem.std)) * ARCSEC
+    names = ("hour_index", "declination_index", "orthogonality", "collimation", "polar_tilt_x", "polar_tilt_y")
+    angles = np.array(problem.geometry(causes).as_tuple()) * ARCSEC
+    return found | {f"{name}_arcsec": float(angle) for name, angle in zip(names, angles, strict=True)}
+
+
+def _others(causes: Sequence[Cause], index: int) -> tuple[Cause, ...]:
+    return (*causes[:index], *causes[index + 1 :])
+
+
+def _held_out(problem: MountProblem, values: Array, columns: Array) -> float:
+    """Root mean square on the sky, arcsec, of `values` (2 n,) less what columns do, sized on the other patches."""
+    weight = np.repeat(1 / problem.std, len(problem.kept)) * np.tile(problem.kept, 2)
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    table, left = columns / scale, np.zeros(len(values))
+    for label in np.unique(problem.labels):
+        test = np.tile(problem.labels == label, 2)
+        train = weight * ~test
+        fitted, *_ = np.linalg.lstsq(table * train[:, None], values * train, rcond=None)
+        left[test] = (values - table @ fitted)[test]
+    kept = np.tile(problem.kept, 2)
+    return float(np.sqrt(np.sum(np.square(left[kept])) / problem.kept.sum())) * ARCSEC
+
+
+def mount_advice(problem: MountProblem, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
+    """Words for the pointings that tell the first of these effects apart from the others best."""
+    first = next(cause for cause in causes if cause.key == tuple(keys[0]))
+    rivals = [problem.idle(key) for key in keys[1:]]
+    scored = [
+        (min(_distance(problem, first, rival, planned) for rival in rivals), words)
+        for words, planned in _experiments(problem.recording)
+    ]
+    best, words = max(scored)
+    if best < DECISIVE:
+        return (
+            f"no pointings that were tried tell them apart: the best ({words}) would by {best:.1f} standard deviations"
+        )
+    return f"{words}: expected to tell them apart by {best:.0f} standard deviations"
+
+
+def _experiments(recording: MountRecording) -> list[tuple[str, MountRecording]]:
+    """Pointings that a person can add: all over the sky, low ones, the poles of both axes, back and forth, later."""
+    rng = np.random.default_rng(0)
+    count = 120
+    hour, declination = recording.readings.T
+    spread = np.column_stack([rng.uniform(-np.pi / 2, np.pi / 2, count), rng.uniform(-0.5, 1.5, count)])
+    turned = np.where((np.arange(count) % 2 == 0)[:, None], spread, [[np.pi, np.pi]] + spread * [1, -1])
+    few = np.tile([[hour.mean(), np.quantile(declination, 0.3)]], (count, 1)) + rng.normal(0, 0.02, (count, 2))
+    soon, later = recording.time.max() + 60.0 * np.arange(count), recording.time.max() + 4 * 3600.0
+    still = np.zeros((count, 2))
+    ways = np.column_stack([rng.choice([-1.0, 1.0], count), rng.choice([-1.0, 1.0], count)])
+    return [
+        ("point all over the sky, on both sides of the pier", _with(recording, turned, ways, soon)),
+        ("point low in the east and west", _with(recording, spread * [1.0, 0.2], ways, soon)),
+        ("come to one star from all directions", _with(recording, few, ways, soon)),
+        ("point at one star again four hours later", _with(recording, few, still, np.full(count, later))),
+    ]
+
+
+def _with(recording: MountRecording, readings: Array, direction: Array, time: Array) -> MountRecording:
+    stars = np.where(np.cos(readings[:, 1:]) < 0, readings * [1, -1] + [-np.pi, np.pi], readings)
+    return replace(
+        recording,
+        readings=np.concatenate([recording.readings, readings]),
+        direction=np.concatenate([recording.direction, direction]),
+        stars=np.concatenate([recording.stars, stars]),
+        time=np.concatenate([recording.time, time]),
+    )
+
+
+def _distance(problem: MountProblem, first: Cause, rival: Cause, planned: MountRecording) -> float:
+    """Standard deviations between the first cause as sized and the nearest that rival and geometry can do."""
+    twin = MountTwin(problem.mount, planned, problem.known)
+    geometry = problem.geometry((first,))
+    base = twin.error(geometry)
+
+    def shown(change: Array) -> Array:
+        return np.asarray((change / problem.std[:, None]).ravel(), np.float64)
+
+    columns = [shown(twin.error(geometry.plus(tuple(1e-6 * step))) - base) for step in np.eye(6)]
+    for index in rival.effect.indices(Role.LINEAR):
+        values = rival.values.copy()
+        values[index] += 0.01 * rival.effect.scales()[index]
+        columns.append(shown(twin.error(geometry, (rival.with_values(values),)) - base))
+    table, wanted = np.stack(columns, axis=1), shown(twin.error(geometry, (first,)) - base)
+    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    fitted, *_ = np.linalg.lstsq(table, wanted, rcond=None)
+    return float(np.linalg.norm(wanted - table @ fitted))
