@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ROSClock
+from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -46,6 +46,7 @@ BAD_INPUT = 2
 
 AUTOSTART = Setting("autostart", True, "configure and activate at start; false waits for a life cycle manager")
 _DIAGNOSTICS_PERIOD = 1.0
+_SIM_TIME = "use_sim_time"
 _OVERRIDABLE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 
 
@@ -94,7 +95,7 @@ class ManagedNode(LifecycleNode):
         self._worker = Worker(self.context, self.now_ns, self._fail)
         self.busy = threading.RLock()  # callbacks of the worker and of the executor take turns
         self._configured = False
-        self._diagnostics: Publisher | None = None
+        self._simulated = bool(self.get_parameter(_SIM_TIME).value)
         parameters.declare(self, self._settings)
         self.add_on_set_parameters_callback(self._refuse_while_configured)
 
@@ -118,10 +119,8 @@ class ManagedNode(LifecycleNode):
 
     def now_ns(self) -> int:
         """The node's clock, timestamp (ns); with `use_sim_time` that of `/clock`."""
-        clock = self.get_clock()
         # The clock builds an object and asks three times for one number; the system's time is the same number.
-        simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
-        return int(clock.now().nanoseconds) if simulated else time.time_ns()
+        return int(self.get_clock().now().nanoseconds) if self._simulated else time.time_ns()
 
     def publish_on(self, topic: Topic) -> Publisher:
         """Publisher of one of the contract's topics; silent unless the node is active."""
@@ -134,40 +133,30 @@ class ManagedNode(LifecycleNode):
         self._entities.append(partial(self.destroy_lifecycle_publisher, publisher))
         return publisher
 
-    def listen_to(self, topic: Topic, callback: Callable[[messages.Message], None], *, raw: bool = False) -> None:
-        """Call back with each message of a contract's topic while the node is active; `raw` gives serialised bytes."""
-        self.listen(topic.name, messages.message_class(topic.type), profile(topic), callback, raw=raw)
+    def listen_to(self, topic: Topic, callback: Callable[[messages.Message], None]) -> None:
+        """Call back with each message of a contract's topic while the node is active."""
+        self.listen(topic.name, messages.message_class(topic.type), profile(topic), callback)
+
+    def listen_to_bytes(self, topic: Topic, callback: Callable[[bytes, int], None]) -> None:
+        """The same with the message as it is serialised, and when it was received, timestamp (ns)."""
+
+        def received(both: tuple[bytes, int]) -> None:
+            callback(*both)
+
+        self._subscribe(topic.name, messages.message_class(topic.type), profile(topic), received, raw=True)
 
     def listen_to_blocks(self, topic: Topic, callback: Callable[[SampleBlock], None]) -> None:
         """The same for sample blocks, without building a message: they come thousands of times a second."""
         decoder = BlockDecoder()
-        self.listen_to(topic, lambda data: callback(decoder.decode(data)), raw=True)
+        self.listen_to_bytes(topic, lambda data, _: callback(decoder.decode(data)))
 
-    def listen(
-        self,
-        name: str,
-        kind: type[Any],
-        qos: QoSProfile,
-        callback: Callable[[messages.Message], None],
-        *,
-        raw: bool = False,
-    ) -> None:
+    def listen(self, name: str, kind: type[Any], qos: QoSProfile, callback: Callable[[messages.Message], None]) -> None:
         """The same for a topic outside the contract, such as that of a third-party driver."""
+        self._subscribe(name, kind, qos, lambda both: callback(both[0]), raw=False)
 
-        def guarded(message: messages.Message) -> None:
-            self._handle(name, callback, message)
-
-        subscription = self.create_subscription(
-            kind,
-            name,
-            guarded,
-            qos,
-            callback_group=NotByExecutor(),
-            raw=raw,
-            qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
-        )
-        self._worker.serve(subscription)
-        self._entities.append(partial(self.destroy_subscription, subscription))
+    def gather(self, period: float) -> None:
+        """Let messages gather for `period` s after the first has come, and handle them together."""
+        self._worker.gather = period
 
     def serve(
         self, kind: type[Any], name: str, callback: Callable[[messages.Message, messages.Message], messages.Message]
@@ -205,6 +194,32 @@ class ManagedNode(LifecycleNode):
         self._failure = error
         self.get_logger().error(f"{source}: {error}", throttle_duration_sec=1.0)
 
+    def _subscribe(
+        self,
+        name: str,
+        kind: type[Any],
+        qos: QoSProfile,
+        callback: Callable[[tuple[messages.Message, int]], None],
+        *,
+        raw: bool,
+    ) -> None:
+        """Have the worker call back with each message and when it was received, by the node's clock."""
+
+        def guarded(message: messages.Message, received_ns: int) -> None:
+            self._handle(name, callback, (message, self.now_ns() if self._simulated else received_ns))
+
+        subscription = self.create_subscription(
+            kind,
+            name,
+            lambda _: None,
+            qos,
+            callback_group=NotByExecutor(),
+            raw=raw,
+            qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
+        )
+        self._worker.serve(subscription, guarded)
+        self._entities.append(partial(self.destroy_subscription, subscription))
+
     def _handle(self, source: str, callback: Callable[[Any], None], argument: messages.Message) -> None:
         """Call a callback of the node while it is active; wrong input is refused, anything else is a fault."""
         with self.busy:
@@ -237,6 +252,7 @@ class ManagedNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read the stage and the contract and open the node; wrong input leaves it unconfigured and is logged."""
+        self._simulated = bool(self.setting(_SIM_TIME))
         try:
             self.stage = load_stage(self.setting("stage") or None)
             self.wire = load_wire(tuple(self.stage.encoder.azimuths))
@@ -288,7 +304,7 @@ class ManagedNode(LifecycleNode):
         self._entities.clear()
 
     def _refuse_while_configured(self, changed: list[Parameter]) -> SetParametersResult:
-        names = {setting.name for setting in self._settings}
+        names = {setting.name for setting in self._settings} | {_SIM_TIME}
         late = [parameter.name for parameter in changed if parameter.name in names] if self._configured else []
         if late:
             return SetParametersResult(

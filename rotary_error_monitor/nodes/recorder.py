@@ -18,6 +18,7 @@ from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 NAME = "recorder"
+_GATHER = 0.02  # s; nothing waits for the recorder, and the middleware knows when each message was received
 
 
 class Recorder(ManagedNode):
@@ -43,7 +44,8 @@ class Recorder(ManagedNode):
             raise InputError(f"parameter 'folder': {folder} cannot be written ({error}); give another path") from error
         self._reported = (0, self.now_ns())
         for topic in topics:
-            self.listen_to(topic, self._receiver(topic.name), raw=True)
+            self.listen_to_bytes(topic, self._receiver(topic.name))
+        self.gather(_GATHER)
         self.every(period, self._flush)
         self.get_logger().info(f"recording {len(topics)} topics to {folder}")
 
@@ -75,11 +77,11 @@ class Recorder(ManagedNode):
             return [Condition("recording", Level.WARN, "nothing arrived since the last report", figures)]
         return [Condition("recording", Level.OK, "recording", figures)]
 
-    def _receiver(self, topic: str) -> Callable[[bytes], None]:
-        def receive(data: bytes) -> None:
+    def _receiver(self, topic: str) -> Callable[[bytes, int], None]:
+        def receive(data: bytes, received_ns: int) -> None:
             bag = self._bag
             if bag is not None and bag.stopped is None:
-                self._guard(lambda: bag.write(topic, data, self.now_ns()))
+                self._guard(lambda: bag.write(topic, data, received_ns))
 
         return receive
 

@@ -53,12 +53,18 @@ class Worker:
     """
 
     def __init__(self, context: Context, now_ns: Callable[[], int], fail: Callable[[Exception], None]) -> None:
-        """Keep the time of `now_ns`, a clock that may jump or halt; `fail` is told what a callback did not handle."""
+        """Keep the time of `now_ns`, a clock that may jump or halt; `fail` is told what a callback did not handle.
+
+        `gather` (s) may be set before `start`: how long messages gather after the first has come, for each wake-up
+        costs more than the messages it brings.
+        """
+        self.gather = 0.0
         self._context = context
         self._now_ns = now_ns
         self._fail = fail
         self._beats: list[_Beat] = []
         self._subscriptions: list[Subscription] = []
+        self._callbacks: dict[Subscription, Callable[[Any, int], None]] = {}
         self._after: list[Callable[[], None]] = []
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
@@ -67,9 +73,13 @@ class Worker:
         """Call back at each multiple of `period_ns`, from `start` on, with that instant (ns)."""
         self._beats.append(_Beat(period_ns, callback))
 
-    def serve(self, subscription: Subscription) -> None:
-        """Call the subscription's callback with each message, from `start` on; its group is `NotByExecutor`."""
+    def serve(self, subscription: Subscription, callback: Callable[[Any, int], None]) -> None:
+        """Call back with each message and when it was received (ns, of the system), from `start` on.
+
+        The subscription's group is `NotByExecutor`.
+        """
         self._subscriptions.append(subscription)
+        self._callbacks[subscription] = callback
 
     def after_messages(self, callback: Callable[[], None]) -> None:
         """Call back once after the messages that were there at one wake-up: the more came, the less each one costs."""
@@ -89,6 +99,7 @@ class Worker:
         self._thread = None
         self._beats.clear()
         self._subscriptions.clear()
+        self._callbacks.clear()
         self._after.clear()
         self._ending.clear()
 
@@ -114,7 +125,11 @@ class Worker:
                 wait_set.add_subscription(subscription.handle)
             wait_set.wait(self._nap_ns())
             ready = set(wait_set.get_ready_entities("subscription"))
-            self._take([each for each in self._subscriptions if each.handle.pointer in ready])
+            if ready and self.gather:
+                self._ending.wait(self.gather)
+                self._take(list(self._subscriptions))
+            else:
+                self._take([each for each in self._subscriptions if each.handle.pointer in ready])
             return self._ending.is_set()
 
         return wait
@@ -128,11 +143,11 @@ class Worker:
                 for callback in self._after:
                     callback()
 
-    @staticmethod
-    def _take_one(subscription: Subscription) -> bool:
+    def _take_one(self, subscription: Subscription) -> bool:
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
         if taken is not None:
-            subscription.callback(taken[0])
+            message, about = taken
+            self._callbacks[subscription](message, about["received_timestamp"])
         return taken is not None
 
     def _call_if_due(self, beat: _Beat, now_ns: int) -> None:

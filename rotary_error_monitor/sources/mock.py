@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -56,30 +57,36 @@ def mock_stage(stage: StageDescription, settings: MockSettings) -> StagePlant:
 class MockSource:
     """Samples of one stream of the mock stage.
 
-    The plant knows the future as well as the past, so samples are made in spans of time ahead of their need: one call
-    for many samples costs hardly more than one for a few.
+    The plant knows the future as well as the past, so blocks are made ahead of their need: many at once cost hardly
+    more than one, and what is left to do on time is little.
     """
 
     def __init__(self, plant: StagePlant, stream: str) -> None:
         """Samples of `stream`, such as `head_a`, `autocollimator`, `lvdt`, `command`, `force`, `temperature`."""
         self._plant = plant
         self._stream = stream
-        self._ahead: SampleBlock | None = None
-        self._ahead_from_ns, self._ahead_until_ns = 0, 0
+        self._ahead: dict[tuple[int, int], SampleBlock | None] = {}
 
     def take(self, since_ns: int, until_ns: int) -> SampleBlock | None:
         """Block of the samples from `since_ns` to before `until_ns`."""
-        if self._ahead is None or not self._ahead_from_ns <= since_ns <= until_ns <= self._ahead_until_ns:
-            self._look_ahead(since_ns, max(until_ns, since_ns + _AHEAD))
-        ahead = self._ahead
-        assert ahead is not None
-        first, last = np.searchsorted(ahead.times_ns, (since_ns, until_ns)).tolist()
-        if first == last:
-            return None
-        return block_from_samples(ahead.times_ns[first:last], ahead.names[1:], ahead.rows[first:last, 1:])
+        if (since_ns, until_ns) not in self._ahead:
+            self._look_ahead(since_ns, until_ns - since_ns)
+        return self._ahead.pop((since_ns, until_ns))
 
-    def _look_ahead(self, since_ns: int, until_ns: int) -> None:
-        first, last = (self._plant.index_at(self._stream, time_ns) for time_ns in (since_ns, until_ns))
+    def _look_ahead(self, since_ns: int, duration_ns: int) -> None:
+        """Blocks of equal duration from `since_ns` on."""
+        edges = since_ns + duration_ns * np.arange(max(_AHEAD // duration_ns, 1) + 1)
+        first, last = (self._plant.index_at(self._stream, int(edge)) for edge in edges[[0, -1]])
         # One sample more, so that there is one even in a span shorter than the distance of two.
-        self._ahead = self._plant.samples(self._stream, first, last - first + 1)
-        self._ahead_from_ns, self._ahead_until_ns = since_ns, until_ns
+        samples = self._plant.samples(self._stream, first, last - first + 1)
+        places = np.searchsorted(samples.times_ns, edges).tolist()
+        self._ahead = {
+            (begin, end): _part(samples, i, k)
+            for (begin, end), (i, k) in zip(pairwise(edges.tolist()), pairwise(places), strict=True)
+        }
+
+
+def _part(samples: SampleBlock, first: int, last: int) -> SampleBlock | None:
+    if first == last:
+        return None
+    return block_from_samples(samples.times_ns[first:last], samples.names[1:], samples.rows[first:last, 1:])

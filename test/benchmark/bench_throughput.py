@@ -48,7 +48,11 @@ def test_blocks_from_heads_to_tool_offset(rate, tmp_path):
         used = [(cpu_seconds(p) - b) / DURATION for p, b in zip(processes, begin, strict=True)]
         end_ns = time.time_ns()
     print(f"\n{rate:.0f} samples a second from each of 5 instruments, blocks of 5 ms, {DURATION:.0f} s")
-    print("  samples lost: " + ", ".join(f"{k} {v}" for k, v in lost(BagReader(bag), begin_ns, end_ns).items()))
+    missing = lost(BagReader(bag), begin_ns, end_ns)
+    ticks = {name: missing.pop(name) for name in ("error_motion", "tool_offset")}
+    print("  samples lost: " + ", ".join(f"{k} {v}" for k, v in missing.items()))
+    print(f"  of {round((end_ns - begin_ns) / 1e6)} ticks {ticks['error_motion']} have no estimate")
+    print(f"  {ticks['tool_offset']} no offset: held where encoder and joint states part, as the mock stage reverses")
     ages = offset_ages(BagReader(bag), begin_ns, end_ns)
     print(f"  age of the newest offset of a block at the recorder: p50 {np.percentile(ages, 50) * 1e3:.1f} ms, "
           f"p99 {np.percentile(ages, 99) * 1e3:.1f} ms")  # fmt: skip
