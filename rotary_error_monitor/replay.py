@@ -18,7 +18,7 @@ from rotary_error_monitor.description.wire import Wire, load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings, InputsUsed
-from rotary_error_monitor.pipeline.corrections import Correction
+from rotary_error_monitor.pipeline.corrections import Compensation, Correction
 from rotary_error_monitor.pipeline.estimation import (
     AUTOCOLLIMATOR,
     COMMAND,
@@ -28,6 +28,9 @@ from rotary_error_monitor.pipeline.estimation import (
     error_motion_from_block,
 )
 from rotary_error_monitor.signals.blocks import SampleBlock
+
+BATCH = 256
+"""Messages that are reckoned with at once: the bits depend on stamps alone, and few calls are faster than many."""
 
 
 @dataclass(frozen=True)
@@ -132,14 +135,16 @@ def replay_bag(
         compensator = Compensator(machine, compensator_settings, dict(_published_inputs(reader, wire)) or None)
     names = [name for name in (*inputs, *of_machine) if name in reader.topics]
     collected = _Collected()
-    for topic, content in reader.replay(names):
+    for count, (topic, content) in enumerate(reader.replay(names), start=1):
         if isinstance(content, SampleBlock):
-            collected.add_motion(estimator.push(inputs[topic], content), compensator)
-        elif compensator is not None:
-            collected.add_machine(content, compensator)
+            estimator.accept(inputs[topic], content)
+        if count % BATCH == 0 or isinstance(content, Temperature):
+            collected.add_motion(estimator.advance(), compensator)
+        if compensator is not None and not isinstance(content, SampleBlock):
+            collected.accept_machine(content, compensator)
     collected.add_motion(estimator.finish(), compensator)
     if compensator is not None:
-        collected.add_compensation(compensator.finish().offsets, ())
+        collected.offsets += compensator.finish().offsets
     return collected.result(estimator.status, reader.damage, bool(masks), compensator is not None)
 
 
@@ -155,7 +160,8 @@ def _replay_described(
     for _, content in reader.replay(names):
         if isinstance(content, JointState):
             stamps.append(content.stamp_ns)
-        collected.add_machine(content, compensator)
+        collected.accept_machine(content, compensator)
+        collected.add_compensation(compensator.advance())
     ticks = np.unique(np.array(stamps, np.int64))
     nothing = np.full((len(ticks), 6, 6), np.nan)
     return Replay(
@@ -184,12 +190,19 @@ class _Collected:
         for block in blocks:
             self.motion.append(block)
             if compensator is not None:
-                found = compensator.push_error_motion(block)
-                self.add_compensation(found.offsets, found.corrections)
+                compensator.accept_error_motion(block)
+        if compensator is not None:
+            self.add_compensation(compensator.advance())
 
-    def add_machine(self, content: object, compensator: Compensator) -> None:
+    @staticmethod
+    def accept_machine(content: object, compensator: Compensator) -> None:
         if isinstance(content, JointState):
-            self._add_joint_state(content, compensator)
+            velocity = content.velocity if len(content.velocity) else np.zeros(len(content.names))
+            compensator.accept_joint_state(
+                content.stamp_ns,
+                dict(zip(content.names, content.position.tolist(), strict=True)),
+                dict(zip(content.names, velocity.tolist(), strict=True)),
+            )
         elif isinstance(content, Temperature):
             compensator.push_temperature(content.temperature)
 
@@ -200,18 +213,9 @@ class _Collected:
             offset[np.searchsorted(stamps, block.times_ns)] = block.rows[:, 1:7]
         return offset
 
-    def _add_joint_state(self, state: JointState, compensator: Compensator) -> None:
-        velocity = state.velocity if len(state.velocity) else np.zeros(len(state.names))
-        found = compensator.push_joint_state(
-            state.stamp_ns,
-            dict(zip(state.names, state.position.tolist(), strict=True)),
-            dict(zip(state.names, velocity.tolist(), strict=True)),
-        )
-        self.add_compensation(found.offsets, found.corrections)
-
-    def add_compensation(self, offsets: tuple[SampleBlock, ...], corrections: tuple[Correction, ...]) -> None:
-        self.offsets += offsets
-        self.corrections += corrections
+    def add_compensation(self, found: Compensation) -> None:
+        self.offsets += found.offsets
+        self.corrections += found.corrections
 
     def result(self, status: EstimatorStatus, damage: str | None, repeated: bool, with_machine: bool) -> Replay:
         stamps = _joined([block.times_ns for block in self.motion], np.empty(0, np.int64))

@@ -7,6 +7,7 @@ Figure 15), and the LVDT is set to one height after the other.
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -119,6 +120,9 @@ def record(cell: MockCell, letters: Sequence[str]) -> Recording:
             recording.heights.append((height, begin_ns, time.time_ns()))
             _end(lvdt, recording)
             running.forget_status("lvdt: state")
+        # the recorder last: what the others say to their end is in the bag
+        for process in processes[1:]:
+            process.send(signal.SIGINT)
         for process in reversed(processes):
             _end(process, recording)
     return recording
@@ -137,7 +141,7 @@ def _let_run(running: Cell, duration: float, progress: tqdm[Never]) -> None:
 
 
 def _end(process: NodeProcess, recording: Recording) -> None:
-    code = process.stop()
+    code = process.stop() if not process.expected else process.wait()
     recording.exit_codes[process.name] = max(recording.exit_codes.get(process.name, 0), abs(code))
 
 
