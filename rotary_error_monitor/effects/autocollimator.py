@@ -20,7 +20,7 @@ class AutocollimatorGain(StageEffect):
     name = "autocollimator_gain"
     title = "autocollimator's scale"
     source = "calibration of an autocollimator's scale factor"
-    parameters = (Parameter("relative", "1", 1e-2, bound=0.5),)
+    parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
     rescales = True
     acts_on = (AUTOCOLLIMATOR,)
 

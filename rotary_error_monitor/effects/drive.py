@@ -31,7 +31,7 @@ class FollowingError(StageEffect):
 
     def rotation(self, values: Values, state: RotorState) -> Array:
         """Command of then minus command of now."""
-        return state.command_at(state.time - values[0]) - state.command
+        return state.command_at(state.time - state.age - values[0]) - state.command
 
 
 class DriveCyclicError(StageEffect):

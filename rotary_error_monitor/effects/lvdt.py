@@ -17,7 +17,7 @@ class LvdtGain(StageEffect):
     name = "lvdt_gain"
     title = "LVDT's scale"
     source = "calibration of an LVDT's scale factor"
-    parameters = (Parameter("relative", "1", 1e-2, bound=0.5),)
+    parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
     rescales = True
     acts_on = (LVDT,)
 

@@ -44,6 +44,7 @@ class RotorState:
         lines: graduation lines per revolution.
         observed: (n,) what the sensor itself read, rad; only heads have it. It carries the phase of errors within a
             line, far finer than the command knows the rotation.
+        age: how long before `time` the sensor saw the rotor, s; all but `time` is of then.
     """
 
     time: Array
@@ -55,6 +56,7 @@ class RotorState:
     command_at: Callable[[Array], Array]
     lines: int
     observed: Array | None = None
+    age: float = 0.0
     _harmonics: dict[float, tuple[Array, Array]] = field(default_factory=dict, repr=False, compare=False)
     _unturned: tuple[RotorState, float] | None = field(default=None, repr=False, compare=False)
     _tables: dict[tuple[int, ...], Array] = field(default_factory=dict, repr=False, compare=False)

@@ -115,6 +115,44 @@ def stack(problem: Problem, data: Rows, columns: Sequence[Columns], leading: Blo
     return BlockNormal(gram, moment, power, count)
 
 
+def own_rest(problem: Problem, data: Rows, nuisance: Columns) -> tuple[Rows, dict[str, float]]:
+    """Each channel on its own, its nuisances chosen for it alone: rows (m, 1) that are left, and excess over noise.
+
+    The excess is that of the rows, and that of what their nuisances had to be moved, each as far as it is more than
+    chance: an effect that looks like an uncertain parameter shows in the channel that it moves, and in no other as it
+    would if all channels shared the nuisances.
+    """
+    count = width_of(nuisance)
+    gram = {channel: np.eye(count) for channel in data}
+    moment = {channel: np.zeros(count) for channel in data}
+    for stretch in range(problem.conditions.stretches):
+        for channel, rows in rows_in(nuisance, stretch).items():
+            extent = problem.conditions.extent(channel, len(data[channel]), stretch)
+            gram[channel] += rows.T @ rows
+            moment[channel] += rows.T @ data[channel][extent, 0]
+    inverse = {channel: np.linalg.inv(gram[channel]) for channel in data}
+    moved = {channel: inverse[channel] @ moment[channel] for channel in data}
+    rest = {channel: rows.copy() for channel, rows in data.items()}
+    for stretch in range(problem.conditions.stretches):
+        for channel, rows in rows_in(nuisance, stretch).items():
+            extent = problem.conditions.extent(channel, len(data[channel]), stretch)
+            rest[channel][extent, 0] -= rows @ moved[channel]
+    excess = {}
+    for channel, rows in rest.items():
+        expected = float(np.sum(problem.expected(channel)))
+        # Fitted nuisances scatter with the part of their prior that the data decide on.
+        decided = count - float(np.trace(inverse[channel]))
+        excess[channel] = _beyond_chance(float(np.sum(rows**2)), expected)
+        excess[channel] += _beyond_chance(float(np.sum(moved[channel] ** 2)), decided)
+    return rest, excess
+
+
+def _beyond_chance(squares: float, freedom: float) -> float:
+    """What a chi-square is above its mean, if that is more than two of its standard deviations; else 0."""
+    above = squares - freedom
+    return above if above > 2 * np.sqrt(2 * freedom) else 0.0
+
+
 def width_of(rows: Columns) -> int:
     """Number of columns."""
     return rows.width if isinstance(rows, LateRows) else next((values.shape[1] for values in rows.values()), 0)

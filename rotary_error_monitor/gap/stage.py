@@ -255,7 +255,7 @@ class StageProblem:
 
     def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
         """Shares of the channels in topics and fields."""
-        return stage_where(self, causes, rest, explained)
+        return stage_where(self, causes, explained)
 
     def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
         """The measurement that would tell effects apart."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, RotorState
-from rotary_error_monitor.gap.problem import Array, Rows, Share
+from rotary_error_monitor.gap.normal import own_rest
+from rotary_error_monitor.gap.problem import Array, Share
 from rotary_error_monitor.twin.recording import stage_topic
 from rotary_error_monitor.twin.stage_noise import COMMAND
 
@@ -26,18 +27,18 @@ TELLING = 0.1
 _FIELDS = {AUTOCOLLIMATOR: ("tilt_x", "tilt_y"), LVDT: ("radial_x", "radial_y")}
 
 
-def stage_where(problem: StageProblem, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
+def stage_where(problem: StageProblem, causes: Sequence[Cause], explained: bool) -> list[Share]:
     """Shares of all channels, largest first; empty if nothing exceeds the noise.
 
     Of explained gaps the causes' own effect on each channel counts; of others what exceeds the noise in white rows.
     """
-    signals = _effect(problem, causes) if explained else _excess(problem, rest)
-    powers = {channel: float(np.mean(np.square(values))) for channel, (values, _, _) in signals.items()}
-    counts = {channel: len(values) for channel, (values, _, _) in signals.items()}
-    noises = {channel: noise for channel, (_, noise, _) in signals.items()}
-    if not explained:
-        powers = {c: max(0.0, p - noises[c] ** 2) for c, p in powers.items()}
-    energy = {c: powers[c] / noises[c] ** 2 * counts[c] for c in powers}
+    if explained:
+        signals = _effect(problem, causes)
+        powers = {channel: float(np.mean(np.square(values))) for channel, (values, _, _) in signals.items()}
+        energy = {c: powers[c] / noise**2 * len(values) for c, (values, noise, _) in signals.items()}
+    else:
+        signals, energy = _excess(problem, causes)
+        powers = {c: energy[c] / len(values) * noise**2 for c, (values, noise, _) in signals.items()}
     total = sum(energy.values())
     if total <= 0:
         return []
@@ -46,11 +47,16 @@ def stage_where(problem: StageProblem, causes: Sequence[Cause], rest: Rows, expl
             channel,
             energy[channel] / total,
             float(np.sqrt(powers[channel])),
-            noises[channel],
-            describe(signals[channel][0], signals[channel][2], powers[channel]),
+            signals[channel][1],
+            _words(*signals[channel], powers[channel]) if energy[channel] > 0 else "noise",
         )
         for channel in sorted(energy, key=lambda channel: -energy[channel])
     ]
+
+
+def _words(values: Array, noise: float, state: RotorState, power: float) -> str:
+    """Pattern of values of which at least `power` is excess; what uncertain parameters took up counts as well."""
+    return describe(values, state, max(power, float(np.mean(np.square(values))) - noise**2))
 
 
 _Signals = Mapping[str, tuple[Array, float, RotorState]]
@@ -86,16 +92,24 @@ def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:
     return found
 
 
-def _excess(problem: StageProblem, rest: Rows) -> _Signals:
-    """White rows in the unit of their channel; the state is that of the command at the rows."""
-    found = {}
+def _excess(problem: StageProblem, causes: Sequence[Cause]) -> tuple[_Signals, dict[str, float]]:
+    """White rows beside the causes in the unit of their channel, with the rotor at the rows; and their excess power.
+
+    Where the uncertain parameters had to move far they took the gap with them: then the rows before that are shown.
+    """
+    data = problem.residual(causes)
+    rest, excess = own_rest(problem, data, problem.nuisance(causes))
+    found, energy = {}, {}
     for track in problem.tracks(rest):
+        if np.sum(track.rows**2) - len(track.rows) < 0.5 * excess[track.channel]:
+            (track,) = problem.tracks({track.channel: data[track.channel]})
         stream, _, axis = track.channel.partition(".")
         kind = HEAD if stream == COMMAND else stream.partition("_")[0]
         noise = problem.noise.std[kind]
-        state = problem.twin.state_at(track.time)
-        found[_channel(stream, 0 if axis in ("", "x") else 1)] = (track.rows * noise, noise, state)
-    return found
+        channel = _channel(stream, 0 if axis in ("", "x") else 1)
+        found[channel] = (track.rows * noise, noise, problem.twin.state_at(track.time))
+        energy[channel] = max(0.0, excess[track.channel])
+    return found, energy
 
 
 def _cut(state: RotorState, length: int) -> RotorState:

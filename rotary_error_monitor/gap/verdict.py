@@ -55,8 +55,11 @@ def trusted_causes(problem: Problem, stage: Stage) -> bool:
     """Whether all causes of a stage stand although something is left: what is left lies in other channels.
 
     An effect that merely resembles an unknown one leaves part of it where it took the rest away; a real cause beside an
-    unknown one leaves its own channels clean.
+    unknown one leaves its own channels clean. What is found in no single channel (uncertain parameters that are moved
+    too far, poses that scatter) may be left of the causes themselves: then they are not trusted.
     """
+    if any(f.channel not in stage.fit.rest and f.log_chance < stage.log_alarm for f in stage.findings):
+        return False
     for cause, columns in zip(stage.fit.causes, stage.fit.columns, strict=True):
         free = cause.effect.indices(Role.LINEAR, Role.SHAPE)
         shapes = set(cause.effect.indices(Role.SHAPE))

@@ -27,6 +27,9 @@ from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Problem,
 _SINGULAR = 1e-9
 """Part of a column that must remain beside the others for its amplitude to be looked at at all."""
 
+_INVISIBLE = 1e-6
+"""An effect of usual size that moves all rows together by less than this many standard deviations is not seen."""
+
 
 @dataclass(frozen=True)
 class Weight:
@@ -94,16 +97,18 @@ class Weighing:
         equations = self.normal if normal is None else normal
         index = self.columns_of(members)
         scale = np.concatenate([self._scales[i] for i in members]) if members else np.zeros(0)
-        gram = equations.gram[np.ix_(index, index)] * np.outer(scale, scale)
-        moment = equations.moment[index] * scale
-        values, vectors = np.linalg.eigh(gram)
+        gram = equations.gram[np.ix_(index, index)]
+        # Columns of length one: how large an effect usually is says nothing of what can be told apart.
+        length = np.sqrt(np.maximum(np.diag(gram), 0.0))
+        unit = 1 / np.where(length * scale > _INVISIBLE, length, np.inf)
+        values, vectors = np.linalg.eigh(gram * np.outer(unit, unit))
         # Directions that the recording does not show keep amplitude zero.
-        seen = values > max(_SINGULAR * float(values[-1]), 1e-12) if len(values) else np.zeros(0, bool)
-        part = (vectors.T @ moment)[seen]
+        seen = values > _SINGULAR
+        part = (vectors.T @ (unit * equations.moment[index]))[seen]
         gain = float(np.sum(part**2 / values[seen]))
-        occam = 0.5 * float(np.sum(np.log1p(np.maximum(values, 0.0))))
+        occam = 0.5 * float(np.linalg.slogdet(np.eye(len(index)) + gram * np.outer(scale, scale))[1])
         prior = -sum(self.log_prior(i) for i in members)
-        amplitudes = scale * (vectors[:, seen] @ (part / values[seen]))
+        amplitudes = unit * (vectors[:, seen] @ (part / values[seen]))
         return Weight(tuple(members), gain, int(seen.sum()), 0.5 * gain - occam - float(prior), amplitudes)
 
     def singles(self, beside: Sequence[int] = ()) -> list[Weight]:

@@ -155,6 +155,7 @@ class StageTwin:
             command_at=self.inputs.command,
             lines=self.stage.encoder.lines_per_revolution,
             observed=observed,
+            age=delay,
         )
 
     def _stream(self, name: str, causes: Sequence[Cause], stage: StageDescription) -> Array:

@@ -335,3 +335,13 @@ def test_asynchronous_phase_and_size_spread_as_their_parts():
     reported = effect.report(values, np.diag(np.square(std)))
     assert reported["radial"].std == pytest.approx(np.hypot(drawn[:, 1], drawn[:, 2]).std(), rel=0.03)
     assert reported["phase"].std == pytest.approx(np.arctan2(drawn[:, 2], drawn[:, 1]).std(), rel=0.03)
+
+
+@pytest.mark.parametrize("late", ["autocollimator_latency", "encoder_latency"])
+def test_a_late_sensor_sees_the_lag_of_the_drive_as_well(late, twin):
+    by_name = {effect.name: effect for effect in EFFECTS}
+    causes = [Cause(by_name[late], "", np.array([3e-3])), Cause(by_name["following_error"], "", np.array([2e-3]))]
+    stream = "autocollimator" if late == "autocollimator_latency" else "head_b"
+    bench = [Bench(t, theta_added=lambda now: command(now - 2e-3) - command(now), delays={stream: 3e-3}) for t in TIMES]
+    expected = np.array([b.reading(stream) for b in bench])
+    np.testing.assert_allclose(twin.predict(causes)[stream], expected, rtol=0, atol=2e-11)

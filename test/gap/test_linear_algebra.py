@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 from rotary_error_monitor.gap.fitting import fit_causes
-from rotary_error_monitor.gap.normal import combine, stack, subtract
+from rotary_error_monitor.gap.normal import combine, own_rest, stack, subtract
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import measure_gap
 from rotary_error_monitor.gap.weighing import Weighing
@@ -141,3 +141,30 @@ def test_leading_columns_need_no_second_look(linear, rng):
     spared = stack(linear, linear.data, [nuisance, *columns], stack(linear, linear.data, [nuisance]))
     np.testing.assert_allclose(spared.gram, whole.gram, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(spared.moment, whole.moment, rtol=1e-12)
+
+
+def test_effects_of_very_unequal_usual_sizes_are_weighed_together(linear):
+    """What an effect of usual size shows may differ by 10^6 between effects: neither hides the other."""
+    candidates, columns = table(linear)
+    faint = {channel: 1e-6 * rows for channel, rows in columns[1].items()}
+    data = {"x": linear.data["x"] + 3.0 * columns[1]["x"], "y": linear.data["y"] + 3.0 * columns[1]["y"]}
+    weighing = Weighing(linear, data, {}, candidates[:2], [{"x": 1e3 * columns[0]["x"]}, faint])
+    both = weighing.weigh([0, 1])
+    alone = weighing.weigh([0])
+    assert both.freedom == 2
+    assert both.gain - alone.gain > 1000
+    assert both.amplitudes[1] == pytest.approx(3e6, rel=0.02)
+    assert both.amplitudes[0] == pytest.approx(0.5e-3, rel=0.2)
+
+
+def test_excess_is_that_of_each_channel_alone(linear, rng):
+    """A parameter moved ten standard uncertainties in one channel alone does not show in the other, which shares it."""
+    shape = {"x": 2.0 * rng.normal(size=(800, 1)), "y": 2.0 * rng.normal(size=(800, 1))}
+    data = {"x": linear.data["y"] + 10.0 * shape["x"], "y": rng.normal(size=(800, 1))}
+    rest, excess = own_rest(linear, data, shape)
+    assert excess["x"] == pytest.approx(100.0, rel=0.1)
+    assert excess["y"] == 0.0
+    assert np.std(rest["x"]) == pytest.approx(1.0, abs=0.1)
+    shared = stack(linear, data, [shape]).total()
+    moved = shared.moment / (shared.gram[0, 0] + 1)
+    assert np.std(data["y"] - moved * shape["y"]) > 5, "one value for both channels carries the gap into the other"
