@@ -22,25 +22,33 @@ def _shown(result: CellResult, epoch_ns: int) -> Iterator[tuple[float, LvdtCompa
 
 
 def draw_cell(result: CellResult, epoch_ns: int, path: Path) -> None:
-    """Write the picture (PNG) of a run."""
-    height, found, inside = max(_shown(result, epoch_ns), key=lambda each: float(np.ptp(result.force[each[2], 2])))
+    """Write the picture (PNG) of a run: the height and the direction in which the force changed most."""
+
+    def change(shown: tuple[float, LvdtComparison, NDArray[np.bool_]]) -> NDArray[np.float64]:
+        return np.asarray(np.ptp(result.force[shown[2], 1:], axis=0))
+
+    chosen = max(_shown(result, epoch_ns), key=lambda each: float(change(each).max()))
+    height, found, inside = chosen
+    axis = int(np.argmax(change(chosen)))
+    letter = "xy"[axis]
+    force = Trace(result.force[inside, 0], result.force[inside, 1 + axis], f"force {letter}")
     time = seconds(found.stamp_ns, epoch_ns)
     offset_time = seconds(result.offsets.stamp_ns, epoch_ns)
     before, after = (np.linalg.norm(o[:, :3], axis=1) * 1e6 for o in (result.offsets.before, result.offsets.after))
     draw_panels(
         path,
         [
-            Panel("external force, N", (Trace(result.force[inside, 0], result.force[inside, 2], "force y"),)),
+            Panel("external force, N", (force,)),
             Panel(
-                f"radial error motion y at {height * 1e3:.0f} mm, µm",
+                f"radial error motion {letter} at {height * 1e3:.0f} mm, µm",
                 (
-                    Trace(time, found.reference[:, 1] * 1e6, "LVDT"),
-                    Trace(time, found.estimate[:, 1] * 1e6, "estimated from heads and autocollimator"),
+                    Trace(time, found.reference[:, axis] * 1e6, "LVDT"),
+                    Trace(time, found.estimate[:, axis] * 1e6, "estimated from heads and autocollimator"),
                 ),
             ),
             Panel(
                 "difference, µm",
-                (Trace(time, (found.estimate - found.reference)[:, 1] * 1e6, "estimate minus LVDT"),),
+                (Trace(time, (found.estimate - found.reference)[:, axis] * 1e6, "estimate minus LVDT"),),
             ),
             Panel(
                 "tool offset, µm",
