@@ -40,12 +40,13 @@ def positioning_text(result: PositioningResult, output: Path) -> str:
             f"{both.mean_reversal_error * scale:.3f}   range of means M {both.mean_deviation_range * scale:.3f}",
         ]
     where = 180 / math.pi if result.runs.rotary else 1e3
+    fate = "dropped" if result.dropped else "the figures include it"
     for outlier in result.outliers:
         lines.append(
             f"  flagged{' (start-up)' if outlier.startup else ''}: cycle {outlier.cycle + 1}, direction "
             f"{outlier.direction:+d}, target {result.runs.targets[outlier.target] * where:g} "
             f"{'deg' if result.runs.rotary else 'mm'}: {outlier.excess * scale:+.3f} {unit} from the others, "
-            f"{outlier.ratio:.1f} standard deviations; the figures include it"
+            f"{outlier.ratio:.1f} standard deviations; {fate}"
         )
     lines += [f"  note: {remark}" for remark in result.remarks]
     return "\n".join([*lines, f"written to {output}, standard uncertainty {result.uncertainty * scale:.3f} {unit}"])

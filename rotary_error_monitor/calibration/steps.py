@@ -34,6 +34,7 @@ from rotary_error_monitor.metrology.positioning import (
     check_standard_test,
     estimate_positioning,
     find_outliers,
+    remove_outliers,
 )
 from rotary_error_monitor.metrology.splicing import Mirror, Segment, SplicedProfile, splice_segments
 from rotary_error_monitor.metrology.straightness import combine_runs
@@ -68,18 +69,30 @@ class Job:
 
 @dataclass(frozen=True)
 class PositioningResult:
-    """What a positioning step found; `name` is the error component."""
+    """What a positioning step found.
+
+    Attributes:
+        name: the error component.
+        runs: all readings.
+        figures: of the readings, without `outliers` where these were `dropped`.
+        outliers: readings that stand off from the others.
+        remarks: departures from the standard test, in words.
+        uncertainty: largest standard uncertainty of a mean, m or rad.
+    """
 
     name: str
     runs: PositioningRuns
     figures: PositioningFigures
     outliers: tuple[Outlier, ...]
+    dropped: bool
     remarks: tuple[str, ...]
     uncertainty: float
 
 
-def calibrate_positioning(job: Job, letter: str) -> PositioningResult:
+def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False) -> PositioningResult:
     """ISO 230-2 test of one axis into the table of its positioning error.
+
+    Outliers are told and count, unless they are to be dropped.
 
     Raises:
         InputError: the machine has no such axis, the table is wrong, or its targets leave the travel.
@@ -90,7 +103,8 @@ def calibrate_positioning(job: Job, letter: str) -> PositioningResult:
     else:
         runs = read_positioning_poses(job.source, job.file.machine, letter)
     _check_travel(axis, runs.targets, job.source)
-    figures = estimate_positioning(runs)
+    outliers = find_outliers(runs)
+    figures = estimate_positioning(remove_outliers(runs, outliers) if drop_outliers else runs)
     name, sign = _own_component(axis)
     forward = sign * figures.forward.mean
     backward = None if figures.backward is None else sign * figures.backward.mean
@@ -111,7 +125,7 @@ def calibrate_positioning(job: Job, letter: str) -> PositioningResult:
     remarks = check_standard_test(runs)
     if runs.rotary and job.source.suffix != ".csv":
         remarks += ("told from a tool tip: radial error motions and a displaced axis count into the angle",)
-    return PositioningResult(name, runs, figures, find_outliers(runs), remarks, uncertainty)
+    return PositioningResult(name, runs, figures, outliers, drop_outliers, remarks, uncertainty)
 
 
 @dataclass(frozen=True)
@@ -151,6 +165,8 @@ def calibrate_straightness(
     _check_travel(axis, spliced.positions, job.source)
     straightness = spliced.straightness()
     positions = np.linspace(spliced.positions[0], spliced.positions[-1], min(MOST_TABLE_ROWS, len(spliced.positions)))
+    # To a nanometre: a zero that is none by rounding errors looks odd in a file.
+    positions = np.asarray(np.round(positions, 9), dtype=np.float64)
     values = np.interp(positions, spliced.positions, straightness.deviations)
     uncertainty = float(np.sqrt(np.diag(spliced.deviation_covariance()).max()))
     rotated = rotate_monotone(positions, values) if monotone else None

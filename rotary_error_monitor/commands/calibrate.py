@@ -70,7 +70,11 @@ def _step(
 
 def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
     text = "ISO 230-2 test of one axis: target_mm,direction,cycle,deviation_um (target_deg, deviation_arcsec)"
-    _step(steps, "positioning", _positioning, text).add_argument("--axis", required=True, help="letter, such as X")
+    parser = _step(steps, "positioning", _positioning, text)
+    parser.add_argument("--axis", required=True, help="letter, such as X")
+    parser.add_argument(
+        "--drop-outliers", action="store_true", help="leave flagged readings out of figures and machine file"
+    )
 
 
 def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -165,7 +169,7 @@ def _today() -> date:
 
 def _positioning(arguments: argparse.Namespace) -> int:
     job = _job(arguments)
-    result = calibrate_positioning(job, arguments.axis)
+    result = calibrate_positioning(job, arguments.axis, drop_outliers=arguments.drop_outliers)
     print(reports.positioning_text(result, job.output))
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_positioning

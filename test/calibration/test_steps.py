@@ -107,6 +107,15 @@ def test_startup_outlier_is_named_and_counted(
     text = capsys.readouterr().out
     assert "flagged (start-up): cycle 1, direction +1, target -3000 mm: +10" in text
     assert "the figures include it" in text
+    counted = load_machine(machine).errors["EXX"].table
+    assert run("positioning", source, "--machine", machine, "--axis", "X", "--drop-outliers") == 0
+    assert "standard deviations; dropped" in capsys.readouterr().out
+    dropped = load_machine(machine).errors["EXX"].table
+    assert counted is not None
+    assert dropped is not None
+    # One of five readings stood 10 µm off: it moves their mean by 2 µm.
+    assert counted.forward[0] - dropped.forward[0] == pytest.approx(2e-6, abs=0.1e-6)
+    assert counted.forward[1:] == dropped.forward[1:]
 
 
 def test_targets_beyond_the_travel(tmp_path: Path, machine: Path) -> None:

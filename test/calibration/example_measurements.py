@@ -1,0 +1,100 @@
+"""The measurements of doc/calibration: simulated, so that what they should show is known.
+
+python test/calibration/example_measurements.py writes them anew.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+FOLDER = Path(__file__).parents[2] / "doc" / "calibration"
+
+REVERSAL = 1.2e-6
+X_TO_Y, Z_TO_X, Z_TO_Y = -16e-6, 11e-6, -19e-6
+STARTUP = 2.5e-6
+
+
+def positioning_error(x: Array) -> Array:
+    """EXX of the simulated machine without its reversal error, m."""
+    return np.asarray(-12e-6 * x + 1.5e-6 * np.cos(9 * x) - 1.5e-6)
+
+
+def straightness_error(x: Array) -> Array:
+    """EZX, m."""
+    return np.asarray(0.8e-6 * np.sin(11 * x) + 0.3e-6 * np.cos(24 * x))
+
+
+def mirror_form(distance: Array) -> Array:
+    """Form of the mirror of 300 mm, hollow by 0.2 µm, m."""
+    return np.asarray(0.2e-6 * (distance / 0.15 - 1) ** 2)
+
+
+def positioning() -> str:
+    """Five cycles over eleven targets, the first reading before the axis had settled."""
+    rng = np.random.default_rng(1)
+    targets = np.array([-240.0, -196, -147, -103, -46, 2, 51, 97, 148, 195, 240])
+    lines = [
+        "# simulated: X of a small five-axis machine, laser interferometer",
+        "target_mm,direction,cycle,deviation_um",
+    ]
+    for cycle in range(1, 6):
+        for direction, way in ((1, targets), (-1, targets[::-1])):
+            for k, target in enumerate(way):
+                error = positioning_error(np.array(target * 1e-3)) - 0.5 * direction * REVERSAL
+                error = error + 0.12e-6 * rng.normal() + STARTUP * ((cycle, direction, k) == (1, 1, 0))
+                lines.append(f"{target:g},{direction},{cycle},{error * 1e6:.3f}")
+    return "\n".join(lines) + "\n"
+
+
+def straightness() -> str:
+    """Two placements of the mirror, the first one measured both ways up; two runs forth and two back in each."""
+    rng = np.random.default_rng(2)
+    lines = [
+        "# simulated: X in Z, displacement sensor along a mirror of 300 mm; mirror -1: turned over about its long axis",
+        "segment,run,direction,mirror,position_mm,reading_um",
+    ]
+    for segment, (start, side) in enumerate(((-250, 1), (-250, -1), (-50, 1)), start=1):
+        tilt, height = rng.normal(0, 15e-6), rng.normal(0, 5e-6)
+        for run in range(1, 5):
+            direction = 1 if run % 2 else -1
+            x = np.arange(start, start + 301, 5.0)[::direction] * 1e-3
+            distance = x - start * 1e-3
+            y = straightness_error(x) + side * mirror_form(distance) + tilt * distance + height
+            y = y + 60e-9 * rng.normal(size=x.size)
+            lines += [
+                f"{segment},{run},{direction},{side},{p * 1e3:g},{v * 1e6:.3f}" for p, v in zip(x, y, strict=True)
+            ]
+    return "\n".join(lines) + "\n"
+
+
+def tracker() -> str:
+    """A reflector in the spindle moved along Y, X and Z, seen from a tracker 1.6 m away."""
+    rng = np.random.default_rng(3)
+    x_axis = np.array([math.cos(X_TO_Y), -math.sin(X_TO_Y), 0.0])
+    z_axis = np.array([-Z_TO_X, -Z_TO_Y, 1.0])
+    lines = ["# simulated: laser tracker, reflector in the spindle", "feature,distance_mm,elevation_deg,azimuth_deg"]
+    for name, axis in (("Y", np.array([0.0, 1.0, 0.0])), ("X", x_axis), ("Z", z_axis)):
+        for step in np.linspace(-0.24, 0.24, 13):
+            point = np.array([1.5, 0.4, -0.3]) + step * axis + 0.2e-6 * rng.normal(size=3)
+            distance = float(np.linalg.norm(point))
+            elevation, azimuth = math.asin(point[2] / distance), math.atan2(point[1], point[0])
+            lines.append(f"{name},{distance * 1e3:.6f},{math.degrees(elevation):.9f},{math.degrees(azimuth):.9f}")
+    return "\n".join(lines) + "\n"
+
+
+FILES = {"x_positioning.csv": positioning, "x_straightness.csv": straightness, "tracker.csv": tracker}
+
+
+def main() -> None:
+    """Write the files."""
+    for name, make in FILES.items():
+        (FOLDER / name).write_text(make(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

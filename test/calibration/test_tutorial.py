@@ -1,0 +1,110 @@
+"""The page doc/calibration.md: its commands run in their order, print what it shows, and find what was put in."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import io
+import re
+import shlex
+import shutil
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.cli import main
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.nodes.compensation import Compensation
+from rotary_error_monitor.testing import Cell
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "doc" / "calibration"
+NODE = "ros2 run rotary_error_monitor compensation --ros-args -p machine:=my_machine.yaml"
+
+
+def load_example() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("example", Path(__file__).with_name("example_measurements.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+EXAMPLE = load_example()
+
+
+def blocks() -> list[tuple[str, list[str]]]:
+    """Each block of the page: its language and its lines."""
+    page = (ROOT / "doc" / "calibration.md").read_text(encoding="utf-8")
+    return [(language, text.splitlines()) for language, text in re.findall(r"```(sh|text)\n(.*?)```", page, re.DOTALL)]
+
+
+def run_command(line: str) -> str:
+    """What a command of the page prints."""
+    words, printed = shlex.split(line), io.StringIO()
+    if words[0] == "cp":
+        shutil.copy(words[1], words[2])
+    elif words[0] == "rotary_error_monitor":
+        with contextlib.redirect_stdout(printed):
+            assert main(words[1:]) == 0, line
+    else:
+        assert line == NODE
+    return printed.getvalue()
+
+
+@pytest.fixture(scope="module")
+def worked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """Folder in which the page was worked through, and lines that it shows though nothing printed them."""
+    folder = tmp_path_factory.mktemp("tutorial")
+    for name in ("doc", "config"):
+        shutil.copytree(ROOT / name, folder / name)
+    rows = {line for path in DATA.glob("*.csv") for line in path.read_text(encoding="utf-8").splitlines()}
+    printed, wrong = "", []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for language, lines in blocks():
+            if language == "sh":
+                printed = "".join(map(run_command, lines))
+            else:
+                wrong += [line for line in lines if line not in printed.splitlines() and line not in rows]
+    return folder, wrong
+
+
+def test_commands_print_what_the_page_shows(worked: tuple[Path, list[str]]) -> None:
+    folder, wrong = worked
+    assert wrong == []
+    assert (folder / "straightness.png").stat().st_size > 10_000
+    assert (folder / "errors.png").stat().st_size > 10_000
+    assert (folder / "x.comp").read_text(encoding="ascii").startswith("-240.000000000 ")
+    assert len((folder / "volumetric.csv").read_text(encoding="ascii").splitlines()) == 1 + 11 * 11 * 5
+
+
+def test_the_measurements_are_those_that_were_simulated() -> None:
+    for name, make in EXAMPLE.FILES.items():
+        assert (DATA / name).read_text(encoding="utf-8") == make(), name
+
+
+def test_the_machine_file_holds_what_was_put_in(worked: tuple[Path, list[str]]) -> None:
+    found = load_machine(worked[0] / "my_machine.yaml")
+    table = found.errors["EXX"].table
+    assert table is not None
+    mean = EXAMPLE.positioning_error(np.array(table.positions))
+    for values, sign in ((table.forward, 1), (table.backward, -1)):
+        assert np.abs(np.array(values) - mean + 0.5 * sign * EXAMPLE.REVERSAL).max() < 0.25e-6
+    table = found.errors["EZX"].table
+    assert table is not None
+    x = np.array(table.positions)
+    error = np.array(table.forward) - EXAMPLE.straightness_error(x)
+    assert np.abs(error - np.polyval(np.polyfit(x, error, 1), x)).max() < 0.1e-6
+    carriage, ram = (np.array(found.body(name).location_error.rotation) for name in ("carriage", "ram"))
+    assert carriage[2] == pytest.approx(-EXAMPLE.X_TO_Y, abs=2e-6)
+    np.testing.assert_allclose(ram[:2], [EXAMPLE.Z_TO_Y, -EXAMPLE.Z_TO_X], rtol=0, atol=2e-6)
+
+
+def test_the_compensation_starts_on_the_file(worked: tuple[Path, list[str]]) -> None:
+    with Cell() as cell:
+        cell.run(Compensation, "compensation", machine=str(worked[0] / "my_machine.yaml"))
+        cell.wait_for_status("compensation: correction", "held: no error motion yet")
