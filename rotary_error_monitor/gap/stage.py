@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.admission import check_extent, check_stage
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.stage_experiments import advise
 from rotary_error_monitor.gap.stage_jitter import SharedMotion, estimate_jitter
@@ -233,25 +233,14 @@ class StageProblem:
         return True
 
     def check_plausible(self) -> None:
-        """Refuse a twin whose every sensor is off by half of what it shows.
+        """Refuse a recording too short to hold anything out, and a twin that no instrument agrees with.
 
         Raises:
-            InputError: the twin describes another stage.
+            InputError: the recording lasts or turns too little, or the twin describes another stage.
         """
         raw = self._raw_residual(())
-        predicted = self.twin.predict(())
-        wrong = []
-        for name, values in raw.items():
-            shown = predicted[name].copy()
-            if name in self.recording.heads:
-                shown[:, 0] -= self.twin.state(name).command
-            size = float(np.median(np.abs(shown - shown.mean(axis=0))))
-            wrong.append(float(np.median(np.abs(values))) > 0.5 * size)
-        if all(wrong) and len(wrong) > 1:
-            raise InputError(
-                "the twin predicts none of the sensors: each is off by more than half of what it shows. "
-                "It describes another stage; give the twin of this one"
-            )
+        check_extent(self.recording, raw, self.noise.std)
+        check_stage(self.recording, raw, self.twin)
 
     def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
         """Shares of the channels in topics and fields."""
