@@ -14,6 +14,7 @@ NODES = [
     "error_estimator",
     "compensation",
     "recorder",
+    "gap_monitor",
     "linuxcnc_bridge",
     "stage_follower",
 ]
@@ -66,6 +67,7 @@ setup(
             "pytest-rerunfailures>=14,<17",
             "hypothesis>=6.100,<7",
             "pytransform3d>=3.5,<4",
+            "scikit-learn>=1.5,<2",
             "mypy>=1.11,<3",
             "ruff>=0.6,<1",
             "scipy-stubs>=1.14",

@@ -85,7 +85,13 @@ class RecentTurns:
     """
 
     def __init__(
-        self, streams: Mapping[str, Sequence[str]], command: str, turns: float, longest: float, most_samples: int
+        self,
+        streams: Mapping[str, Sequence[str]],
+        command: str,
+        turns: float,
+        shortest: float,
+        longest: float,
+        most_samples: int,
     ) -> None:
         """Keep nothing yet.
 
@@ -93,6 +99,7 @@ class RecentTurns:
             streams: columns to keep by stream.
             command: the stream by whose columns `angle` and `velocity` turns are counted.
             turns: of the stage.
+            shortest: time, s, that is kept at least however fast the stage turns.
             longest: time, s, that is kept at most.
             most_samples: of each stream that are kept at most.
         """
@@ -100,6 +107,7 @@ class RecentTurns:
         self._memories = {name: _Memory(tuple(columns)) for name, columns in streams.items()}
         self._command = command
         self._turns = turns
+        self._shortest_ns = round(shortest * NANOSECONDS)
         self._longest_ns = round(longest * NANOSECONDS)
         self._most_samples = most_samples
         self._is_bounded = False
@@ -124,7 +132,8 @@ class RecentTurns:
     @property
     def is_full(self) -> bool:
         """Whether all turns are there, or one of the bounds of memory leaves no room for more."""
-        return self.turns >= self._turns or self._is_bounded
+        command = self._memories[self._command]
+        return self._is_bounded or bool(command.pieces and self._holds_all(command, command.oldest_ns, command.travel))
 
     def push(self, stream: str, block: SampleBlock) -> None:
         """Take in a block of a stream.
@@ -178,10 +187,16 @@ class RecentTurns:
             return within
         return step + within
 
+    def _holds_all(self, command: _Memory, oldest_ns: int, travel: float) -> bool:
+        """Whether memory from `oldest_ns` on, in which the command went `travel`, is long enough."""
+        return travel >= 2 * np.pi * self._turns and command.newest_ns - oldest_ns >= self._shortest_ns
+
     def _forget(self, stream: str) -> None:
         memory, command = self._memories[stream], self._memories[self._command]
         if stream == self._command:
-            while memory.travel - memory.pieces[0].travel >= 2 * np.pi * self._turns:
+            while len(memory.pieces) > 1 and self._holds_all(
+                memory, int(memory.pieces[1].times[0]), memory.travel - memory.pieces[0].travel
+            ):
                 memory.drop_oldest()
         begin_ns = command.oldest_ns if command.pieces else 0
         while len(memory.pieces) > 1:

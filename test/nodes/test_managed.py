@@ -16,6 +16,7 @@ from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
+from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.managed import ManagedNode, run
 from rotary_error_monitor.nodes.mock_controller import MockController
@@ -144,6 +145,7 @@ NODES = [
     (ErrorEstimator, "error_estimator"),
     (Compensation, "compensation"),
     (Recorder, "recorder"),
+    (GapMonitor, "gap_monitor"),
 ]
 
 

@@ -15,8 +15,8 @@ BLOCK = 10
 EPOCH_NS = 1_700_000_000_000_000_123
 
 
-def recent(turns=3.0, longest=60.0, most_samples=100_000):
-    return RecentTurns(STREAMS, turns, longest, most_samples)
+def recent(turns=3.0, shortest=0.0, longest=60.0, most_samples=100_000):
+    return RecentTurns(STREAMS, "command", turns, shortest, longest, most_samples)
 
 
 def command_block(number, speed=2 * np.pi, start=0.0, first_ns=EPOCH_NS):
@@ -99,6 +99,15 @@ def test_time_bounds_it_when_the_stage_hardly_turns():
     assert 1.8 <= memory.duration <= 2.0
     run(memory, range(100, 200), silent=("command",))
     assert times(memory, "command")[-1] == EPOCH_NS + 999 * STEP_NS, "the rest of the command is still there"
+
+
+def test_it_keeps_a_shortest_time_when_the_stage_turns_fast():
+    memory = recent(turns=1.0, shortest=4.0)
+    run(memory, range(39))
+    assert memory.turns > 3 and not memory.is_full
+    run(memory, range(39, 100))
+    assert memory.is_full
+    assert 4.0 <= memory.duration <= 4.2
 
 
 def test_a_number_of_samples_bounds_it_when_they_come_fast():
