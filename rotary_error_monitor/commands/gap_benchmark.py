@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.cases < 1:
         raise InputError(f"--cases is {arguments.cases}; it must be at least 1")
     plans = plan_cases(arguments.seed, arguments.cases, _FAMILIES[arguments.family], _FLOORS[arguments.floor])
-    with tqdm(total=len(plans), desc="gap-benchmark", unit="case", disable=None, file=sys.stderr) as bar:
+    with tqdm(total=2 * len(plans), desc="gap-benchmark", unit="step", disable=None, file=sys.stderr) as bar:
         result = run_benchmark(
             plans, lambda seal: print(f"sealed truth: sha256 {seal}", flush=True), lambda: _step(bar)
         )

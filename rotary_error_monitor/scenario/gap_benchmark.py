@@ -12,7 +12,6 @@ import multiprocessing
 import secrets
 import shutil
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -20,10 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.diagnosis import diagnose
-from rotary_error_monitor.gap.loading import TwinFile, load_problem, load_twin
-from rotary_error_monitor.scenario.gap_cases import CasePlan, make_case, write_case
+from rotary_error_monitor.plant.draws import DURATION
+from rotary_error_monitor.scenario.gap_cases import CasePlan, make_case, write_case, write_elsewhere
 from rotary_error_monitor.scenario.gap_scores import Outcome, score_case
+from rotary_error_monitor.scenario.gap_sizes import sizes_beyond_uncertainty
+from rotary_error_monitor.scenario.gap_solver import diagnose_cases
 
 Answer = Any
 """What one process tells another: text, numbers, or a diagnosis as plain data."""
@@ -49,7 +49,7 @@ def run_benchmark(
     Args:
         plans: what to make.
         announce: is given the hash of the sealed truth before the first diagnosis.
-        progress: called after each case.
+        progress: called when a case is made, and again when it is diagnosed.
 
     Raises:
         InputError: a process failed, or the opened truth is not the promised one.
@@ -57,17 +57,20 @@ def run_benchmark(
     context = multiprocessing.get_context("spawn")
     maker, maker_end = context.Pipe()
     solver, solver_end = context.Pipe()
-    workers = (
-        context.Process(target=_keep_cases, args=(maker_end, tuple(plans)), daemon=True),
-        context.Process(target=_diagnose_cases, args=(solver_end,), daemon=True),
-    )
     with tempfile.TemporaryDirectory(prefix="gap_benchmark_") as folder:
+        workers = (
+            context.Process(target=_keep_cases, args=(maker_end, tuple(plans), Path(folder)), daemon=True),
+            context.Process(target=diagnose_cases, args=(solver_end,), daemon=True),
+        )
         try:
             for worker in workers:
                 worker.start()
+            for _ in plans:
+                _answer(maker)
+                progress()
             promised = str(_answer(maker))
             announce(promised)
-            answers = [_one_case(plan, maker, solver, Path(folder), progress) for plan in plans]
+            answers = [_one_case(plan, solver, Path(folder), progress) for plan in plans]
             maker.send(None)
             sealed = str(_answer(maker))
         finally:
@@ -83,11 +86,9 @@ def run_benchmark(
 
 
 def _one_case(
-    plan: CasePlan, maker: Connection, solver: Connection, folder: Path, progress: Callable[[], None]
+    plan: CasePlan, solver: Connection, folder: Path, progress: Callable[[], None]
 ) -> tuple[dict[str, Any], float]:
     place = folder / plan.name
-    maker.send((plan.number, place))
-    _answer(maker)
     solver.send((place, plan.left_out))
     diagnosis, seconds = _answer(solver)
     shutil.rmtree(place)
@@ -107,37 +108,28 @@ def _answer(connection: Connection) -> Answer:
     return answer
 
 
-def _keep_cases(connection: Connection, plans: tuple[CasePlan, ...]) -> None:
-    """Process that makes cases: first all truths, for the seal, then each case when it is asked for."""
+def _keep_cases(connection: Connection, plans: tuple[CasePlan, ...], folder: Path) -> None:
+    """Process that makes cases: writes bags and twins, and keeps the truth to itself until it is asked for."""
     try:
-        truths = [make_case(plan).truth.as_mapping() for plan in plans]
-        hidden = [
-            [fault.name for fault in make_case(plan).truth.faults] if plan.kind == "unknown" else [] for plan in plans
-        ]
-        for truth, names in zip(truths, hidden, strict=True):
-            truth["outside"] = names
+        truths = []
+        for plan in plans:
+            truths.append(_written(plan, folder / plan.name))
+            connection.send(True)
         sealed = json.dumps({"salt": secrets.token_hex(16), "truths": truths})
         connection.send(hashlib.sha256(sealed.encode()).hexdigest())
-        by_number = {plan.number: plan for plan in plans}
-        while (request := connection.recv()) is not None:
-            number, place = request
-            write_case(make_case(by_number[number]), place)
-            connection.send(True)
+        connection.recv()
         connection.send(sealed)
     except Exception as error:  # told to the other side, which cannot see this process
         connection.send(error)
 
 
-def _diagnose_cases(connection: Connection) -> None:
-    """Process that diagnoses: sees a bag and a twin, nothing else."""
-    while True:
-        place, left_out = connection.recv()
-        try:
-            start = time.perf_counter()
-            twin = load_twin(place / "twin.yaml")
-            effects: Any = tuple(effect for effect in twin.effects if effect.name not in left_out)
-            problem = load_problem(place / "bag", TwinFile(twin.path, twin.description, effects, twin.known))
-            diagnosis = diagnose(problem)
-            connection.send((diagnosis.as_mapping(), time.perf_counter() - start))
-        except Exception as error:  # told to the other side, which cannot see this process
-            connection.send(error)
+def _written(plan: CasePlan, place: Path) -> dict[str, Any]:
+    """Write the case of a plan; gives its truth."""
+    case = make_case(plan)
+    write_case(case, place)
+    if plan.group == "new speed":
+        write_elsewhere(case, place, plan.seed)
+    truth = case.truth.as_mapping()
+    truth["outside"] = [fault.name for fault in case.truth.faults] if plan.kind == "unknown" else []
+    truth["sizes"] = sizes_beyond_uncertainty(case, DURATION)
+    return truth

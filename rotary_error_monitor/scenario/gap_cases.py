@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,8 +13,11 @@ import yaml
 from rotary_error_monitor.bags.messages import JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.description.machine import MachineDescription, machine_from_mapping
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.cases import Kind, MachineCase, StageCase, make_machine_case, make_stage_case
 from rotary_error_monitor.plant.draws import machine_faults, stage_faults
+from rotary_error_monitor.plant.motion import random_motion
+from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.document import machine_mapping, stage_mapping
 
 Family = Literal["stage", "machine"]
@@ -49,7 +52,14 @@ _SHARES: tuple[tuple[str, Kind, float], ...] = (
     ("null", "null", 0.16),
     ("weak", "single", 0.08),
     ("left out", "single", 0.08),
+    ("new speed", "single", 0.06),
 )
+
+OTHER_SPEED = 9.1
+"""Speed, rad/s, of which parts are the speeds of a second recording; no first one has any of them."""
+
+OTHER_DURATION = 20.0
+"""Duration of a second recording, s."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +67,8 @@ class CasePlan:
     """One case of the check.
 
     Attributes:
-        group: single, pair, unknown, null, weak, or left out: its effect is missing from the diagnoser's library.
+        group: single, pair, unknown, null, weak, new speed (the causes must hold in a second recording, at speeds that
+            the first one has not), or left out: its effect is missing from the diagnoser's library.
         effects: what is at work; None lets the seed draw it.
         left_out: effects that the diagnoser may not know.
     """
@@ -89,6 +100,8 @@ def plan_cases(seed: int, count: int, families: Sequence[Family], rough: Sequenc
         known = stage_faults() if family == "stage" else machine_faults()
         for harsh in rough:
             for group, kind, share in _SHARES:
+                if group == "new speed" and family == "machine":
+                    continue
                 own = draw.permutation(known)
                 for i in range(max(1, round(share * count))):
                     named = (str(own[i % len(own)]),) if kind == "single" else None
@@ -127,6 +140,24 @@ def write_case(case: StageCase | MachineCase, folder: Path) -> None:
         write_messages(folder / "bag", dict(_pose_messages(case)))
         content = {"machine": machine_mapping(case.twin)}
     (folder / "twin.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def write_elsewhere(case: StageCase | MachineCase, folder: Path, seed: int) -> None:
+    """Write `elsewhere/`: a second recording of the same stage at other speeds.
+
+    Raises:
+        InputError: the case is of a machine, which stands still at its poses.
+    """
+    if isinstance(case, MachineCase):
+        raise InputError("a machine has no second recording at another speed; give the case of a stage")
+    motion = random_motion(seed, OTHER_DURATION, segments=4, top_speed=OTHER_SPEED)
+    plant = replace(case.plant, seed=seed + 1, motion=motion)
+    end = round(OTHER_DURATION * NANOSECONDS)
+    blocks = {
+        f"/stage/{stream}/samples": [plant.samples(stream, 0, plant.clocks[stream].index_at(end))]
+        for stream in plant.streams
+    }
+    write_messages(folder / "elsewhere", blocks)
 
 
 def draw_machine(seed: int) -> MachineDescription:

@@ -162,7 +162,10 @@ def test_the_plan_goes_round_all_effects():
     assert [plan.number for plan in plans] == list(range(len(plans)))
     singles = {plan.effects[0] for plan in plans if plan.group == "single"}
     assert {"disc_scale", "tool_length"} <= singles and len(singles) > 35
-    assert all(plan.left_out == plan.effects for plan in plans if plan.group == "left out")
+    left_out = [plan for plan in plans if plan.group == "left out"]
+    assert all(plan.left_out[:1] == plan.effects for plan in left_out)
+    assert all("rotary_harmonic" in plan.left_out for plan in left_out if plan.effects == ("head_droop",))
+    assert {plan.family for plan in plans if plan.group == "new speed"} == {"stage"}
     assert plan_cases(3, 100, ("stage", "machine"), (False,)) == plans
 
 

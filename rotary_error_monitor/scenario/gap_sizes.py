@@ -1,0 +1,92 @@
+"""How far a fault stands out of what the twin's own uncertainty could do: what no method could find should not count.
+
+A fault that looks like an uncertain parameter within its uncertainty is no gap. With the fault's signals y and those N
+of one standard uncertainty of each parameter, both over the noise, what stands out is
+
+    size^2 = y' (1 + N N')^-1 y
+
+the square of the distance, in standard deviations, between the recording with the fault and any that the twin allows.
+All signals are the plant's. The rotor's jitter is not counted as noise here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.plant.cases import TRACKER_NOISE, MachineCase, StageCase
+from rotary_error_monitor.plant.machine import MachineFault, MachinePlant
+from rotary_error_monitor.plant.stage import Fault, StagePlant
+from rotary_error_monitor.signals.blocks import NANOSECONDS
+from rotary_error_monitor.twin.machine import uncertain_shifts
+from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
+
+Array = NDArray[np.float64]
+
+EVERY = 50
+"""Every so many samples of a stage are looked at; the squares are scaled up."""
+
+_INPUTS = ("command", "force", "temperature")
+
+
+def sizes_beyond_uncertainty(case: StageCase | MachineCase, duration: float) -> list[float]:
+    """Size of each fault of a case, in standard deviations; `duration` of a stage's recording in s."""
+    return _stage_sizes(case, duration) if isinstance(case, StageCase) else _machine_sizes(case)
+
+
+def _size(shown: Array, allowed: list[Array]) -> float:
+    if not allowed:
+        return float(np.linalg.norm(shown))
+    table = np.stack(allowed, axis=1)
+    taken = table.T @ shown
+    squares = float(shown @ shown - taken @ np.linalg.solve(np.eye(len(taken)) + table.T @ table, taken))
+    return float(np.sqrt(max(squares, 0.0)))
+
+
+def _stage_sizes(case: StageCase, duration: float) -> list[float]:
+    plain = replace(case.plant, faults=())
+    measure = _measure_of(plain, duration)
+    base = measure(plain)
+    allowed = [
+        measure(replace(plain, description=p.shifted(plain.description, p.uncertainty))) - base
+        for p in uncertain_parameters(case.twin)
+    ]
+    faults = [fault for fault in case.truth.faults if isinstance(fault, Fault)]
+    return [_size(measure(replace(plain, faults=(fault,))) - base, allowed) for fault in faults]
+
+
+def _measure_of(plain: StagePlant, duration: float) -> Callable[[StagePlant], Array]:
+    """Function that gives a plant's signals, without noise, over the noise, one sensor after the other."""
+    times, noise = {}, {}
+    for stream in plain.streams:
+        if stream not in _INPUTS:
+            clock = plain.clocks[stream]
+            stamps = clock.times_ns(0, clock.index_at(round(duration * NANOSECONDS)))[::EVERY]
+            times[stream], noise[stream] = np.asarray(stamps * 1e-9, np.float64), _noise_of(plain.stage, stream)
+
+    def measure(plant: StagePlant) -> Array:
+        parts = [plant.signal(stream, time).ravel() / noise[stream] for stream, time in times.items()]
+        return np.asarray(np.sqrt(EVERY) * np.concatenate(parts), np.float64)
+
+    return measure
+
+
+def _noise_of(stage: StageDescription, stream: str) -> float:
+    if stream == "lvdt":
+        return np.inf if stage.lvdt is None else stage.lvdt.noise
+    sensor = stage.autocollimator if stream == "autocollimator" else stage.encoder
+    return float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12)))
+
+
+def _machine_sizes(case: MachineCase) -> list[float]:
+    def measure(plant: MachinePlant) -> Array:
+        return np.asarray(plant.tool_offset(case.poses)[:, :3].ravel() / TRACKER_NOISE, np.float64)
+
+    base = measure(MachinePlant(case.twin, ()))
+    allowed = [measure(MachinePlant(shift.machine, ())) - base for shift in uncertain_shifts(case.twin)]
+    faults = [fault for fault in case.truth.faults if isinstance(fault, MachineFault)]
+    return [_size(measure(MachinePlant(case.twin, (fault,))) - base, allowed) for fault in faults]
