@@ -47,8 +47,12 @@ class MachineFile:
         """Read the file.
 
         Raises:
-            InputError: the file is no valid machine file.
+            InputError: there is no such file, or it is no valid machine file.
         """
+        if not path.is_file():
+            raise InputError(
+                f"{path}: no such file; calibrate a copy of your own, of config/machines/pan2013.yaml or so"
+            )
         self.path = path
         self.machine: MachineDescription = load_machine(path)
         self._document = YamlDocument(path)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, date, datetime
 from pathlib import Path
 
@@ -63,9 +64,38 @@ def _step(
     parser.add_argument("--machine", type=Path, required=True, metavar="MACHINE.yaml", help="the file to calibrate")
     parser.add_argument("-o", "--output", type=Path, help="write here instead of changing MACHINE.yaml")
     parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
-    parser.add_argument("--figure", type=Path, metavar="PNG", help="draw what was found")
     parser.set_defaults(run=run)
     return parser
+
+
+def _add_figure(parser: argparse.ArgumentParser, help_: str = "draw what was found") -> None:
+    parser.add_argument("--figure", type=Path, metavar="PNG", help=help_)
+
+
+def _positive(text: str) -> float:
+    """A number above zero, as an argument's type."""
+    value = float(text)
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"{text} is not above 0")
+    return value
+
+
+def _not_negative(text: str) -> float:
+    """A number that is zero or above, as an argument's type."""
+    value = float(text)
+    if not (math.isfinite(value) and value >= 0):
+        raise argparse.ArgumentTypeError(f"{text} is below 0")
+    return value
+
+
+def _flatness(text: str) -> float | None:
+    """Flatness in µm, as an argument's type; None where it is unknown."""
+    if text == "unknown":
+        return None
+    try:
+        return _not_negative(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number, and not 'unknown'") from None
 
 
 def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -75,21 +105,23 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave flagged readings out of figures and machine file"
     )
+    _add_figure(parser)
 
 
 def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     text = "overlapping segments along a mirror: segment,run,direction,position_mm,reading_um; mirror as well if turned"
     parser = _step(steps, "straightness", _straightness, text)
     parser.add_argument("--component", required=True, help="such as EYX: straightness of X in Y")
-    parser.add_argument("--mirror-length-mm", type=float, required=True)
-    parser.add_argument("--mirror-flatness-um", required=True, help="peak to valley, or 'unknown'")
+    parser.add_argument("--mirror-length-mm", type=_positive, required=True)
+    parser.add_argument("--mirror-flatness-um", type=_flatness, required=True, help="peak to valley, or 'unknown'")
     parser.add_argument(
         "--mirror-profile",
         type=Path,
         metavar="CSV",
         help="its calibrated form: distance_mm,height_um",
     )
-    parser.add_argument("--noise-um", type=float, required=True, help="standard deviation of a reading")
+    parser.add_argument("--noise-um", type=_positive, required=True, help="standard deviation of a reading")
+    _add_figure(parser)
     parser.add_argument(
         "--monotone", action="store_true", help="rotate the curve so that its correction never reverses"
     )
@@ -98,9 +130,9 @@ def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
 def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     text = "laser tracker along and round axes: feature,distance_mm,elevation_deg,azimuth_deg"
     parser = _step(steps, "squareness", _squareness, text)
-    parser.add_argument("--distance-um", type=float, default=0.5, help="standard uncertainty (default 0.5)")
-    parser.add_argument("--distance-ppm", type=float, default=0.5, help="and its relative part (default 0.5)")
-    parser.add_argument("--angle-arcsec", type=float, default=0.5, help="of both angles (default 0.5)")
+    parser.add_argument("--distance-um", type=_positive, default=0.5, help="standard uncertainty (default 0.5)")
+    parser.add_argument("--distance-ppm", type=_not_negative, default=0.5, help="and its relative part (default 0.5)")
+    parser.add_argument("--angle-arcsec", type=_positive, default=0.5, help="of both angles (default 0.5)")
 
 
 def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -114,9 +146,9 @@ def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser = _step(steps, "machine", _machine, "all parameters from probed poses: a bag, or a CSV file")
-    parser.add_argument("--noise-um", type=float, default=1.5, help="standard deviation of the probe (default 1.5)")
+    parser.add_argument("--noise-um", type=_positive, default=1.5, help="standard deviation of the probe (default 1.5)")
     parser.add_argument(
-        "--required-um", type=float, default=3.0, help="good if the tool is predicted to this (default 3)"
+        "--required-um", type=_positive, default=3.0, help="good if the tool is predicted to this (default 3)"
     )
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
     for name in ("reversal", "expansion", "setup"):
@@ -140,7 +172,7 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
     parser.add_argument("--map", nargs=2, metavar=("X", "Z"), help="axes of the map (default: the first two)")
-    parser.add_argument("--figure", type=Path, metavar="PNG", help="draw map and ranked bars")
+    _add_figure(parser, "draw map and ranked bars")
     parser.set_defaults(run=_errors)
 
 
@@ -152,9 +184,9 @@ def _add_flatness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--workpiece", nargs=2, required=True, metavar="X=LOW,HIGH", help="two axes, mm; passes: the first"
     )
-    parser.add_argument("--reversal-um", type=float, required=True, help="reversal error of the vertical axis")
-    parser.add_argument("--positioning-um", type=float, required=True, help="its positioning error")
-    parser.add_argument("--figure", type=Path, metavar="PNG", help="draw the three surfaces")
+    parser.add_argument("--reversal-um", type=_not_negative, required=True, help="reversal error of the vertical axis")
+    parser.add_argument("--positioning-um", type=_not_negative, required=True, help="its positioning error")
+    _add_figure(parser, "draw the three surfaces")
     parser.set_defaults(run=_flatness_step)
 
 
@@ -174,21 +206,24 @@ def _positioning(arguments: argparse.Namespace) -> int:
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_positioning
 
-        draw_positioning(arguments.figure, result)
+        with _writing(arguments.figure):
+            draw_positioning(arguments.figure, result)
     return 0
 
 
 def _straightness(arguments: argparse.Namespace) -> int:
     job = _job(arguments)
     profile = read_mirror_profile(arguments.mirror_profile) if arguments.mirror_profile else None
-    mirror = Mirror(arguments.mirror_length_mm * 1e-3, _flatness(arguments.mirror_flatness_um), profile)
+    flatness = None if arguments.mirror_flatness_um is None else arguments.mirror_flatness_um * 1e-6
+    mirror = Mirror(arguments.mirror_length_mm * 1e-3, flatness, profile)
     noise = arguments.noise_um * 1e-6
     result = calibrate_straightness(job, arguments.component, mirror, noise, monotone=arguments.monotone)
     print(reports.straightness_text(result, job.output))
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_straightness
 
-        draw_straightness(arguments.figure, result)
+        with _writing(arguments.figure):
+            draw_straightness(arguments.figure, result)
     return 0
 
 
@@ -221,14 +256,16 @@ def _tables(arguments: argparse.Namespace) -> int:
     machine = load_machine(arguments.machine)
     if arguments.axis:
         compensation = predict_axis_compensation(machine, arguments.axis, arguments.rows)
-        arguments.output.write_text(comp_file(compensation, arguments.type), encoding="ascii")
+        with _writing(arguments.output):
+            arguments.output.write_text(comp_file(compensation, arguments.type), encoding="ascii")
         residue = np.rad2deg(compensation.residue) * 3600 if compensation.rotary else compensation.residue * 1e6
         unit = "arcsec" if compensation.rotary else "µm"
         print(f"{len(compensation.positions)} rows written to {arguments.output}, {residue:.3g} {unit} off between")
         print(f"[JOINT_N] COMP_FILE = {arguments.output.name}, COMP_FILE_TYPE = {arguments.type}; take BACKLASH out")
         return 0
-    counts = {name: int(_number(value, f"{name}={value}")) for name, value in map(_split, arguments.grid)}
-    arguments.output.write_text(volumetric_table(machine, counts), encoding="ascii")
+    counts = {name: _count(value, f"{name}={value}") for name, value in map(_split, arguments.grid)}
+    with _writing(arguments.output):
+        arguments.output.write_text(volumetric_table(machine, counts), encoding="ascii")
     print(f"{math.prod(counts.values())} poses written to {arguments.output}")
     return 0
 
@@ -241,7 +278,9 @@ def _errors(arguments: argparse.Namespace) -> int:
         from rotary_error_monitor.report.calibration import draw_errors
 
         axes = tuple(arguments.map or machine.letters[:2])
-        draw_errors(arguments.figure, costs, estimate_volumetric_map(machine, (axes[0], axes[1])))
+        chart = estimate_volumetric_map(machine, (axes[0], axes[1]))
+        with _writing(arguments.figure):
+            draw_errors(arguments.figure, costs, chart)
     return 0
 
 
@@ -254,12 +293,19 @@ def _flatness_step(arguments: argparse.Namespace) -> int:
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_flatness
 
-        draw_flatness(arguments.figure, prediction)
+        with _writing(arguments.figure):
+            draw_flatness(arguments.figure, prediction)
     return 0
 
 
-def _flatness(text: str) -> float | None:
-    return None if text == "unknown" else _number(text, f"--mirror-flatness-um {text}") * 1e-6
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}); give a file in a folder that exists"
+        ) from error
 
 
 def _limits(words: list[str], machine: MachineDescription) -> dict[str, tuple[float, float]]:
@@ -279,6 +325,13 @@ def _split(word: str) -> tuple[str, str]:
     if not mark:
         raise InputError(f"'{word}': expected an axis, =, and a value, such as X=5")
     return name, value
+
+
+def _count(text: str, what: str) -> int:
+    value = _number(text, what)
+    if not value.is_integer():
+        raise InputError(f"{what}: expected a whole number of points")
+    return int(value)
 
 
 def _number(text: str, what: str) -> float:

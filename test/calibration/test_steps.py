@@ -216,8 +216,6 @@ def test_straightness_with_an_unknown_mirror_is_warned_of(tmp_path: Path, capsys
     for name, message in (("EZZ", "no straightness of a linear axis"), ("XYZ", "names no straightness")):
         with pytest.raises(InputError, match=message):
             run("straightness", source, "--machine", machine, "--component", name, *words)
-    with pytest.raises(InputError, match="'thin' is no number"):
-        run("straightness", source, "--machine", machine, "--component", "EYZ", *words[:3], "thin", *words[4:])
 
 
 def poses_bag(folder: Path, name: str) -> Path:
@@ -280,6 +278,13 @@ def test_tables_and_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         (["errors", "pan2013", "--limits", "X"], "expected an axis, =, and a value"),
         (["errors", "pan2013", "--limits", "X=5"], "expected two numbers"),
         (["tables", "xyzac_trt", "--grid", "X=many", "-o", grid], "'many' is no number"),
+        (["tables", "xyzac_trt", "--grid", "X=2.5", "-o", grid], "X=2.5: expected a whole number of points"),
+        (
+            ["tables", "xyzac_trt", "--grid", "X=3", "-o", tmp_path / "no" / "t"],
+            "t: cannot be written .*folder that exists",
+        ),
+        (["errors", "pan2013", "--figure", tmp_path / "no" / "e.png"], r"e.png: cannot be written"),
+        (["positioning", grid, "--machine", "pan2013", "--axis", "X"], "pan2013: no such file; calibrate a copy"),
     ):
         with pytest.raises(InputError, match=message):
             run(*words)
@@ -310,3 +315,22 @@ def test_the_twin_of_a_case_is_calibrated_from_its_bag(case: Path, tmp_path: Pat
     poses = sample_volume(before, 200, {"X": (-2.7, 2.7), "A": (-1.6, 1.6)})
     offsets = [predict_tool_offset(arrange_machine(machine), poses)[:, :3] for machine in (before, after)]
     assert np.sqrt(np.mean((offsets[1] - offsets[0]) ** 2)) < 1.5e-6
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "problem"),
+    [
+        ("--mirror-length-mm", "0", "0 is not above 0"),
+        ("--mirror-length-mm", "nan", "nan is not above 0"),
+        ("--mirror-flatness-um", "-0.1", "-0.1 is below 0"),
+        ("--mirror-flatness-um", "thin", "'thin' is no number, and not 'unknown'"),
+        ("--noise-um", "0", "0 is not above 0"),
+    ],
+)
+def test_impossible_arguments(option: str, value: str, problem: str, capsys: pytest.CaptureFixture[str]) -> None:
+    given = {"--mirror-length-mm": "440", "--mirror-flatness-um": "0.08", "--noise-um": "0.06"} | {option: value}
+    words = [f"{name}={number}" for name, number in given.items()]
+    with pytest.raises(SystemExit) as ended:
+        run("straightness", "some.csv", "--machine", "some.yaml", "--component", "EYZ", *words)
+    assert ended.value.code == 2
+    assert f"argument {option}: {problem}" in capsys.readouterr().err
