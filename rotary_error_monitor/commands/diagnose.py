@@ -28,8 +28,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "diagnose", help="say where, why and how far a recording differs from its digital twin", epilog=_EPILOG
     )
-    parser.add_argument("bag", type=Path, metavar="BAG")
-    parser.add_argument("--twin", type=Path, required=True, help="YAML with a section 'stage' or 'machine'")
+    parser.add_argument(
+        "bag", type=Path, metavar="BAG", help="bag of a stage or machine; text file of a mount or of signals"
+    )
+    parser.add_argument(
+        "--twin", type=Path, required=True, help="YAML with a section 'stage', 'machine', 'mount' or 'quadrature'"
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder for the results")
     parser.add_argument(
         "--effects", type=Path, action="append", default=[], metavar="FILE.py", help="file with effects of your own"

@@ -1,7 +1,7 @@
 """A two-axis mount as it is described: hour axis along the pole, declination axis on it, tube on that.
 
-It is a machine of two stacked rotary axes, H and D, whose tool axis is the optical axis. The base is the ground: x to the
-south, y to the east, z up. At H = D = 0 the tube points to the south and the equator; +H turns it west, +D north.
+It is a machine of two stacked rotary axes, H and D, whose tool axis is the optical axis. The base is the ground: x to
+the south, y to the east, z up. At H = D = 0 the tube points to the south and the equator; +H turns it west, +D north.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Effects of a mount's bodies and of what is around it: flexure under gravity, settling ground, the air.
 
-A beam that carries its own weight turns its end by an angle in proportion to the moment, which is the cross product of the
-beam's direction and gravity. Each flexure is that product for one body.
+A beam that carries its own weight turns its end by an angle in proportion to the moment, which is the cross product of
+the beam's direction and gravity. Each flexure is that product for one body.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class TubeFlexure(MountEffect):
 
     def turn(self, values: Values, location: str, state: PointingState) -> Array:
         """Downward by the sag times the sine of the zenith distance."""
-        return values[0] * cross(state.tube, -state.upward)
+        return np.asarray(values[0] * cross(state.tube, -state.upward), np.float64)
 
 
 class DeclinationAxisFlexure(MountEffect):
@@ -37,7 +37,7 @@ class DeclinationAxisFlexure(MountEffect):
 
     def turn(self, values: Values, location: str, state: PointingState) -> Array:
         """The axis's end that the tube sits on goes down."""
-        return values[0] * cross(state.declination, -state.upward)
+        return np.asarray(values[0] * cross(state.declination, -state.upward), np.float64)
 
 
 class ForkFlexure(MountEffect):
@@ -69,7 +69,7 @@ class SettlingGround(MountEffect):
 
 
 class RefractionScale(MountEffect):
-    """The air bends light otherwise than the twin says, or the mount's controller has taken a part of it out already."""
+    """The air bends light otherwise than the twin says, or the controller has taken a part of it out already."""
 
     name = "refraction_scale"
     title = "other refraction"

@@ -1,7 +1,7 @@
 """What an effect of a two-axis mount does: it changes the mount's machine, or turns what points.
 
-At a star only directions count, so whatever yields, slips or is refracted is one small rotation of the tube: it may be told
-in the ground's frame, whichever body it acts on, and the rotations of several effects add up.
+At a star only directions count, so whatever yields, slips or is refracted is one small rotation of the tube: it may be
+told in the ground's frame, whichever body it acts on, and the rotations of several effects add up.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Whether causes predict conditions that had no part in sizing them, where more than they is at work.
 
-On a stage or a machine tool a cause that leaves much behind is taken for a mere resemblance. There are recordings, such as
-those of a telescope mount against the sky, in which no known effects ever explain everything: there a cause is believed if
-conditions that were left out are predicted better with it than without it, by more than chance.
+On a stage or a machine tool a cause that leaves much behind is taken for a mere resemblance. There are recordings, such
+as those of a telescope mount against the sky, in which no known effects ever explain everything: there a cause is
+believed if conditions that were left out are predicted better with it than without it, by more than chance.
 """
 
 from __future__ import annotations
@@ -71,4 +71,4 @@ def dispersion(fit: Fit) -> float:
     Evidence that weighs all of that as noise is divided by it (quasi-likelihood: McCullagh and Nelder 1989, chapter 9).
     """
     freedom = max(float(fit.blocks.count.sum()) - fit.blocks.moment.shape[1], 1.0)
-    return max(1.0, fit.squares / freedom)
+    return float(max(1.0, fit.squares / freedom))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,12 +13,17 @@ import yaml
 from rotary_error_monitor.bags.messages import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.mount import MountDescription, load_mount
+from rotary_error_monitor.description.quadrature import QuadratureDescription, load_quadrature
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
+from rotary_error_monitor.effects.mount_effect import MountEffect
+from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.twin.document import causes_from_rows, effect_rows, machine_mapping, stage_mapping
 from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
@@ -33,49 +38,63 @@ PROBE = "/machine/tool_probe"
 WARMTH = "/machine/temperature"
 
 
+Description = StageDescription | MachineDescription | MountDescription | QuadratureDescription
+
+_KINDS: Mapping[str, tuple[type[AnyEffect], Callable[[Path], Description]]] = {
+    "stage": (StageEffect, load_stage),
+    "machine": (MachineEffect, load_machine),
+    "mount": (MountEffect, load_mount),
+    "quadrature": (QuadratureEffect, load_quadrature),
+}
+"""For each section that makes a file a twin: the base of its effects, and what reads it."""
+
+_SECTIONS = " or ".join(f"'{name}'" for name in _KINDS)
+
+
 @dataclass(frozen=True)
 class TwinFile:
     """A twin as read from a file.
 
     Attributes:
-        description: of a stage or a machine.
+        description: of a stage, a machine, a mount, or sine and cosine signals.
         effects: the effects known in this run, of its kind.
         known: effects that the twin already has besides its parameters.
     """
 
     path: Path
-    description: StageDescription | MachineDescription
-    effects: tuple[StageEffect, ...] | tuple[MachineEffect, ...]
+    description: Description
+    effects: tuple[AnyEffect, ...]
     known: tuple[Cause, ...] = ()
 
 
 def load_twin(path: Path, effect_files: Sequence[Path] = ()) -> TwinFile:
-    """Twin of a stage or of a machine, by the section that its file has.
+    """Twin of a stage, a machine, a mount or a pair of signals, by the section that its file has.
 
     Raises:
-        InputError: the file is missing, holds neither section, or breaks its schema.
+        InputError: the file is missing, holds none of these sections, or breaks its schema.
     """
     content = _content(path)
-    if "stage" in content:
-        stage_effects = load_effects(StageEffect, effect_files)
-        known = causes_from_rows(content.get("effects", []), stage_effects, str(path))
-        return TwinFile(path, load_stage(path), stage_effects, known)
-    if "machine" in content:
-        machine_effects = load_effects(MachineEffect, effect_files)
-        known = causes_from_rows(content.get("effects", []), machine_effects, str(path))
-        return TwinFile(path, load_machine(path), machine_effects, known)
-    raise InputError(f"{path}: no section 'stage' or 'machine'; it has {sorted(map(str, content)) or 'nothing'}")
+    for section, (kind, load) in _KINDS.items():
+        if section in content:
+            effects = load_effects(kind, effect_files)
+            known = causes_from_rows(content.get("effects", []), effects, str(path))
+            return TwinFile(path, load(path), effects, known)
+    raise InputError(f"{path}: no section {_SECTIONS}; it has {sorted(map(str, content)) or 'nothing'}")
 
 
-def load_problem(bag: Path, twin: TwinFile) -> StageProblem | MachineProblem:
-    """The recording in a bag beside a twin.
+def load_problem(recording: Path, twin: TwinFile) -> DiagnosableProblem:
+    """A recording beside a twin: a bag for a stage or a machine, a text file for a mount or a pair of signals.
 
     A bag whose end is missing gives what is readable, and the problem's remarks say how much that is.
 
     Raises:
-        InputError: topics are missing, values are not finite, or the recording is too short.
+        InputError: the file does not hold what the twin needs, values are not finite, or the recording is too short.
     """
-    reader = BagReader(bag)
+    if isinstance(twin.description, MountDescription):
+        return _mount_problem(recording, twin, twin.description)
+    if isinstance(twin.description, QuadratureDescription):
+        return _quadrature_problem(recording, twin, twin.description)
+    reader = BagReader(recording)
     remarks = (reader.damage,) if reader.damage else ()
     if isinstance(twin.description, StageDescription):
         return _stage_problem(reader, twin, twin.description, remarks)
@@ -95,9 +114,11 @@ def improved_twin(twin: TwinFile, causes: Sequence[Cause]) -> dict[str, Any]:
             description = amended
         elif isinstance(description, MachineDescription) and isinstance(effect, MachineEffect):
             description = effect.amend(description, cause.values, cause.location)
+        else:
+            others.append(cause)
     if isinstance(description, StageDescription):
         content["stage"] = stage_mapping(description)
-    else:
+    elif isinstance(description, MachineDescription):
         content["machine"] = machine_mapping(description)
     content.pop("effects", None)
     if others:
@@ -113,7 +134,7 @@ def _content(path: Path) -> dict[str, Any]:
     except yaml.YAMLError as error:
         raise InputError(f"{path}: no valid YAML: {error}") from error
     if not isinstance(content, dict):
-        raise InputError(f"{path}: no twin; expected a mapping with a section 'stage' or 'machine'")
+        raise InputError(f"{path}: no twin; expected a mapping with a section {_SECTIONS}")
     return content
 
 
@@ -156,6 +177,22 @@ def _machine_problem(
         assert isinstance(cause.effect, MachineEffect)
         machine = cause.effect.amend(machine, cause.values, cause.location)
     return MachineProblem(machine, recording, effects)
+
+
+def _mount_problem(path: Path, twin: TwinFile, mount: MountDescription) -> DiagnosableProblem:
+    from rotary_error_monitor.gap.mount import MountProblem
+    from rotary_error_monitor.gap.mount_loading import read_pointings
+
+    effects = tuple(effect for effect in twin.effects if isinstance(effect, MountEffect))
+    return MountProblem(mount, read_pointings(path), effects, twin.known)
+
+
+def _quadrature_problem(path: Path, twin: TwinFile, description: QuadratureDescription) -> DiagnosableProblem:
+    from rotary_error_monitor.gap.quadrature import QuadratureProblem
+    from rotary_error_monitor.gap.quadrature_loading import read_quadrature
+
+    effects = tuple(effect for effect in twin.effects if isinstance(effect, QuadratureEffect))
+    return QuadratureProblem(description, read_quadrature(path), effects, twin.known)
 
 
 def record_poses(topics: Mapping[str, Sequence[Content]], machine: MachineDescription, origin: str) -> MachineRecording:

@@ -1,7 +1,7 @@
 """A two-axis mount as a problem of diagnosis: the rows are where each star was found, along the ways of both axes.
 
-Nobody knows how a mount was set up: its six angles are sought in the recording, beside the causes, whenever those change.
-They are the nuisances of the diagnosis; what only they can explain is no gap.
+Nobody knows how a mount was set up: its six angles are sought in the recording, beside the causes, whenever those
+change. They are the nuisances of the diagnosis; what only they can explain is no gap.
 """
 
 from __future__ import annotations

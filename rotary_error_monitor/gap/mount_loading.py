@@ -1,16 +1,16 @@
 """Pointing files of telescope mounts, in the plain format that pointing analysis programs exchange.
 
-Lines that begin with `!` or are plain text are remarks, lines that begin with `:` are options (`:EQUAT` is needed to be none
-or the mount's kind). The first line that begins with a sign or digit tells of the site:
+Lines that begin with `!` or a letter are remarks, lines that begin with `:` are options (`:EQUAT`, `:NODA`). The first
+line that begins with a sign or digit tells of the site:
 
     latitude (d m s)  date (y m d)  temperature °C  pressure hPa  height m  humidity 0-1  wavelength µm  lapse rate K/m
 
 and each line after it is one pointing:
 
-    star's right ascension (h m s)  declination (d m s)  mount's right ascension (h m s)  declination (d m s)  sidereal time (h m)
+    star's right ascension (h m s) and declination (d m s), the mount's (h m s, d m s), sidereal time (h m)
 
-The star's place is that of the day, without refraction. The mount's is what its axes read: a declination beyond 90° means
-the other side of the pier.
+The star's place is that of the day, without refraction. The mount's is what its axes read: a declination beyond 90°
+means the other side of the pier.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def _numbers(words: Sequence[str], count: int, place: str, what: str) -> list[fl
 def _angle(words: Sequence[str]) -> float:
     """Degrees or hours from whole, minutes and seconds; the sign of -0 counts."""
     size = sum(abs(float(word)) / 60**power for power, word in enumerate(words))
-    return -size if words[0].startswith("-") else size
+    return float(-size if words[0].startswith("-") else size)
 
 
 def _in_range(value: float, limit: float, words: Sequence[str], place: str, what: str) -> float:

@@ -19,12 +19,12 @@ _MAD = 1.4826
 def neighbourhood(places: Array) -> tuple[NDArray[np.intp], Array]:
     """For each of n places (n, k) its neighbours (n, m) and how to predict it from them (n, m).
 
-    The weights are those of a plane through the neighbours (Cleveland 1979, without tapering): all that is smooth over a
-    neighbourhood is predicted, noise is not.
+    The weights are those of a plane through the neighbours (Cleveland 1979, without tapering): all that is smooth over
+    a neighbourhood is predicted, noise is not.
     """
     count = min(NEIGHBOURS, len(places) - 1)
     _, found = cKDTree(places).query(places, count + 1)
-    neighbours = found[:, 1:]
+    neighbours = np.asarray(found, np.intp)[:, 1:]
     away = places[neighbours] - places[:, None]
     table = np.concatenate([np.ones((*away.shape[:2], 1)), away], axis=2)
     gram = np.einsum("nmi,nmj->nij", table, table)

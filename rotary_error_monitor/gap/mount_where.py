@@ -188,7 +188,7 @@ def _held_out(problem: MountProblem, values: Array, columns: Array) -> float:
         fitted, *_ = np.linalg.lstsq(table * train[:, None], values * train, rcond=None)
         left[test] = (values - table @ fitted)[test]
     kept = np.tile(problem.kept, 2)
-    return float(np.sqrt(np.sum(np.square(left[kept])) / problem.kept.sum())) * ARCSEC
+    return float(np.sqrt(np.sum(np.square(left[kept])) / problem.kept.sum()) * ARCSEC)
 
 
 def mount_advice(problem: MountProblem, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:

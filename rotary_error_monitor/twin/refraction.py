@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LOWEST = np.radians(5.0)
-"""Altitude, rad, down to which two terms of refraction hold to a few arcseconds; lower stars get that of this altitude."""
+"""Altitude, rad, down to which two terms hold to a few arcseconds; lower stars get the refraction of this altitude."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,10 @@ def refraction_constants(weather: Weather) -> tuple[float, float]:
 
 
 def refraction_of(altitude: Array, weather: Weather) -> Array:
-    """(n,) angle, rad, by which a star at the true altitude (n,) seems higher; a step of Newton's from apparent to true."""
+    """(n,) angle, rad, by which a star at the true altitude (n,) seems higher.
+
+    The constants hold for the apparent altitude; one step of Newton's method goes from there to the true one.
+    """
     a, b = refraction_constants(weather)
     tangent = 1 / np.tan(np.maximum(altitude, LOWEST))
     lift = (a + b * tangent**2) * tangent

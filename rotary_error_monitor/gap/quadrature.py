@@ -1,0 +1,322 @@
+"""Sine and cosine signals as a problem of diagnosis: the rows are the mean radius in narrow cells of the circle.
+
+Without a reference of position the phase itself cannot be tested, but whatever makes it wrong moves the radius too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.quadrature import QuadratureDescription
+from rotary_error_monitor.effects.effect import Cause, Role, order_location
+from rotary_error_monitor.effects.quadrature_effect import Complex, QuadratureEffect
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.chances import log_chi_square_tail, log_normal_tail
+from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.twin.quadrature import QuadratureRecording, predict_radius, true_phase
+
+CHANNEL = "radius"
+NAME = "/quadrature/signals.radius"
+
+SECTORS, FOLDS = 24, 6
+CELLS = 1440
+"""Cells of the circle, a quarter of a degree wide: narrow beside every order, and beside the corner of a limit."""
+
+WIDE_CELLS = 360
+"""Cells in which the scatter about a line is noise."""
+
+ORDERS = 16
+PLACES = 180
+TELLING = 0.02
+OUTLIER = 8.0
+OFF = 0.5
+"""Mean radius, in amplitudes off the twin's, from which the twin is of other signals."""
+
+LEVELS = 33
+"""Levels of clipping that are tried, from 0.8 of the largest signal to all of it."""
+
+_STEP = 1e-2
+
+
+class QuadratureProblem:
+    """Signals beside their twin.
+
+    Args:
+        description: that the twin has.
+        recording: the samples.
+        effects: the known effects.
+        known: effects that the twin has.
+
+    Attributes:
+        samples: (n,) all signals, those that are outliers left out, cosine + i sine.
+        signals: (m,) mean signal of each cell that holds a sample, at the mean phase, in rising order.
+        std: noise of the radius of one sample, counts.
+    """
+
+    channels = (CHANNEL,)
+
+    def __init__(
+        self,
+        description: QuadratureDescription,
+        recording: QuadratureRecording,
+        effects: Sequence[QuadratureEffect],
+        known: Sequence[Cause] = (),
+    ) -> None:
+        self.description = description
+        self.recording = recording
+        self.effects = tuple(effects)
+        self.known = tuple(known)
+        scatter, kept = radius_scatter(recording.signals)
+        self.samples = recording.signals[kept]
+        self.std = max(scatter, description.noise)
+        self.phase, self.radius, count = _cell_means(self.samples)
+        self.signals = self.radius * np.exp(1j * self.phase)
+        self._scale: Array = np.sqrt(count) / self.std
+        self._expected = np.ones(len(count))
+        self._index = np.arange(len(count), dtype=np.float64)
+        edges = np.linspace(0, len(count), SECTORS + 1) - 0.5
+        labels = (np.arange(SECTORS) % FOLDS).astype(np.intp)
+        self._conditions = Conditions(edges, labels, tuple(f"sectors {i + 1}/{FOLDS}" for i in range(FOLDS)))
+        self._amplitudes: dict[tuple[tuple[str, str, bytes], ...], float] = {}
+
+    @property
+    def conditions(self) -> Conditions:
+        """Sectors of the circle; every sixth is left out together with it."""
+        return self._conditions
+
+    def times(self, channel: str) -> Array:
+        """(m,) number of each cell."""
+        return self._index
+
+    def expected(self, channel: str) -> Array:
+        """(m,) 1: the mean of each cell is white."""
+        return self._expected
+
+    def amplitude(self, causes: Sequence[Cause]) -> float:
+        """Radius of the ideal circle, counts, that fits best beside causes of these sizes."""
+        sized = _sized(causes)
+        key = tuple((*cause.key, cause.values.tobytes()) for cause in sized)
+        if key not in self._amplitudes:
+            best = float(np.mean(self.radius))
+            for _ in range(3):
+                column = self._scale * self._grown(best, sized)
+                left = self._scale * (self.radius - self._predicted(sized, best))
+                best += float(column @ left / (column @ column))
+            self._amplitudes[key] = best
+        return self._amplitudes[key]
+
+    def error(self, causes: Sequence[Cause]) -> Array:
+        """(m,) mean radius minus that of the twin, counts, the amplitude fitted."""
+        return np.asarray(self.radius - self._predicted(causes), np.float64)
+
+    def residual(self, causes: Sequence[Cause]) -> Rows:
+        """White rows (m, 1) of measured minus predicted."""
+        return self._rows(self.error(causes)[:, None])
+
+    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
+        """White rows of the derivative of the radius with respect to values of `cause`, beside `others`."""
+        amplitude = self.amplitude((*others, cause))
+        base, columns = self._predicted((*others, cause), amplitude), []
+        for index in indices:
+            shape = index in cause.effect.indices(Role.SHAPE)
+            step = 1e-4 * float(cause.values[index]) if shape else _STEP * cause.effect.scales()[index]
+            values = cause.values.copy()
+            values[index] += step
+            columns.append((self._predicted((*others, cause.with_values(values)), amplitude) - base) / step)
+        return self._rows(np.stack(columns, axis=1))
+
+    def nuisance(self, causes: Sequence[Cause]) -> Rows:
+        """White rows (m, 1) of one standard uncertainty of the amplitude."""
+        column = self._grown(self.amplitude(causes), causes)
+        return self._rows(self.description.uncertainty * column[:, None])
+
+    def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
+        """Every effect; harmonics of every order; clipping at the level that explains most."""
+        return tuple(candidate for effect in self.effects for candidate in self._of(effect, rest))
+
+    def structure(self, rest: Rows) -> list[Finding]:
+        """Tests of every order of the radius up to 16, and of every place on the circle."""
+        white = rest[CHANNEL][:, 0]
+        findings = []
+        for order in range(1, ORDERS + 1):
+            waves = np.exp(1j * order * self.phase) * self._scale
+            power = 2 * abs(np.dot(waves, white)) ** 2 / float(np.sum(np.square(self._scale)))
+            chance = log_chi_square_tail(power, 2)
+            findings.append(Finding(CHANNEL, "order", chance, max(0.0, power - 2), f"phase: order {order}"))
+        place = (self.phase * PLACES / (2 * np.pi)).astype(np.intp) % PLACES
+        squares = np.bincount(place, np.square(self._scale), PLACES)
+        z = np.bincount(place, self._scale * white, PLACES) / np.sqrt(np.maximum(squares, 1e-300))
+        best = int(np.argmax(np.abs(z)))
+        chance = min(0.0, log_normal_tail(abs(float(z[best]))) + float(np.log(2 * PLACES)))
+        words = f"phase: place {(best + 0.5) * 360 / PLACES:.0f}°"
+        return [*findings, Finding(CHANNEL, "place", chance, max(0.0, float(z[best]) ** 2 - 1), words)]
+
+    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+        """Nothing to learn: noise is the scatter at one phase, whatever the causes."""
+        return False
+
+    def check_plausible(self) -> None:
+        """Refuse signals of another size.
+
+        Raises:
+            InputError: the circle is far larger or smaller than the twin says.
+        """
+        mean = float(np.mean(self.radius))
+        if abs(mean / self.description.amplitude - 1) > OFF:
+            raise InputError(
+                f"the signals' mean radius is {mean:.0f} counts, the twin's amplitude is "
+                f"{self.description.amplitude:.0f}: it is of other signals; set its amplitude"
+            )
+
+    def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
+        """The radius, with the orders of phase that the gap depends on."""
+        values = self.error(()) - self.error(causes) if explained else rest[CHANNEL][:, 0] / self._scale
+        weight = np.square(self._scale) / np.sum(np.square(self._scale))
+        used = values - weight @ values
+        floor = 0.0 if explained else float(np.sum(weight / np.square(self._scale)))
+        power = float(weight @ np.square(used)) - floor
+        if power <= 0:
+            return []
+        waves = np.exp(-1j * np.outer(np.arange(1, ORDERS + 1), self.phase))
+        parts = 2 * np.square(np.abs(waves @ (weight * used))) / power
+        told = [k for k in np.argsort(-parts)[:4] if parts[k] > TELLING]
+        words = ", ".join(f"order {k + 1} ({min(parts[k], 1.0):.0%})" for k in told) or "no single order"
+        return [Share(NAME, 1.0, float(np.sqrt(power)), self.std, f"phase: {words}")]
+
+    def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
+        """What tells effects apart that have the same radius."""
+        shares = [self._alike(tuple(keys[0]), key, causes) for key in keys[1:]]
+        words = f"in radius alone they agree to {max(shares):.1%} of its change"
+        return (
+            f"move steadily over many periods and look at the phase itself, or change the signals' amplitude: {words}"
+        )
+
+    def remarks(self, rest: Rows) -> tuple[str, ...]:
+        """Noise as found, and outliers that were left out."""
+        lost, count = len(self.recording.signals) - len(self.samples), len(self.recording.signals)
+        return (
+            *self.recording.remarks,
+            f"the radius scatters by {self.std:.2f} counts at one phase: that is taken for noise",
+            *([f"{lost} of {count} samples are outliers and were left out"] if lost else []),
+        )
+
+    def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
+        """Radius before and after over the phase, once round and folded to a quarter."""
+        before, after, degrees = self.error(()), self.error(causes), np.degrees(self.phase)
+        return [
+            View(channel, words, x, before, after, "counts")
+            for channel in channels
+            for words, x in (("phase, °", degrees), ("phase within a quarter, °", np.mod(degrees, 90.0)))
+        ]
+
+    def figures(self, causes: Sequence[Cause]) -> Mapping[str, float]:
+        """Spread of the radius before and after, and what the causes do to the phase, in counts, rad and the unit."""
+        amplitude, both = self.amplitude(causes), (*self.known, *causes)
+        change = np.angle(np.exp(1j * true_phase(self.samples, amplitude, both)) * np.conj(self.samples))
+        radius = np.abs(self.samples)
+        before = radius - predict_radius(self.samples, self.amplitude(()), self.known)
+        after = radius - predict_radius(self.samples, amplitude, both)
+        per_radian = self.description.period / (2 * np.pi)
+        return {
+            "amplitude_counts": amplitude,
+            "radius_std_before_counts": float(np.std(before)),
+            "radius_std_after_counts": float(np.std(after)),
+            "noise_counts": self.std,
+            "phase_error_rms_rad": float(np.std(change)),
+            "phase_error_largest_rad": float(np.max(np.abs(change))),
+            "position_error_rms_nm": 1e9 * per_radian * float(np.std(change)),
+            "position_error_largest_nm": 1e9 * per_radian * float(np.max(np.abs(change))),
+        }
+
+    def _predicted(self, causes: Sequence[Cause], amplitude: float | None = None) -> Array:
+        size = self.amplitude(causes) if amplitude is None else amplitude
+        return predict_radius(self.signals, size, (*self.known, *_sized(causes)))
+
+    def _grown(self, amplitude: float, causes: Sequence[Cause]) -> Array:
+        """(m,) change of the radius with the amplitude."""
+        step = 1e-4 * amplitude
+        return np.asarray((self._predicted(causes, amplitude + step) - self._predicted(causes, amplitude)) / step)
+
+    def _rows(self, values: Array) -> Rows:
+        return {CHANNEL: values * self._scale[:, None]}
+
+    def _of(self, effect: QuadratureEffect, rest: Rows) -> Iterator[Candidate]:
+        if getattr(effect, "has_level", False):
+            yield Candidate(effect, "", self._level(effect, rest), LEVELS, -float(np.log(LEVELS)))
+        elif effect.orders:
+            for order in range(effect.lowest, effect.orders + 1):
+                place = order_location(order)
+                count = effect.orders + 1 - effect.lowest
+                yield Candidate(effect, place, effect.start(place), count, effect.log_prior_of(order))
+        else:
+            yield Candidate(effect, "", effect.start(""))
+
+    def _level(self, effect: QuadratureEffect, rest: Rows) -> Array:
+        """Values of a limiting effect without size, its level that which would explain most of what is left."""
+        signals = np.concatenate([self.samples.real, self.samples.imag])
+        white, best, most = rest[CHANNEL][:, 0], effect.start(""), -1.0
+        for level in np.linspace(0.8, 1.0, LEVELS, endpoint=False) * float(np.max(np.abs(signals))):
+            start = effect.start("")
+            start[effect.slices()["level"]] = level
+            column = self._centred(self.signature(Cause(effect, "", start), effect.indices(Role.LINEAR))[CHANNEL])[:, 0]
+            power = float(column @ column)
+            gain = float(column @ white) ** 2 / power if power > 0 else 0.0
+            if gain > most:
+                best, most = start, gain
+        return best
+
+    def _centred(self, columns: Array) -> Array:
+        """White columns without what the amplitude can make of them."""
+        base = self._rows(self._grown(self.amplitude(()), ())[:, None])[CHANNEL][:, 0]
+        return np.asarray(columns - np.outer(base, base @ columns / (base @ base)), np.float64)
+
+    def _alike(self, first: tuple[str, ...], second: tuple[str, str], causes: Sequence[Cause]) -> float:
+        """Part of the first's change of the radius that the second can make."""
+        cause = next(c for c in causes if c.key == first)
+        effect = next(e for e in self.effects if e.name == second[0])
+        start = next(c for c in self._of(effect, self.residual(())) if c.location == second[1]).start
+        linear = cause.effect.indices(Role.LINEAR)
+        wanted = self._centred(self.signature(cause, linear)[CHANNEL]) @ cause.values[linear]
+        table = self._centred(self.signature(Cause(effect, second[1], start), effect.indices(Role.LINEAR))[CHANNEL])
+        fitted, *_ = np.linalg.lstsq(table, wanted, rcond=None)
+        return max(0.0, 1 - float(np.sum(np.square(wanted - table @ fitted)) / np.sum(np.square(wanted))))
+
+
+def _sized(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """Those causes that do something."""
+    return tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
+
+
+def _cell_means(samples: Complex) -> tuple[Array, Array, Array]:
+    """(m,) mean phase, mean radius and number of samples of each cell of the circle that holds some."""
+    phase = np.mod(np.angle(samples), 2 * np.pi)
+    cell = np.minimum((phase * CELLS / (2 * np.pi)).astype(np.intp), CELLS - 1)
+    count = np.bincount(cell, minlength=CELLS)
+    used = count > 0
+    sums = (np.bincount(cell, values, CELLS)[used] for values in (phase, np.abs(samples)))
+    mean_phase, mean_radius = (np.asarray(total / count[used], np.float64) for total in sums)
+    return mean_phase, mean_radius, count[used].astype(np.float64)
+
+
+def radius_scatter(signals: Complex) -> tuple[float, NDArray[np.bool_]]:
+    """Noise of the radius at one phase, counts, and (n,) no outlier: what lines through cells of the circle leave."""
+    phase, radius = np.mod(np.angle(signals), 2 * np.pi), np.abs(signals)
+    cell = np.minimum((phase * WIDE_CELLS / (2 * np.pi)).astype(np.intp), WIDE_CELLS - 1)
+    within = phase * WIDE_CELLS / (2 * np.pi) - cell - 0.5
+    kept: NDArray[np.bool_] = np.ones(len(phase), bool)
+    spread = 1.0
+    for _ in range(3):
+        weight = kept.astype(np.float64)
+        n, x, y = (np.bincount(cell, weight * v, WIDE_CELLS) for v in (np.ones(len(phase)), within, radius))
+        xx, xy = (np.bincount(cell, weight * within * v, WIDE_CELLS) for v in (within, radius))
+        n = np.maximum(n, 1.0)
+        slope = (xy - x * y / n) / np.maximum(xx - x**2 / n, 1e-9)
+        left = radius - (y / n)[cell] - slope[cell] * (within - (x / n)[cell])
+        freedom = max(float(kept.sum()) - 2 * float(np.count_nonzero(n > 2)), 1.0)
+        spread = float(np.sqrt(np.sum(np.square(left[kept])) / freedom))
+        kept = np.abs(left) < OUTLIER * spread
+    return spread, kept
