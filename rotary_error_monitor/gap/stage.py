@@ -142,21 +142,17 @@ class StageProblem:
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows of one standard uncertainty of each uncertain parameter.
 
-        They are made again only for streams that one of the causes rescales: beside others they are the same.
+        They are made again for streams that one of the causes moves: where a head stands matters more beside a large
+        graduation error, say. For others they are kept.
         """
         return self.own_nuisance(causes)
 
     def own_nuisance(self, causes: Sequence[Cause]) -> Rows:
         """The same as rows that are kept."""
-        rescaled = {
-            kind
-            for cause in causes
-            if isinstance(cause.effect, StageEffect) and cause.effect.rescales
-            for kind in cause.effect.acts_on
-        }
+        moved = {kind for c in causes if isinstance(c.effect, StageEffect) for kind in c.effect.acts_on}
         rows: Rows = {}
         for kind in dict.fromkeys(name.partition("_")[0] for name in self.twin.times):
-            if kind in rescaled:
+            if kind in moved:
                 rows |= self._nuisance_of(kind, causes)
                 continue
             if kind not in self._kept_nuisance:

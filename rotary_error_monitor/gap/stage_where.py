@@ -109,7 +109,23 @@ def _excess(problem: StageProblem, causes: Sequence[Cause]) -> tuple[_Signals, d
         channel = _channel(stream, 0 if axis in ("", "x") else 1)
         found[channel] = (track.rows * noise, noise, problem.twin.state_at(track.time))
         energy[channel] = max(0.0, excess[track.channel])
+    _give_back(energy, [_channel(name, 0) for name in problem.recording.heads])
     return found, energy
+
+
+def _give_back(energy: dict[str, float], heads: Sequence[str]) -> None:
+    """Give the heads what each of them has of its own in the mean of all, which stands against the command.
+
+    Of n heads that differ by chance, n - 1 parts lie in what each has beyond the mean, and one part in the mean itself.
+    """
+    shared, own = _channel(COMMAND, 0), [head for head in heads if head in energy]
+    differing = sum(energy[head] for head in own)
+    if shared not in energy or len(own) < 2 or differing <= 0:
+        return
+    part = min(energy[shared], differing / (len(own) - 1))
+    energy[shared] -= part
+    for head in own:
+        energy[head] *= 1 + part / differing
 
 
 def _cut(state: RotorState, length: int) -> RotorState:

@@ -163,3 +163,30 @@ def test_noise_that_is_larger_than_stated_is_told(stage_problem):
     told = [remark for remark in problem.remarks(problem.residual(())) if "noise is" in remark]
     assert [remark.partition(":")[0] for remark in told] == ["lvdt.x", "lvdt.y"]
     assert all(float(remark.split()[3]) == pytest.approx(1.4, abs=0.03) for remark in told)
+
+
+def test_what_each_head_has_of_its_own_is_not_taken_for_the_rotation(stage_problem):
+    problem, truth = stage_problem(23, "unknown", ["ring_scratch"], snr=(500.0, 600.0))
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.UNKNOWN
+    most = max(truth.snr, key=truth.snr.get)
+    assert diagnosis.where[0].channel.startswith("/stage/head_")
+    assert truth.snr[diagnosis.where[0].channel] > 0.3 * truth.snr[most]
+    assert sum(share.share for share in diagnosis.where) == pytest.approx(1.0)
+
+
+def test_a_lag_of_the_rotor_lies_in_the_rotation(stage_problem):
+    lacking = [effect for effect in EFFECTS if effect.name not in ("following_error", "encoder_latency")]
+    problem, _ = stage_problem(24, "single", ["following_error"], snr=(900.0, 1000.0), stage_effects=lacking)
+    where = problem.where((), problem.residual(()), explained=False)
+    assert where[0].channel == "/stage/command/samples.angle" and where[0].share > 0.9
+
+
+def test_uncertain_parameters_are_seen_beside_the_causes(stage_problem):
+    """Where a head stands hardly matters to a good ring; with a large graduation error it does."""
+    problem, _ = stage_problem(25, "null", rough=True)
+    coarse = Cause(effect("graduation_error"), "order_9", np.array([9.0, 5e-6, -5e-6]))
+    plain, beside = problem.nuisance(()), problem.nuisance((coarse,))
+    assert set(plain) == set(beside)
+    assert np.abs(beside["head_a"] - plain["head_a"]).max() > 0.05
+    np.testing.assert_array_equal(beside["autocollimator.x"], plain["autocollimator.x"])
