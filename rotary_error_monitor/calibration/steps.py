@@ -42,6 +42,16 @@ from rotary_error_monitor.metrology.straightness import combine_runs
 Array = NDArray[np.float64]
 
 MOST_TABLE_ROWS = 101
+TURN = 2 * math.pi
+
+LARGEST_GAP = 1.2
+"""Targets of a rotary axis further apart, rad, do not go all round."""
+
+NEAREST = 1e-4
+"""Least distance of a repeated position from others, rad."""
+
+LEAST_COVERED = 0.9
+"""Share of the travel that targets should cover."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +118,13 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
     name, sign = _own_component(axis)
     forward = sign * figures.forward.mean
     backward = None if figures.backward is None else sign * figures.backward.mean
-    job.file.set_table(name, runs.targets, forward, backward)
+    positions = _over_travel(axis, runs.targets)
+    job.file.set_table(
+        name,
+        positions,
+        _repeated(positions, runs.targets, forward),
+        None if backward is None else _repeated(positions, runs.targets, backward),
+    )
     ways = [figures.forward] if figures.backward is None else [figures.forward, figures.backward]
     uncertainty = max(float((way.spread / np.sqrt(way.count)).max()) for way in ways)
     noted = {"repeatability": figures.forward.repeatability, "accuracy": figures.forward.accuracy}
@@ -123,9 +139,32 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
         }
     job.finish([name], uncertainty, noted)
     remarks = check_standard_test(runs)
+    share = float(np.ptp(positions)) / (axis.travel[1] - axis.travel[0])
+    if share < LEAST_COVERED:
+        remarks += (f"the targets cover {share:.0%} of the travel; beyond them the error of the last one holds",)
     if runs.rotary and job.source.suffix != ".csv":
         remarks += ("told from a tool tip: radial error motions and a displaced axis count into the angle",)
     return PositioningResult(name, runs, figures, outliers, drop_outliers, remarks, uncertainty)
+
+
+def _over_travel(axis: Axis, targets: Array) -> Array:
+    """Positions for the table of an axis: the targets, and those of further turns where it was measured all round."""
+    low, high = axis.travel
+    inside = np.sort(targets % TURN)
+    if axis.kind == "linear" or np.diff(inside, append=inside[0] + TURN).max() > LARGEST_GAP:
+        return targets
+    turns = math.ceil((high - low) / TURN)
+    copies = np.append((targets[:, None] + TURN * np.arange(-turns, turns + 1)).ravel(), axis.travel)
+    beyond = (copies < targets[0] - NEAREST) | (copies > targets[-1] + NEAREST)
+    kept = copies[beyond & (copies >= low) & (copies <= high)]
+    return np.sort(np.concatenate([targets, np.unique(np.round(kept / NEAREST)) * NEAREST]))
+
+
+def _repeated(positions: Array, targets: Array, errors: Array) -> Array:
+    """Errors at positions: as measured within the targets, and beyond them the same in every turn."""
+    measured = np.interp(positions, targets, errors)
+    inside = (positions >= targets[0]) & (positions <= targets[-1])
+    return np.where(inside, measured, np.interp(positions, targets, errors, period=TURN))
 
 
 @dataclass(frozen=True)

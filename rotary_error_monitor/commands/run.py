@@ -42,8 +42,13 @@ def run(arguments: argparse.Namespace) -> int:
     folder = arguments.folder or Path("runs") / datetime.now(UTC).strftime("%Y%m%d_%H%M%S")
     if folder.exists():
         raise InputError(f"--folder {folder} exists already; give a new one, a recording is never overwritten")
-    folder.mkdir(parents=True)
     stage, machine = load_stage(arguments.stage), load_machine(arguments.machine)
+    if machine.monitored is None:
+        raise InputError(
+            f"machine {machine.name} has no monitored axis for the cell's stage; start mock_controller and "
+            "compensation with it instead"
+        )
+    folder.mkdir(parents=True)
     cell = mock_cell.MockCell(
         folder, arguments.duration, arguments.machine, arguments.stage, arguments.seed, arguments.rate
     )

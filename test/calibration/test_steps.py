@@ -96,6 +96,46 @@ def test_positioning_of_a_rotary_axis(tmp_path: Path, machine: Path, capsys: pyt
     assert load_machine(machine) == load_machine("pan2013")
 
 
+@pytest.mark.parametrize("targets", [range(0, 360, 45), range(0, 361, 45), range(-150, 181, 30)])
+def test_a_rotary_axis_measured_all_round_repeats_itself(tmp_path: Path, targets: range) -> None:
+    """One turn of targets, two turns of travel to either side: the same error in every turn."""
+    machine, source = tmp_path / "machine.yaml", tmp_path / "c.csv"
+    shutil.copy(config("machines/xyzac_trt.yaml"), machine)
+    lines = ["target_deg,direction,cycle,deviation_arcsec"]
+    for cycle in range(1, 6):
+        for direction, way in ((1, targets), (-1, targets[::-1])):
+            for target in way:
+                lines.append(
+                    f"{target},{direction},{cycle},{5 * math.sin(math.radians(target)) - direction + cycle % 2}"
+                )
+    source.write_text("\n".join(lines), encoding="utf-8")
+    assert run("positioning", source, "--machine", machine, "--axis", "C") == 0
+    table = load_machine(machine).errors["ECC"].table
+    assert table is not None
+    assert table.positions[0] == pytest.approx(-2 * math.pi, abs=1e-4)
+    assert table.positions[-1] == pytest.approx(2 * math.pi, abs=1e-4)
+    arcsec = math.radians(1 / 3600)
+    for turn in (-360, 0, 360):
+        for target in targets:
+            if abs(target + turn) <= 359:
+                at = math.radians(target + turn)
+                forward = np.interp(at, table.positions, table.forward)
+                assert forward == pytest.approx((5 * math.sin(at) - 1 + 0.6) * arcsec, abs=1e-3 * arcsec)
+                backward = np.interp(at, table.positions, table.backward)
+                assert backward - forward == pytest.approx(2 * arcsec, abs=1e-3 * arcsec)
+
+
+def test_targets_over_a_part_of_the_travel_are_told(
+    tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = ["target_mm,direction,cycle,deviation_um"]
+    lines += [f"{target},1,{cycle},{cycle}" for cycle in (1, 2) for target in (-1500, 0, 1500)]
+    source = tmp_path / "x.csv"
+    source.write_text("\n".join(lines), encoding="utf-8")
+    assert run("positioning", source, "--machine", machine, "--axis", "X") == 0
+    assert "note: the targets cover 50% of the travel" in capsys.readouterr().out
+
+
 def test_startup_outlier_is_named_and_counted(
     tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

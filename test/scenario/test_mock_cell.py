@@ -94,6 +94,7 @@ def test_a_figure_out_of_its_bound_is_said():
         (["--duration", "2"], "--duration is 2.0 s; 9.0 s are needed"),
         (["--folder", "."], "--folder . exists already"),
         (["--machine", "no_such"], "no machine 'no_such'"),
+        (["--machine", "grinder_zhou2023"], "machine grinder_zhou2023 has no monitored axis"),
     ],
 )
 def test_wrong_arguments_are_named(arguments, message, capsys):
