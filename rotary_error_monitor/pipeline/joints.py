@@ -95,15 +95,18 @@ class JointTrack:
         index = np.searchsorted(times, wanted, side="right") - 1
         known = index >= 1
         if used_ns is not None and len(times):
+            # One of the tick's own time needs none before it: nothing is extrapolated.
+            known |= (index >= 0) & (used_ns == ticks_ns)
             known &= times[np.clip(index, 0, len(times) - 1)] == used_ns
         if not known.any():
             zero = np.zeros((len(ticks_ns), axes))
             return AxisPositions(zero, zero, np.zeros(len(ticks_ns)), known)
-        here = np.where(known, index, 1)
-        step = (times[here] - times[here - 1]) * 1e-9
+        here = np.where(known, index, 0)
+        before = np.maximum(here - 1, 0)
+        step = (times[here] - times[before]) * 1e-9
         age = np.asarray((ticks_ns - times[here]) * 1e-9, np.float64)
-        moved = self._moved(values[here, :axes] - values[here - 1, :axes])
-        part = np.where(step <= LONGEST_STEP, age / step, 0.0)
+        moved = self._moved(values[here, :axes] - values[before, :axes])
+        part = np.where((step > 0) & (step <= LONGEST_STEP), age / np.where(step > 0, step, 1.0), 0.0)
         positions: NDArray[np.float64] = values[here, :axes] + moved * part[:, None]
         return AxisPositions(positions, values[here, axes:], age, known)
 

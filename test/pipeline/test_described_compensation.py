@@ -108,6 +108,16 @@ def test_a_replay_repeats_what_was_used_live() -> None:
         assert one.offsets[0].stamp_ns == other.offsets[0].stamp_ns
 
 
+def test_a_bag_that_begins_with_the_first_offset_repeats_it() -> None:
+    """A recorder that came later than the compensation has missed the joint state before."""
+    states = pass_over(-0.4, 0.2)
+    live = [each.offsets[0] for each in run(Compensator(GRINDER), states)[1:]]
+    columns = [(float(block.column("directions")[0]), float(block.column("temperature")[0])) for block in live]
+    used = {stamp: InputsUsed(stamp, *column) for (stamp, _), column in zip(states[1:], columns, strict=True)}
+    again = [each.offsets[0] for each in run(Compensator(GRINDER, decisions=used), states[1:])]
+    np.testing.assert_array_equal([block.rows for block in live], [block.rows for block in again])
+
+
 def test_limits_hold_as_for_any_machine() -> None:
     compensator = Compensator(GRINDER, CompensatorSettings(linear_limits=(1e-6, 2e-6, 1.0)))
     found = [correction for each in run(compensator, pass_over(-0.4)) for correction in each.corrections]
