@@ -15,7 +15,7 @@ from rotary_error_monitor.gap.held_out import OpenProblem, dispersion, predicts
 from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, Share
 from rotary_error_monitor.gap.selection import MOST_CAUSES, Selection, Stage, select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
-from rotary_error_monitor.gap.verdict import Verdict, chance_of_unknown, trusted_causes
+from rotary_error_monitor.gap.verdict import CHANCE_OF_RESEMBLANCE, Verdict, chance_of_unknown, trusted_causes
 
 SCHEMA = 1
 
@@ -131,7 +131,9 @@ def diagnose(
         # Something unknown is there beside the causes, not in their place: it is noise to the choice among them.
         alternatives = weigh_alternatives(problem, stage, 0.0, dispersion(stage.fit))
     else:
-        alternatives = weigh_alternatives(problem, stage, chance_of_unknown(stage.findings))
+        partly = verdict is Verdict.PARTLY_EXPLAINED
+        unknown = CHANCE_OF_RESEMBLANCE if partly else chance_of_unknown(stage.findings)
+        alternatives = weigh_alternatives(problem, stage, unknown)
     gap = measure_gap(stage.fit, problem.conditions, _floor(problem, stage))
     progress("where")
     return Diagnosis(

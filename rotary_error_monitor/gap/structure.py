@@ -23,6 +23,12 @@ LINE_ORDERS = 200
 PLACES = 180
 SECONDS = 0.5
 
+BAND = 64
+"""Neighbouring frequencies from which the level of noise is told."""
+
+HIGHEST_LEVEL = 4.0
+"""Times white noise up to which a broad band is taken for coloured noise; above it is structure."""
+
 PIECE = 2**15
 """Rows that are compared with all waves at once: more only take memory."""
 
@@ -127,17 +133,31 @@ def _line(track: Track) -> Finding:
 
 
 def _frequency(track: Track) -> Finding:
-    """One frequency, whatever the speed."""
+    """One frequency, whatever the speed.
+
+    It must stand out of the frequencies around it: at constant speed rounding repeats itself, and jitter smears that
+    into a broad band that is noise.
+    """
     period = float(np.median(np.diff(track.time)))
     index = np.rint((track.time - track.time[0]) / period).astype(np.intp)
     even = np.bincount(index, track.rows)
     power = 2 * np.abs(np.fft.rfft(even)[1:]) ** 2 / len(track.rows)
+    power /= np.clip(_level_around(power), 1.0, HIGHEST_LEVEL)
     best = int(np.argmax(power))
     frequency = (best + 1) / (len(even) * period)
     log_chance = _log_any(-float(power[best]) / 2, len(power))
     return Finding(
         track.channel, "frequency", log_chance, max(0.0, float(power[best]) - 2), f"time: line at {frequency:.2f} Hz"
     )
+
+
+def _level_around(power: Array) -> Array:
+    """Level of a spectrum of squares with two degrees of freedom around each frequency, 1 for white noise."""
+    whole = len(power) // BAND * BAND
+    if whole == 0:
+        return np.ones(len(power))
+    levels = np.median(power[:whole].reshape(-1, BAND), axis=1) / (2 * np.log(2.0))
+    return np.asarray(np.concatenate([np.repeat(levels, BAND), np.full(len(power) - whole, levels[-1])]), np.float64)
 
 
 def _place(track: Track) -> Finding:

@@ -15,6 +15,9 @@ from rotary_error_monitor.gap.selection import Stage
 PRIOR_OF_UNKNOWN = 0.02
 """Chance, before a recording is seen, that something no effect describes is at work beside the known ones."""
 
+CHANCE_OF_RESEMBLANCE = 0.1
+"""Chance that causes which are trusted although something is left are mere resemblances of that."""
+
 OWN_CHANNEL = 0.05
 """A channel that holds this part of a cause's power is the cause's own."""
 

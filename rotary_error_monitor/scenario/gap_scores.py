@@ -29,6 +29,7 @@ class Outcome:
     Attributes:
         effects: names that were at work.
         right: by the rules of the gap cases; for an effect left out of the library right is not to name another.
+        alike: right, or what was at work stands in groups beside what is named instead.
         alarmed: a gap was seen.
         size: how far the smallest fault stands out of noise and of the twin's uncertainty, standard deviations.
         lvdt: whether the LVDT was there; None for a machine.
@@ -43,6 +44,7 @@ class Outcome:
     verdict: str
     named: tuple[Key, ...]
     right: bool
+    alike: bool
     alarmed: bool
     size: float
     lvdt: bool | None
@@ -62,12 +64,15 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
     hits = [key in wanted or _grouped(diagnosis, key, wanted) for key in named]
     probabilities = [float(row["probability"]) for row in diagnosis["causes"]]
     outside = tuple(truth.get("outside", ()))
+    right = _right(plan, diagnosis, sorted(wanted), sorted(named), hits)
+    known = plan.kind in ("single", "pair") and not plan.left_out and len(named) == len(wanted)
     return Outcome(
         plan=plan,
         effects=outside or tuple(effect for effect, _ in wanted),
         verdict=str(diagnosis["verdict"]),
         named=tuple(named),
-        right=_right(plan, diagnosis, sorted(wanted), sorted(named), hits),
+        right=right,
+        alike=right or (known and diagnosis["verdict"] == "explained" and all(hits)),
         alarmed=diagnosis["verdict"] != "no_gap",
         size=min((float(size) for size in truth["sizes"]), default=0.0),
         lvdt=None if plan.family == "machine" else any("/lvdt/" in channel for channel in snr),
@@ -182,6 +187,7 @@ def _by_group(outcomes: Sequence[Outcome]) -> str:
             [
                 name,
                 _share([o.right for o in group if _findable(o)]),
+                _share([o.alike for o in group if _findable(o)]),
                 _share([o.right for o in group if not _findable(o)]),
                 _share(places),
                 f"{np.median(shrinks):.3f}" if shrinks else "-",
@@ -189,7 +195,16 @@ def _by_group(outcomes: Sequence[Outcome]) -> str:
             ]
         )
     return _table(
-        ["kind", "right", "right, too small to be found", "where", "median shrink", "seconds, median / most"], rows
+        [
+            "kind",
+            "right",
+            "or said to be alike",
+            "right, too small to be found",
+            "where",
+            "median shrink",
+            "seconds, median / most",
+        ],
+        rows,
     )
 
 

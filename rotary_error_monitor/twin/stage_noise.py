@@ -3,7 +3,8 @@
 Three kinds of noise, each from what the description says:
 
 * Heads: reading noise and rounding, `noise^2 + resolution^2 / 12`, independent. The rotor's jitter about the command is
-  seen by all heads alike, so what a head has beyond the mean of all heads is free of it: these are the rows
+  seen by all heads alike, so what a head has beyond the mean of all heads is free of it, once each head is taken to the
+  same instant: a head that samples a moment later sees the jitter's rate times that moment. These are the rows
   `/stage/head_i`. What the heads share stands in the rows `/stage/command`, whose noise is the jitter (coloured, its
   spectrum estimated from the recording) plus the mean of the readings' noise.
 * Autocollimator: noise and rounding, plus turbulence: an Ornstein-Uhlenbeck process of known size and correlation time.
@@ -131,6 +132,7 @@ class StageNoise:
         self.spikes = {name: self._find_spikes(name, residual[name], collimator.turbulence) for name in self._sensors}
         self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
         self._turbulence = collimator.turbulence
+        self._late = self._head_times() if self.grid.heads else np.zeros((0, 0))
         self._line_basis: Array | None = None
         self._collimator_whitener = self._collimator_filter()
         self._command_whitener = self._command_filter()
@@ -244,6 +246,7 @@ class StageNoise:
         count = present.sum(axis=1)
         mean = table.sum(axis=1) / np.maximum(count, 1)[:, None]
         table -= mean[:, None, :]
+        table -= self._late[:, :, None] * _rate(mean, count > 1, self.grid.period)[:, None, :]
         table *= (present * (self._weight * (count > 1))[:, None])[:, :, None] / self.std["head"]
         rows = {name: table[:, i] for i, name in enumerate(self.grid.heads)}
         rows[COMMAND] = self._shared_rows(mean)
@@ -274,6 +277,15 @@ class StageNoise:
             found += [slice(start + s.start, start + s.stop) for s in segments_of(kept[start:stop])]
         return found
 
+    def _head_times(self) -> Array:
+        """(m, heads) how much later than the mean of the heads in its row each of them sampled, s; 0 where absent."""
+        present = self._present
+        times = np.zeros(present.shape)
+        for i, name in enumerate(self.grid.heads):
+            times[self.grid.rows[name], i] = self._streams[name].time - self.grid.time[self.grid.rows[name]]
+        mean = np.sum(times * present, axis=1) / np.maximum(present.sum(axis=1), 1)
+        return np.asarray((times - mean[:, None]) * present, np.float64)
+
     def _find_spikes(self, name: str, residual: Array, turbulence: Turbulence | None) -> NDArray[np.bool_]:
         # The median of neighbours follows every effect that is slower than a few samples, however large.
         apart = residual - median_filter(residual, (7, 1), mode="mirror")
@@ -298,6 +310,14 @@ class StageNoise:
     def _command_filter(self) -> Whitener:
         floor = self.command_floor
         return predictor(lambda frequency: self.jitter.density(frequency) + floor, self.grid.period)
+
+
+def _rate(mean: Array, known: NDArray[np.bool_], period: float) -> Array:
+    """(m, p) rate of change of rows (m, p), 0 beside rows that are not known."""
+    rate = np.zeros_like(mean)
+    inner = known[2:] & known[:-2]
+    rate[1:-1] = (mean[2:] - mean[:-2]) * (inner / (2 * period))[:, None]
+    return rate
 
 
 def _input_gaps(recording: StageRecording) -> Array:
