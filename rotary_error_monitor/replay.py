@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.bags.messages import JointState, Temperature
+from rotary_error_monitor.bags.contents import JointState, Temperature
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription

@@ -81,7 +81,7 @@ def test_a_node_runs_as_shown(command, tmp_path, monkeypatch):
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     """A recording of the mock cell's signals, made without starting it."""
-    from rotary_error_monitor.bags.messages import JointState
+    from rotary_error_monitor.bags.contents import JointState
     from rotary_error_monitor.description.machine import load_machine
     from rotary_error_monitor.description.stage import load_stage
     from rotary_error_monitor.sources.mock import MockSettings, mock_stage

@@ -15,7 +15,7 @@ from rosbags.typesys.store import Typestore
 from rosbags.typesys.stores import ros2_jazzy as ros
 
 from rotary_error_monitor.bags.cdr_blocks import encode_block
-from rotary_error_monitor.bags.messages import (
+from rotary_error_monitor.bags.contents import (
     TYPES,
     Array,
     Content,

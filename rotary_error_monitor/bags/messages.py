@@ -1,73 +1,13 @@
-"""Messages as they lie in a bag (CDR bytes), and what they hold as frozen dataclasses."""
+"""Messages as they lie in a bag: CDR bytes, and what they hold."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, Content
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class JointState:
-    """Axes by name; `position`, `velocity`, `effort` (n,) in m or rad and per s, each empty where it is not given."""
-
-    stamp_ns: int
-    names: tuple[str, ...]
-    position: Array
-    velocity: Array
-    effort: Array
-    frame: str = ""
-
-
-@dataclass(frozen=True)
-class PointStamped:
-    """A point (3,) in m."""
-
-    stamp_ns: int
-    point: Array
-    frame: str = ""
-
-
-@dataclass(frozen=True)
-class Temperature:
-    """Temperature in °C and its variance in K^2, 0 where unknown."""
-
-    stamp_ns: int
-    temperature: float
-    variance: float = 0.0
-    frame: str = ""
-
-
-@dataclass(frozen=True)
-class PoseWithCovariance:
-    """Position (3,) in m, orientation as quaternion x y z w (4,), covariance (6, 6) of position and rotation."""
-
-    stamp_ns: int
-    position: Array
-    orientation: Array
-    covariance: Array
-    frame: str = ""
-
-
-Content = SampleBlock | JointState | PointStamped | Temperature | PoseWithCovariance
-
-TYPES: Mapping[type, str] = {
-    SampleBlock: "sensor_msgs/msg/PointCloud2",
-    JointState: "sensor_msgs/msg/JointState",
-    PointStamped: "geometry_msgs/msg/PointStamped",
-    Temperature: "sensor_msgs/msg/Temperature",
-    PoseWithCovariance: "geometry_msgs/msg/PoseWithCovarianceStamped",
-}
-SAMPLE_BLOCK = TYPES[SampleBlock]
+from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 
 def stamp_of(data: bytes | memoryview) -> int:

@@ -13,7 +13,8 @@ import numpy as np
 from mcap.records import Channel, Schema
 from rosbags.rosbag2 import Reader, ReaderError
 
-from rotary_error_monitor.bags.messages import SAMPLE_BLOCK, TYPES, Content, Decoder, stamp_of
+from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, Content
+from rotary_error_monitor.bags.messages import Decoder, stamp_of
 from rotary_error_monitor.bags.torn import TornFile
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import SampleBlock

@@ -12,7 +12,8 @@ from typing import Protocol, Self
 
 from mcap.writer import CompressionType, Writer
 
-from rotary_error_monitor.bags.messages import TYPES, Content, encode
+from rotary_error_monitor.bags.contents import TYPES, Content
+from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.metadata import (
     FileEntry,
     TopicEntry,

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.bags.messages import Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.bags.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.calibration.csv_tables import Column, Table, read_table
 from rotary_error_monitor.calibration.identification import ProbedPoses

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from rotary_error_monitor.bags.messages import Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.bags.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.mount import MountDescription, load_mount

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 
-from rotary_error_monitor.bags.messages import JointState, PointStamped, Temperature
+from rotary_error_monitor.bags.contents import JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.description.machine import MachineDescription, machine_from_mapping
 from rotary_error_monitor.errors import InputError

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.bags.messages import Decoder, JointState
+from rotary_error_monitor.bags.contents import JointState
+from rotary_error_monitor.bags.messages import Decoder
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription

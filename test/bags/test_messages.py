@@ -13,7 +13,8 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores import ros2_jazzy as ros
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
-from rotary_error_monitor.bags.messages import TYPES, Content, Decoder, JointState, encode, stamp_of
+from rotary_error_monitor.bags.contents import TYPES, Content, JointState
+from rotary_error_monitor.bags.messages import Decoder, encode, stamp_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 

@@ -13,7 +13,8 @@ from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from rotary_error_monitor.bags.messages import TYPES, Content, Temperature, encode
+from rotary_error_monitor.bags.contents import TYPES, Content, Temperature
+from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.metadata import type_definition
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, write_messages

@@ -12,7 +12,8 @@ from mcap.opcode import Opcode
 from mcap.records import Channel
 from mcap.writer import CompressionType, Writer
 
-from rotary_error_monitor.bags.messages import TYPES, Content, Temperature, encode
+from rotary_error_monitor.bags.contents import TYPES, Content, Temperature
+from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.metadata import channel_profiles, type_definition
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover

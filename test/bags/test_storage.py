@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from rotary_error_monitor.bags.messages import TYPES, Temperature, encode
+from rotary_error_monitor.bags.contents import TYPES, Temperature
+from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.storage import RecordFile, Reserve
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError

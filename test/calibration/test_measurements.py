@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rotary_error_monitor.bags.messages import Content, JointState, PointStamped
+from rotary_error_monitor.bags.contents import Content, JointState, PointStamped
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.calibration.measurements import (
     JOINT_STATES,

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from rotary_error_monitor.bags.messages import Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.bags.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.calibration.measurements import JOINT_STATES, TEMPERATURE, TOOL_PROBE
 from rotary_error_monitor.calibration.parameters import apply_parameters, list_parameters
