@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.contents import JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.writer import write_messages
@@ -104,7 +105,8 @@ def plan_cases(seed: int, count: int, families: Sequence[Family], rough: Sequenc
                     continue
                 own = draw.permutation(known)
                 for i in range(max(1, round(share * count))):
-                    named = (str(own[i % len(own)]),) if kind == "single" else None
+                    named = _effects_of(kind, i, own, draw)
+                    left_out = (*named, *STAND_INS.get(named[0], ())) if group == "left out" and named else ()
                     rows.append(
                         {
                             "family": family,
@@ -113,12 +115,27 @@ def plan_cases(seed: int, count: int, families: Sequence[Family], rough: Sequenc
                             "rough": harsh,
                             "effects": named,
                             "snr": WEAK if group == "weak" else None,
-                            "left_out": (*named, *STAND_INS.get(named[0], ())) if group == "left out" and named else (),
+                            "left_out": left_out,
                         }
                     )
     order = draw.permutation(len(rows))
     seeds = draw.integers(1, 2**31, len(rows))
     return tuple(CasePlan(i, int(seeds[i]), **rows[int(place)]) for i, place in enumerate(order))
+
+
+def _effects_of(kind: Kind, number: int, known: NDArray[np.str_], draw: np.random.Generator) -> tuple[str, ...] | None:
+    """Effects of the case with that number of its kind; None where there is nothing to choose.
+
+    A pair of stand-ins for one another is one effect to any recording: such pairs are drawn again.
+    """
+    if kind == "single":
+        return (str(known[number % len(known)]),)
+    if kind != "pair":
+        return None
+    while True:
+        first, second = (str(name) for name in draw.choice(known, 2, replace=False))
+        if second not in STAND_INS.get(first, ()) and first not in STAND_INS.get(second, ()):
+            return first, second
 
 
 def make_case(plan: CasePlan) -> StageCase | MachineCase:

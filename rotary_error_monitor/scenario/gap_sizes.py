@@ -6,7 +6,7 @@ of one standard uncertainty of each parameter, both over the noise, what stands 
     size^2 = y' (1 + N N')^-1 y
 
 the square of the distance, in standard deviations, between the recording with the fault and any that the twin allows.
-All signals are the plant's. The rotor's jitter is not counted as noise here.
+What all heads see alike must stand out of the jitter of the rotor as well, at each frequency. All signals are the plant's.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.plant.cases import TRACKER_NOISE, MachineCase, StageCase
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant
-from rotary_error_monitor.plant.stage import Fault, StagePlant
+from rotary_error_monitor.plant.stage import HEAD, Fault, StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.machine import uncertain_shifts
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 
 EVERY = 50
 """Every so many samples of a stage are looked at; the squares are scaled up."""
+
+JITTER_BAND = 20.0
+"""Frequency, Hz, up to which the rotor jitters, as the page of the stage says."""
 
 _INPUTS = ("command", "force", "temperature")
 
@@ -55,24 +58,51 @@ def _stage_sizes(case: StageCase, duration: float) -> list[float]:
         measure(replace(plain, description=p.shifted(plain.description, p.uncertainty))) - base
         for p in uncertain_parameters(case.twin)
     ]
-    faults = [fault for fault in case.truth.faults if isinstance(fault, Fault)]
-    return [_size(measure(replace(plain, faults=(fault,))) - base, allowed) for fault in faults]
+    sizes = []
+    for fault in case.truth.faults:
+        if isinstance(fault, Fault):
+            faulty = replace(plain, faults=(fault,))
+            sizes.append(float(np.hypot(_size(measure(faulty) - base, allowed), _shared_size(plain, faulty, duration))))
+    return sizes
+
+
+def _shared_size(plain: StagePlant, faulty: StagePlant, duration: float) -> float:
+    """Size of what all heads see alike, over the mean of their noise and the jitter."""
+    heads = [stream for stream in plain.streams if stream.startswith(HEAD)]
+    time = _times_of(plain, heads[0], duration)
+    period = float(np.ptp(time)) / (len(time) - 1)
+    moved = np.mean([faulty.signal(head, time)[:, 0] - plain.signal(head, time)[:, 0] for head in heads], axis=0)
+    power = 2 * np.square(np.abs(np.fft.rfft(moved))) / len(time)
+    power[0] /= 2
+    frequency = np.fft.rfftfreq(len(time), period)
+    floor = 2 * period * _noise_of(plain.stage, heads[0]) ** 2 / len(heads)
+    density = floor + np.where(frequency < JITTER_BAND, plain.jitter**2 / JITTER_BAND, 0.0)
+    return float(np.sqrt(np.sum(power * 2 * period / density)))
 
 
 def _measure_of(plain: StagePlant, duration: float) -> Callable[[StagePlant], Array]:
-    """Function that gives a plant's signals, without noise, over the noise, one sensor after the other."""
-    times, noise = {}, {}
-    for stream in plain.streams:
-        if stream not in _INPUTS:
-            clock = plain.clocks[stream]
-            stamps = clock.times_ns(0, clock.index_at(round(duration * NANOSECONDS)))[::EVERY]
-            times[stream], noise[stream] = np.asarray(stamps * 1e-9, np.float64), _noise_of(plain.stage, stream)
+    """Function that gives a plant's signals, without noise, over the noise, one sensor after the other.
+
+    Of the heads it gives what each has beyond their mean.
+    """
+    sensors = [stream for stream in plain.streams if stream not in _INPUTS]
+    times = {stream: _times_of(plain, stream, duration)[::EVERY] for stream in sensors}
+    noise = {stream: _noise_of(plain.stage, stream) for stream in sensors}
+    heads = [stream for stream in sensors if stream.startswith(HEAD)]
 
     def measure(plant: StagePlant) -> Array:
-        parts = [plant.signal(stream, time).ravel() / noise[stream] for stream, time in times.items()]
+        read = np.stack([plant.signal(head, times[heads[0]])[:, 0] for head in heads])
+        parts = [((read - read.mean(axis=0)) / noise[heads[0]]).ravel()]
+        parts += [plant.signal(s, times[s]).ravel() / noise[s] for s in sensors if s not in heads]
         return np.asarray(np.sqrt(EVERY) * np.concatenate(parts), np.float64)
 
     return measure
+
+
+def _times_of(plant: StagePlant, stream: str, duration: float) -> Array:
+    clock = plant.clocks[stream]
+    stamps = clock.times_ns(0, clock.index_at(round(duration * NANOSECONDS)))
+    return np.asarray(stamps * 1e-9, np.float64)
 
 
 def _noise_of(stage: StageDescription, stream: str) -> float:
