@@ -50,9 +50,9 @@ class ForkFlexure(MountEffect):
 
     def turn(self, values: Values, location: str, state: PointingState) -> Array:
         """About the declination axis, by the part of the weight across the fork."""
-        outward = cross(state.declination, state.polar)
-        # The fork lies along the hour axis: gravity across it, in its own plane, bends both arms about their bearings.
-        return np.asarray(values[0] * dot(outward, state.upward) * state.declination, np.float64)
+        # Gravity along both axes is borne; what is left, across their plane, bends the fork's arms about the bearings.
+        across = cross(state.polar, state.declination)
+        return np.asarray(values[0] * dot(across, state.upward) * state.declination, np.float64)
 
 
 class SettlingGround(MountEffect):

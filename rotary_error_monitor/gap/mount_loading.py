@@ -71,6 +71,16 @@ def parse_pointings(text: str, origin: str) -> MountRecording:
     return _recording(np.array(rows), float(latitude), site)
 
 
+def _without_jumps(angles: Array) -> Array:
+    """Angles cut where none stands for longest: no axis goes through the place where its cables end."""
+    turned = np.mod(angles, 2 * np.pi)
+    rising = np.sort(turned)
+    gaps = np.diff(rising, append=rising[0] + 2 * np.pi)
+    cut = rising[int(np.argmax(gaps))]
+    found = np.where(turned > cut, turned - 2 * np.pi, turned)
+    return np.asarray(found - 2 * np.pi * np.round(np.mean(found) / (2 * np.pi)), np.float64)
+
+
 def _check_option(words: Sequence[str], place: str) -> None:
     if words and words[0].startswith(":") and words[0].upper() not in _SUPPORTED:
         raise InputError(
@@ -91,11 +101,7 @@ def _recording(rows: Array, latitude: float, site: Sequence[float]) -> MountReco
     ascension, star, read, declination, sidereal = rows.T
     sidereal = np.unwrap(sidereal, period=24.0)
     readings = np.radians(np.stack([15 * (sidereal - read), declination], axis=1))
-    # The travel of an axis is half a turn or so: it is cut where no mount stands, half a turn from its middle.
-    for column in readings.T:
-        middle = np.angle(np.mean(np.exp(1j * column)))
-        column[:] = middle + np.mod(column - middle + np.pi, 2 * np.pi) - np.pi
-    readings -= 2 * np.pi * np.round(np.mean(readings, axis=0) / (2 * np.pi))
+    readings = np.stack([_without_jumps(column) for column in readings.T], axis=1)
     moved = np.diff(readings, axis=0, prepend=readings[:1])
     stars = np.radians(np.stack([15 * (sidereal - ascension), star], axis=1))
     weather = Weather(temperature=site[6], pressure=site[7], humidity=site[9], wavelength=site[10])

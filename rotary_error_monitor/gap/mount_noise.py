@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 Array = NDArray[np.float64]
 
 NEIGHBOURS = 12
-OUTLIER = 5.0
+OUTLIER = 8.0
 MOST_OUTLIERS = 0.05
 
 _MAD = 1.4826
@@ -39,7 +39,7 @@ def neighbourhood(places: Array) -> tuple[NDArray[np.intp], Array]:
 def estimate_repeatability(errors: Array, places: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Standard deviations (k,) of components of errors (n, k) that neighbours do not share, and (n,) no outlier.
 
-    A place further from its neighbours than 5 standard deviations is an outlier, at most one in twenty of them.
+    A place further from its neighbours than 8 standard deviations is an outlier, at most one in twenty of them.
     """
     neighbours, weights = neighbourhood(places)
     kept = np.ones(len(errors), bool)

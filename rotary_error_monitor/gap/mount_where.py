@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.chances import log_chi_square_tail
@@ -167,7 +168,7 @@ def mount_figures(problem: MountProblem, causes: Sequence[Cause]) -> Mapping[str
     }
     if causes:
         found["held_out_causes_arcsec"] = _held_out(problem, alone + columns[:, 6:] @ sizes, columns)
-    found["noise_arcsec"] = float(np.hypot(*problem.std)) * ARCSEC
+    found["noise_arcsec"] = float(np.hypot(*problem.std) * ARCSEC)
     names = ("hour_index", "declination_index", "orthogonality", "collimation", "polar_tilt_x", "polar_tilt_y")
     angles = np.array(problem.geometry(causes).as_tuple()) * ARCSEC
     return found | {f"{name}_arcsec": float(angle) for name, angle in zip(names, angles, strict=True)}
@@ -238,20 +239,19 @@ def _with(recording: MountRecording, readings: Array, direction: Array, time: Ar
 
 
 def _distance(problem: MountProblem, first: Cause, rival: Cause, planned: MountRecording) -> float:
-    """Standard deviations between the first cause as sized and the nearest that rival and geometry can do."""
+    """Standard deviations between the first cause as sized and the nearest that rival and geometry can do.
+
+    Exact in all rotations: products of a large effect and the geometry must not pass for a difference.
+    """
     twin = MountTwin(problem.mount, planned, problem.known)
-    geometry = problem.geometry((first,))
-    base = twin.error(geometry)
+    geometry, linear = problem.geometry((first,)), rival.effect.indices(Role.LINEAR)
+    wanted, sizes = twin.error(geometry, (first,)), rival.effect.scales()[linear]
 
-    def shown(change: Array) -> Array:
-        return np.asarray((change / problem.std[:, None]).ravel(), np.float64)
-
-    columns = [shown(twin.error(geometry.plus(tuple(1e-6 * step))) - base) for step in np.eye(6)]
-    for index in rival.effect.indices(Role.LINEAR):
+    def misfit(moved: Array) -> Array:
         values = rival.values.copy()
-        values[index] += 0.01 * rival.effect.scales()[index]
-        columns.append(shown(twin.error(geometry, (rival.with_values(values),)) - base))
-    table, wanted = np.stack(columns, axis=1), shown(twin.error(geometry, (first,)) - base)
-    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    fitted, *_ = np.linalg.lstsq(table, wanted, rcond=None)
-    return float(np.linalg.norm(wanted - table @ fitted))
+        values[linear] += moved[6:] * sizes
+        made = twin.error(geometry.plus(tuple(1e-3 * moved[:6])), (rival.with_values(values),))
+        return np.asarray(((made - wanted) / problem.std[:, None]).ravel(), np.float64)
+
+    found = least_squares(misfit, np.zeros(6 + len(linear)), method="lm", x_scale="jac")
+    return float(np.sqrt(2 * found.cost))
