@@ -18,7 +18,7 @@ from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSetting
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 NAME = "error_estimator"
-_HUMAN_PERIOD = 20_000_000
+_HUMAN_PERIOD = 50_000_000
 _DEFAULTS = EstimatorSettings()
 _CATCH_UP = 10
 

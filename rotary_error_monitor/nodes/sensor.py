@@ -20,7 +20,7 @@ MOCK_SETTINGS = cell_settings("block_period", "mock.")
 RATE = Setting("rate", 0.0, "samples a second of the mock source; 0.0 for the instrument's usual rate", (0.0, 1e6))
 
 _LONGEST_CATCH_UP = NANOSECONDS
-_HUMAN_PERIOD = 20_000_000
+_HUMAN_PERIOD = 50_000_000
 _LATE_PERIODS = 4.0
 _STALE_AFTER = 0.5
 

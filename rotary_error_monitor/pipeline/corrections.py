@@ -37,7 +37,7 @@ class CorrectionSettings:
     """
 
     correction_period_ns: int = 10_000_000
-    report_period_ns: int = 20_000_000
+    report_period_ns: int = 50_000_000
     least_reach: float = 0.1
     linear_limits: tuple[float, float, float] = (1e-4, 5e-4, 2e-3)
     rotary_limits: tuple[float, float, float] = (5e-4, 2e-3, 2e-2)
