@@ -32,6 +32,7 @@ from rotary_error_monitor.metrology.splicing import Mirror
 from rotary_error_monitor.metrology.tracker import TrackerNoise
 
 NOT_GOOD = 10
+MACHINE_HELP = "the file to calibrate; the parameters of a twin become a tree of bodies"
 Subparsers = argparse._SubParsersAction  # the type that argparse gives has no public name
 
 
@@ -61,7 +62,7 @@ def _step(
     parser.add_argument(
         "source", type=Path, metavar="MEASUREMENTS", help="CSV file; a bag as well where poses are read"
     )
-    parser.add_argument("--machine", type=Path, required=True, metavar="MACHINE.yaml", help="the file to calibrate")
+    parser.add_argument("--machine", type=Path, required=True, metavar="MACHINE.yaml", help=MACHINE_HELP)
     parser.add_argument("-o", "--output", type=Path, help="write here instead of changing MACHINE.yaml")
     parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
     parser.set_defaults(run=run)
