@@ -98,14 +98,21 @@ def stack(problem: Problem, data: Rows, columns: Sequence[Columns], leading: Blo
         for channel, values in data.items():
             extent = conditions.extent(channel, len(values), stretch)
             acting = [i for i, rows in enumerate(made) if channel in rows]
-            index = np.concatenate([np.arange(places[i], places[i + 1]) for i in acting] or [np.zeros(0, np.intp)])
-            table = np.concatenate([made[i][channel] for i in acting] + [values[extent]], axis=1)
-            known = int(np.count_nonzero(index < done))
+            known = [i for i in acting if places[i] < done]
+            new = [i for i in acting if places[i] >= done]
+            index = np.concatenate([np.arange(places[i], places[i + 1]) for i in new] or [np.zeros(0, np.intp)])
+            table = np.concatenate([made[i][channel] for i in new] + [values[extent]], axis=1)
             expected = problem.expected(channel)
             for block, part in conditions.pieces(channel, problem.times(channel), stretch):
-                rows = table[part.start - extent.start : part.stop - extent.start]
-                product = rows.T @ rows[:, known:]
-                gram[block][np.ix_(index, index[known:])] += product[:-1, :-1]
+                inner = slice(part.start - extent.start, part.stop - extent.start)
+                rows = table[inner]
+                for i in known:
+                    own = slice(places[i], places[i + 1])
+                    product = made[i][channel][inner].T @ rows
+                    gram[block][own, index] += product[:, :-1]
+                    moment[block][own] += product[:, -1]
+                product = rows.T @ rows
+                gram[block][np.ix_(index, index)] += product[:-1, :-1]
                 moment[block][index] += product[:-1, -1]
                 power[block] += product[-1, -1]
                 count[block] += float(expected[part].sum())

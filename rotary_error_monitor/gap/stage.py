@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,9 @@ class StageProblem:
         inputs: what drove the stage, where the recording is a stretch of a longer one.
     """
 
+    keeps_signatures: ClassVar[bool] = True
+    """Whether signatures of effects without size are kept, which takes most of the memory."""
+
     def __init__(
         self,
         stage: StageDescription,
@@ -85,6 +89,7 @@ class StageProblem:
         self.noise.with_jitter(*self._estimate_jitter(raw))
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
         self._kept_nuisance: dict[str, Rows] = {}
+        self._kept_signatures: dict[tuple[str, str, bytes, tuple[int, ...]], tuple[Rows, Array | None]] = {}
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -124,7 +129,23 @@ class StageProblem:
         return self.own_signature(cause, indices, others)
 
     def own_signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause]) -> Rows:
-        """The same as rows that are kept."""
+        """The same as rows that are kept.
+
+        Those of effects without size are wanted again when the jitter is known better, which changes one channel.
+        """
+        key = (*cause.key, cause.values.tobytes(), tuple(indices))
+        idle = not others and not np.any(cause.values[cause.effect.indices(Role.LINEAR)])
+        if idle and key in self._kept_signatures:
+            return self._kept_signatures[key][0]
+        stacked = self._derivatives(cause, indices, others)
+        rows = self._white(stacked)
+        if idle and self.keeps_signatures:
+            shared = self.noise.shared(stacked)[0] if COMMAND in rows else None
+            self._kept_signatures[key] = rows, shared
+        return rows
+
+    def _derivatives(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause]) -> Signals:
+        """Derivatives (n, k, len(indices)) of the signals that the cause moves."""
         effect = cause.effect
         assert isinstance(effect, StageEffect)
         streams = [name for name in self.twin.times if effect.touches(cause.location, name)]
@@ -137,7 +158,7 @@ class StageProblem:
             moved = self.twin.predict((*others, cause.with_values(values)), streams)
             for name in streams:
                 columns[name].append((moved[name] - base[name]) / step)
-        return self._white_columns(columns)
+        return {name: np.stack(parts, axis=2) for name, parts in columns.items()}
 
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows of one standard uncertainty of each uncertain parameter.
@@ -176,7 +197,8 @@ class StageProblem:
         columns = {name: [signals[name] - base[name] for signals in moved] for name in streams}
         width = len(self._uncertain) + len(self._warmings)
         found: Rows = {}
-        for channel, rows in self._white_columns(columns).items():
+        stacked = {name: np.stack(parts, axis=2) for name, parts in columns.items()}
+        for channel, rows in self._white(stacked).items():
             found[channel] = np.zeros((len(rows), width))
             found[channel][:, acting] = rows
         return found
@@ -226,6 +248,9 @@ class StageProblem:
         self.noise.with_jitter(jitter, lines)
         self._expected = {}
         self._kept_nuisance.pop(HEAD, None)
+        for key, (rows, shared) in self._kept_signatures.items():
+            if shared is not None:
+                self._kept_signatures[key] = {**rows, COMMAND: self.noise.command_rows(shared)}, shared
         return True
 
     def check_plausible(self) -> None:
@@ -293,8 +318,7 @@ class StageProblem:
             self._kept_prediction = (key, self.twin.predict(sized))
         return {name: self._kept_prediction[1][name] for name in streams}
 
-    def _white_columns(self, columns: Mapping[str, list[Array]]) -> Rows:
-        stacked = {name: np.stack(parts, axis=2) for name, parts in columns.items() if parts}
+    def _white(self, stacked: Signals) -> Rows:
         return {channel: rows for channel, rows in self.noise.whiten(stacked).items() if np.any(rows)}
 
     def _estimate_jitter(self, raw: Signals) -> tuple[Jitter, Array]:

@@ -170,6 +170,8 @@ class LongStageProblem(StageProblem):
 class _Stretch(StageProblem):
     """One stretch of a long recording; what drives the stage is known from the whole."""
 
+    keeps_signatures = False
+
     @property
     def nuisances(self) -> int:
         """Number of uncertain parameters."""

@@ -6,7 +6,8 @@ of one standard uncertainty of each parameter, both over the noise, what stands 
     size^2 = y' (1 + N N')^-1 y
 
 the square of the distance, in standard deviations, between the recording with the fault and any that the twin allows.
-What all heads see alike must stand out of the jitter of the rotor as well, at each frequency. All signals are the plant's.
+What all heads see alike must stand out of the rotor's jitter as well, at each frequency. All signals are those of the
+plant.
 """
 
 from __future__ import annotations

@@ -156,6 +156,11 @@ class StageNoise:
         size = np.abs(np.diag(triangle))
         return np.asarray(basis[:, size > 1e-8 * float(size.max())], np.float64)
 
+    def command_rows(self, mean: Array) -> Array:
+        """White rows (m, p) of the command's channel from what the heads share (m, p), as `shared` gives it."""
+        rows = self._shared_rows(mean)
+        return rows if self._line_basis is None else rows - self._line_basis @ (self._line_basis.T @ rows)
+
     def _shared_rows(self, mean: Array) -> Array:
         """Whitened rows (m, p) of what the heads share (m, p)."""
         enough = segments_of(self._present.sum(axis=1) * 2 >= len(self.grid.heads))
@@ -249,9 +254,7 @@ class StageNoise:
         table -= self._late[:, :, None] * _rate(mean, count > 1, self.grid.period)[:, None, :]
         table *= (present * (self._weight * (count > 1))[:, None])[:, :, None] / self.std["head"]
         rows = {name: table[:, i] for i, name in enumerate(self.grid.heads)}
-        rows[COMMAND] = self._shared_rows(mean)
-        if self._line_basis is not None:
-            rows[COMMAND] = rows[COMMAND] - self._line_basis @ (self._line_basis.T @ rows[COMMAND])
+        rows[COMMAND] = self.command_rows(mean)
         return rows
 
     def _sensor(self, name: str, values: Array) -> dict[str, Array]:
