@@ -12,7 +12,8 @@ from tqdm import tqdm
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
-from rotary_error_monitor.gap.loading import improved_twin, load_problem, load_twin
+from rotary_error_monitor.gap.loading import TwinFile, improved_twin, load_problem, load_twin
+from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.selection import MOST_CAUSES
 from rotary_error_monitor.gap.sentences import verdict_sentence
 
@@ -71,21 +72,28 @@ def run(arguments: argparse.Namespace) -> int:
         twin = load_twin(arguments.twin, arguments.effects)
         problem = load_problem(arguments.bag, twin)
         diagnosis = diagnose(problem, arguments.false_alarms, arguments.most_causes, progress)
-        arguments.output.mkdir(parents=True, exist_ok=True)
-        write_json(diagnosis, arguments.output / "diagnosis.json")
-        if not arguments.no_report:
-            progress("report")
-            # The drawing library takes as long to load as a diagnosis of a machine takes.
-            from rotary_error_monitor.report.diagnosis import write_report
-
-            write_report(problem, diagnosis, arguments.output, title=f"{arguments.bag} beside {arguments.twin}")
-    if arguments.write_twin is not None and diagnosis.causes:
-        content = improved_twin(twin, [found.cause for found in diagnosis.causes])
-        arguments.write_twin.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+        progress("writing")
+        _write(arguments, twin, problem, diagnosis)
     print(verdict_sentence(diagnosis))
     for remark in diagnosis.remarks:
         print(f"note: {remark}", file=sys.stderr)
     return diagnosis.verdict.exit_code
+
+
+def _write(arguments: argparse.Namespace, twin: TwinFile, problem: DiagnosableProblem, diagnosis: Diagnosis) -> None:
+    try:
+        arguments.output.mkdir(parents=True, exist_ok=True)
+        write_json(diagnosis, arguments.output / "diagnosis.json")
+        if not arguments.no_report:
+            # The drawing library takes as long to load as a diagnosis of a machine takes.
+            from rotary_error_monitor.report.diagnosis import write_report
+
+            write_report(problem, diagnosis, arguments.output, title=f"{arguments.bag} beside {arguments.twin}")
+        if arguments.write_twin is not None and diagnosis.causes:
+            content = improved_twin(twin, [found.cause for found in diagnosis.causes])
+            arguments.write_twin.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{error.filename or arguments.output}: cannot be written: {error.strerror}") from error
 
 
 def write_json(diagnosis: Diagnosis, path: Path) -> None:

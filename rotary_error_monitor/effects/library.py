@@ -18,6 +18,7 @@ from rotary_error_monitor.effects.effect import AnyEffect, Effect
 from rotary_error_monitor.errors import InputError
 
 ENTRY_POINTS = "rotary_error_monitor.effects"
+_OF_USER = f"{ENTRY_POINTS}.of_user."
 
 Kind = TypeVar("Kind", bound=AnyEffect)
 
@@ -30,17 +31,26 @@ def load_effects(kind: type[Kind], files: Sequence[Path] = ()) -> tuple[Kind, ..
         files: Python files of a user, each with effect classes of its own.
 
     Raises:
-        InputError: a file cannot be loaded or holds no effect, or two effects share a name.
+        InputError: a file or a plug-in cannot be loaded, a file holds no effect, an effect has no parameters, or two
+            share a name.
     """
     found: dict[str, Kind] = {}
-    for module in (*_own_modules(), *_plugged_modules()):
+    for module in _own_modules():
         _collect(found, kind, module, module.__name__)
+    for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
+        _collect(found, kind, _plugged_module(entry), _origin(entry))
     for file in files:
         module = _module_of(file)
         if not any(_defined(Effect, module)):
             raise InputError(f"{file}: defines no effect; expected a class with a 'name' derived from {kind.__name__}")
         _collect(found, kind, module, str(file))
     return tuple(found[name] for name in sorted(found))
+
+
+def is_foreign(effect: AnyEffect) -> bool:
+    """Whether an effect is of a plug-in or of a user's file."""
+    module = type(effect).__module__
+    return not module.startswith(f"{room.__name__}.") or module.startswith(_OF_USER)
 
 
 def effect_named(name: str, effects: Iterable[Kind]) -> Kind:
@@ -60,13 +70,23 @@ def _own_modules() -> list[ModuleType]:
     return [importlib.import_module(f"{room.__name__}.{name}") for name in names]
 
 
-def _plugged_modules() -> list[ModuleType]:
-    loaded = [entry.load() for entry in importlib.metadata.entry_points(group=ENTRY_POINTS)]
-    return [item for item in loaded if isinstance(item, ModuleType)]
+def _plugged_module(entry: importlib.metadata.EntryPoint) -> ModuleType:
+    try:
+        module = entry.load()
+    except Exception as error:  # whatever a plug-in raises is reported with its name
+        raise InputError(f"{_origin(entry)}: cannot be loaded: {type(error).__name__}: {error}") from error
+    if not isinstance(module, ModuleType):
+        raise InputError(f"{_origin(entry)}: {entry.value} is no module; name the module that holds the effects")
+    return module
+
+
+def _origin(entry: importlib.metadata.EntryPoint) -> str:
+    package = f" of {entry.dist.name}" if entry.dist is not None else ""
+    return f"entry point '{entry.name}'{package}"
 
 
 def _module_of(file: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"{ENTRY_POINTS}.of_user.{file.stem}", file)
+    spec = importlib.util.spec_from_file_location(f"{_OF_USER}{file.stem}", file)
     if spec is None or spec.loader is None or not file.is_file():
         raise InputError(f"{file}: no Python file; --effects takes the path of a .py file with effect classes")
     module = importlib.util.module_from_spec(spec)
@@ -89,4 +109,9 @@ def _collect(found: dict[str, Kind], kind: type[Kind], module: ModuleType, origi
     for item in _defined(kind, module):
         if item.name in found:
             raise InputError(f"{origin}: effect '{item.name}' is already known; choose another name")
-        found[item.name] = item()
+        if not item.parameters:
+            raise InputError(f"{origin}: effect '{item.name}' has no parameters; what shall be fitted?")
+        try:
+            found[item.name] = item()
+        except TypeError as error:
+            raise InputError(f"{origin}: effect '{item.name}' is to be made without arguments: {error}") from error

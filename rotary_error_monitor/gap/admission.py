@@ -41,10 +41,11 @@ def check_extent(recording: StageRecording, raw: Signals, noise: Mapping[str, fl
     turns = float(np.abs(np.diff(recording.streams[COMMAND].values[:, 0])).sum() / (2 * np.pi))
     if recording.duration >= SHORTEST and turns >= FEWEST_TURNS:
         return
+    damage = "".join(f"; {remark}" for remark in recording.remarks)
     raise InputError(
         f"the recording lasts {recording.duration:.1f} s and {turns:.2g} turns of the stage: too little to hold data "
         f"out and to tell effects from noise; record at least {SHORTEST:g} s and {FEWEST_TURNS:g} turn. "
-        f"What can be said: {_describe(raw, noise)}"
+        f"What can be said: {_describe(raw, noise)}{damage}"
     )
 
 

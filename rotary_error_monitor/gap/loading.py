@@ -24,6 +24,7 @@ from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.problem import DiagnosableProblem
+from rotary_error_monitor.gap.trial import try_machine_effects, try_stage_effects
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.twin.document import causes_from_rows, effect_rows, machine_mapping, stage_mapping
 from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
@@ -96,9 +97,12 @@ def load_problem(recording: Path, twin: TwinFile) -> DiagnosableProblem:
         return _quadrature_problem(recording, twin, twin.description)
     reader = BagReader(recording)
     remarks = (reader.damage,) if reader.damage else ()
-    if isinstance(twin.description, StageDescription):
-        return _stage_problem(reader, twin, twin.description, remarks)
-    return _machine_problem(reader, twin, twin.description, remarks)
+    try:
+        if isinstance(twin.description, StageDescription):
+            return _stage_problem(reader, twin, twin.description, remarks)
+        return _machine_problem(reader, twin, twin.description, remarks)
+    except InputError as error:
+        raise InputError("; ".join([str(error), *remarks])) from error
 
 
 def improved_twin(twin: TwinFile, causes: Sequence[Cause]) -> dict[str, Any]:
@@ -158,7 +162,9 @@ def _stage_problem(
     recording = record_stage(topics, letters)
     recording = StageRecording(recording.start_ns, recording.streams, (*remarks, *recording.remarks))
     effects = tuple(effect for effect in twin.effects if isinstance(effect, StageEffect))
-    return stage_problem(stage, recording, effects, twin.known)
+    problem = stage_problem(stage, recording, effects, twin.known)
+    try_stage_effects(effects, problem.twin)
+    return problem
 
 
 def _machine_problem(
@@ -173,6 +179,7 @@ def _machine_problem(
         recording.positions, recording.direction, recording.temperature, recording.probe, (*remarks, *recording.remarks)
     )
     effects = tuple(effect for effect in twin.effects if isinstance(effect, MachineEffect))
+    try_machine_effects(effects, machine)
     for cause in twin.known:
         assert isinstance(cause.effect, MachineEffect)
         machine = cause.effect.amend(machine, cause.values, cause.location)

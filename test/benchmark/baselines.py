@@ -174,7 +174,7 @@ class LargestScore:
         known = [key for key in self.owners.get(top, []) if key[0] not in left_out]
         if not known:
             return answer("unknown")
-        placed = [self._placed(key, data, top) for key in known]
+        placed = list(dict.fromkeys(self._placed(key, data, top) for key in known))
         return answer("explained", placed[:1], placed)
 
     def _placed(self, key: tuple[str, str], data: Residuals, channel: str) -> tuple[str, str]:
