@@ -99,10 +99,13 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
             found.append((letter, other, square.angle, square.uncertainty))
             job.file.set_squareness(letter, other, square.angle)
     frame = _basis_of(machine, linear) @ _basis(lines[linear[0]].direction, lines[linear[1]].direction).T
-    seen = {letter: _turned(lines[letter], frame) for letter in rotary}
+    unsure = _turn_covariance(*(_turned(lines[letter], frame) for letter in linear[:2]))
+    seen = {letter: _turned(lines[letter], frame, unsure) for letter in rotary}
     reference = ZERO if zero is not None else (rotary[0] if rotary else "")
-    origin = None if zero is None else _origin(job, rotary, (frame @ zero[0], frame @ zero[1] @ frame.T))
-    locations = _locate(job, seen, origin)
+    origin = None if zero is None else _origin(job, rotary, (frame @ zero[0], frame @ zero[1] @ frame.T), unsure)
+    if origin is None and rotary:
+        origin = _origin_by_axis(machine, rotary[0], seen[rotary[0]], unsure)
+    locations = {} if origin is None else _locate(job, seen, origin, reference)
     worst = max([row[3] for row in found] + [float(each.rotation_uncertainty.max()) for each in locations.values()])
     job.finish(["squareness", *(f"location of {letter}" for letter in locations)], worst, {})
     return SquarenessResult(tuple(found), locations, reference)
@@ -137,46 +140,55 @@ def _axis_lines(source: Path, machine: MachineDescription, tracks: Mapping[str, 
     return lines
 
 
-def _locate(job: Job, lines: Mapping[str, LineFit], origin: tuple[Array, Array] | None) -> dict[str, RotaryLocation]:
+@dataclass(frozen=True)
+class _Origin:
+    """A point that is known in the machine's coordinates and was seen by the tracker.
+
+    Attributes:
+        place: (3,) in the machine's coordinates, m.
+        seen: (3,) as the tracker saw it, turned into the machine's directions, m.
+        covariance: (3, 3) of the difference, m².
+        turn_covariance: (3, 3) of the rotation between the two frames, rad².
+    """
+
+    place: Array
+    seen: Array
+    covariance: Array
+    turn_covariance: Array
+
+    def located(self, line: LineFit) -> LineFit:
+        """The line in the machine's coordinates."""
+        lever = line.point - self.seen
+        turned = _cross(lever) @ self.turn_covariance @ _cross(lever).T
+        covariance = line.point_covariance + self.covariance + turned
+        return replace(line, point=self.place + lever, point_covariance=covariance)
+
+
+def _locate(job: Job, lines: Mapping[str, LineFit], origin: _Origin, reference: str) -> dict[str, RotaryLocation]:
     """Location errors of rotary axes, one after the other: what carries an axis is set before it.
 
-    `lines` are in the machine's directions. `origin` is where the tracker stands in the machine's coordinates, with its
-    covariance; without it the first axis lies where the file has it.
+    `lines` are in the machine's directions; the place of the axis `reference` stays.
     """
     locations: dict[str, RotaryLocation] = {}
-    first = ""
     for letter, line in lines.items():
         machine = job.file.changed
-        old = np.array(machine.body_of(letter).location_error.shift)
+        old, direction = np.array(machine.body_of(letter).location_error.shift), machine.axis(letter).direction
         rotation, place = frame_of(machine, machine.body_of(letter).name)
-        if origin is None:
-            origin, first = (place + rotation.apply(old) - line.point, line.point_covariance), letter
-        errors = _errors(job, letter, line, origin, (rotation, place))
+        located = origin.located(line)
+        local = _turned(replace(located, point=located.point - place), rotation.inv().as_matrix())
+        try:
+            errors = estimate_location_errors(local, np.zeros(3), np.array(direction))
+        except InputError as error:
+            raise InputError(f"{job.source}: feature {letter}: {error}") from error
         shift, spread = errors.shift, errors.shift_uncertainty
-        if letter == first:
+        if letter == reference:
             shift, spread = old, np.full(3, np.nan)
-        elif first:
-            towards = rotation.inv().apply(lines[first].direction)
-            shift, spread = _along_normal(towards, np.array(machine.axis(letter).direction), old, errors)
+        elif reference in lines:
+            towards = rotation.inv().apply(lines[reference].direction)
+            shift, spread = _along_normal(towards, np.array(direction), old, errors)
         locations[letter] = RotaryLocation(errors.rotation, errors.rotation_uncertainty, shift, spread)
         job.file.set_location(letter, shift, errors.rotation)
     return locations
-
-
-def _errors(
-    job: Job, letter: str, line: LineFit, origin: tuple[Array, Array], frame: tuple[Rotation, Array]
-) -> LocationErrors:
-    """Location errors of the axis in the frame of its body."""
-    back = frame[0].inv().as_matrix()
-    local = replace(
-        _turned(line, back),
-        point=back @ (line.point + origin[0] - frame[1]),
-        point_covariance=back @ (line.point_covariance + origin[1]) @ back.T,
-    )
-    try:
-        return estimate_location_errors(local, np.zeros(3), np.array(job.file.machine.axis(letter).direction))
-    except InputError as error:
-        raise InputError(f"{job.source}: feature {letter}: {error}") from error
 
 
 def _along_normal(first: Array, direction: Array, old: Array, errors: LocationErrors) -> tuple[Array, Array]:
@@ -191,8 +203,15 @@ def _along_normal(first: Array, direction: Array, old: Array, errors: LocationEr
     return shift, np.where(np.abs(normal) > LEAST_ANGLE, uncertainty * np.abs(normal), np.nan)
 
 
-def _origin(job: Job, rotary: list[str], zero: Points) -> tuple[Array, Array]:
-    """Where the tracker stands in the machine's coordinates, by the tool tip at zero, and its covariance."""
+def _origin_by_axis(machine: MachineDescription, letter: str, line: LineFit, turn_covariance: Array) -> _Origin:
+    """The first rotary axis lies where the file has it."""
+    rotation, place = frame_of(machine, machine.body_of(letter).name)
+    shift = rotation.apply(machine.body_of(letter).location_error.shift)
+    return _Origin(place + shift, line.point, line.point_covariance, turn_covariance)
+
+
+def _origin(job: Job, rotary: list[str], zero: Points, turn_covariance: Array) -> _Origin:
+    """The tool tip at zero lies where the file has it."""
     machine = job.file.changed
     of_workpiece = {body.axis for body in branches(machine)[1]}
     for letter in rotary:
@@ -201,9 +220,9 @@ def _origin(job: Job, rotary: list[str], zero: Points) -> tuple[Array, Array]:
                 f"{job.source}: feature {ZERO}: axis {letter} moves the tool itself, whose tip tells nothing of where "
                 f"the axis lies; leave out {ZERO}, or axis {letter}"
             )
-    _, place = frame_of(machine, machine.tool)
-    tip = place + np.array(machine.body(machine.tool).location_error.shift)
-    return tip - zero[0], zero[1]
+    rotation, place = frame_of(machine, machine.tool)
+    tip = place + rotation.apply(machine.body(machine.tool).location_error.shift)
+    return _Origin(tip, zero[0], zero[1], turn_covariance)
 
 
 def frame_of(machine: MachineDescription, name: str) -> tuple[Rotation, Array]:
@@ -228,15 +247,32 @@ def _moved(rotation: Rotation, place: Array, step: Displacement) -> tuple[Rotati
     return rotation * Rotation.from_rotvec(step.rotation), place + rotation.apply(step.shift)
 
 
-def _turned(line: LineFit, turn: Array) -> LineFit:
-    """The line in a frame turned by (3, 3)."""
-    return LineFit(
-        turn @ line.point,
-        turn @ line.direction,
-        turn @ line.point_covariance @ turn.T,
-        turn @ line.direction_covariance @ turn.T,
-        line.scatter,
+def _turned(line: LineFit, turn: Array, turn_covariance: Array | None = None) -> LineFit:
+    """The line in a frame turned by (3, 3), whose own covariance (3, 3) rad² adds to that of the direction."""
+    direction = turn @ line.direction
+    covariance = turn @ line.direction_covariance @ turn.T
+    if turn_covariance is not None:
+        covariance = covariance + _cross(direction) @ turn_covariance @ _cross(direction).T
+    return LineFit(turn @ line.point, direction, turn @ line.point_covariance @ turn.T, covariance, line.scatter)
+
+
+def _turn_covariance(first: LineFit, second: LineFit) -> Array:
+    """(3, 3) covariance of the rotation, rad², of a frame that follows the first line and holds the second."""
+    e1 = first.direction
+    e3 = np.cross(e1, second.direction)
+    e3 = e3 / np.linalg.norm(e3)
+    e2 = np.cross(e3, e1)
+    by_first = np.outer(e3, e2) - np.outer(e2, e3)
+    by_second = np.outer(e1, e3) / float(second.direction @ e2)
+    covariance: Array = (
+        by_first @ first.direction_covariance @ by_first.T + by_second @ second.direction_covariance @ by_second.T
     )
+    return covariance
+
+
+def _cross(vector: Array) -> Array:
+    """(3, 3) matrix of which the product with w is the cross product of `vector` and w."""
+    return np.asarray(np.cross(vector, np.eye(3)).T, dtype=np.float64)
 
 
 def _basis_of(machine: MachineDescription, linear: list[str]) -> Array:
