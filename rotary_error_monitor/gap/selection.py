@@ -130,13 +130,16 @@ class _Search:
         self._level = false_alarms / 2
         self._known: dict[tuple[str, str, bytes], Candidate] = {}
         self._columns: dict[tuple[str, str, bytes], Columns] = {}
+        self._learnt = False
         self._promising: list[tuple[str, str, bytes]] = []
 
     def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Stage:
         """Test what a fit leaves."""
         findings = self._findings(fit)
         suspicious = bool(findings) and findings[0].log_chance < self._log_alarm(findings)
-        if suspicious and self._problem.learn_noise(fit.causes, findings):
+        # What was learnt beside fewer causes may have been one of these.
+        if (suspicious or self._learnt) and self._problem.learn_noise(fit.causes, findings):
+            self._learnt = True
             self._columns.clear()
             fit = fit_causes(self._problem, fit.causes)
             findings = self._findings(fit)

@@ -43,6 +43,9 @@ SUSPICIOUS = -6.0
 UNKNOWN_WARMING = 3.0
 """Standard uncertainty of a stage's warming, K, while nobody measures it."""
 
+NORMAL_QUARTILE = 0.6744897501960817
+"""Median of the magnitude of a standard normal number."""
+
 NOISIER = 0.05
 """Noise is reported from this much above what the twin states."""
 
@@ -232,10 +235,36 @@ class StageProblem:
         return [finding for track in self.tracks(rest) for finding in find_structure(track)]
 
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
-        """Estimate the jitter's spectrum again with the causes taken out, where the command's channel shows structure.
+        """Estimate level of the noise and spectrum of the jitter again with the causes taken out.
 
-        Says whether the spectrum differs beyond its own scatter.
+        The spectrum only where the command's channel shows structure. Says whether either differs beyond its scatter.
         """
+        changed = self._learn_levels(causes)
+        return self._learn_jitter(causes, findings) or changed
+
+    def _learn_levels(self, causes: Sequence[Cause]) -> bool:
+        """Noise larger than the stage states: told from neighbouring rows, which differ by nothing else."""
+        apart: dict[str, list[Array]] = {}
+        for track in self.tracks(self.residual(causes)):
+            if track.channel != COMMAND:
+                kind = track.channel.partition(".")[0].partition("_")[0]
+                apart.setdefault(kind, []).append(np.abs(np.diff(track.rows)))
+        found = {}
+        for kind, parts in apart.items():
+            count = sum(len(part) for part in parts)
+            level = float(np.median(np.concatenate(parts))) / (np.sqrt(2) * NORMAL_QUARTILE)
+            level *= self.noise.levels[kind]
+            level = level if level > 1 + max(NOISIER, 5 / np.sqrt(count)) else 1.0
+            if abs(level / self.noise.levels[kind] - 1) > 0.5 * NOISIER:
+                found[kind] = level
+        if not found:
+            return False
+        self.noise.with_levels(found)
+        for kept in (self._expected, self._kept_nuisance, self._kept_signatures):
+            kept.clear()
+        return True
+
+    def _learn_jitter(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
         worst = min((f.log_chance for f in findings if f.channel == COMMAND), default=0.0)
         if worst > SUSPICIOUS:
             return False
@@ -277,10 +306,14 @@ class StageProblem:
         found += [f"{name}: {count} spikes left out" for name, count in self.spikes().items() if count]
         for track in self.tracks(rest):
             # Neighbouring rows differ by noise alone, whatever slow thing is left in them.
-            level = float(np.sqrt(0.5 * np.mean(np.square(np.diff(track.rows)))))
+            level = float(np.sqrt(0.5 * np.mean(np.square(np.diff(track.rows))))) * self._stated(track.channel)
             if level > 1 + max(NOISIER, 5 / np.sqrt(len(track.rows))):
                 found.append(f"{track.channel}: noise is {level:.2f} times what the twin states")
         return tuple(found)
+
+    def _stated(self, channel: str) -> float:
+        """How many times the noise that the stage states a channel is taken to have."""
+        return 1.0 if channel == COMMAND else self.noise.levels[channel.partition(".")[0].partition("_")[0]]
 
     def spikes(self) -> dict[str, int]:
         """Number of samples of each sensor that are spikes."""

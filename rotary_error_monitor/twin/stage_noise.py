@@ -107,6 +107,10 @@ class StageNoise:
         residual: measured minus predicted (n, k) of each stream, from which spikes are told.
         omega: commanded speed (n,) at the samples of each head, rad/s.
         jitter: spectrum of the rotor's jitter.
+
+    Attributes:
+        std: standard deviation of one sample of each kind of sensor, rounding included.
+        levels: how many times what the stage states that is.
     """
 
     def __init__(
@@ -125,6 +129,8 @@ class StageNoise:
             AUTOCOLLIMATOR: float(np.hypot(collimator.noise, collimator.resolution / np.sqrt(12))),
             LVDT: 0.0 if stage.lvdt is None else stage.lvdt.noise,
         }
+        self.levels = dict.fromkeys(self.std, 1.0)
+        self._lines: Array | None = None
         self._sensors = [name for name in residual if not name.startswith("head_")]
         self._streams = {name: recording.streams[name] for name in residual}
         lost = _input_gaps(recording)
@@ -137,10 +143,19 @@ class StageNoise:
         self._collimator_whitener = self._collimator_filter()
         self._command_whitener = self._command_filter()
 
+    def with_levels(self, levels: Mapping[str, float]) -> None:
+        """Take the noise of the kinds `head`, `autocollimator`, `lvdt` for so many times what the stage states."""
+        for kind, level in levels.items():
+            self.std[kind] *= level / self.levels[kind]
+            self.levels[kind] = level
+        self._collimator_whitener = self._collimator_filter()
+        self.with_jitter(self.jitter, self._lines)
+
     def with_jitter(self, jitter: Jitter, lines: Array | None = None) -> None:
         """Take another spectrum of the jitter, and frequencies (k,) in Hz at which it holds lines of its own."""
         self.jitter = jitter
         self._command_whitener = self._command_filter()
+        self._lines = lines
         self._line_basis = None if lines is None or len(lines) == 0 else self._whitened_lines(lines)
 
     def _whitened_lines(self, lines: Array) -> Array:

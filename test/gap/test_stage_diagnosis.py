@@ -190,3 +190,24 @@ def test_uncertain_parameters_are_seen_beside_the_causes(stage_problem):
     assert set(plain) == set(beside)
     assert np.abs(beside["head_a"] - plain["head_a"]).max() > 0.05
     np.testing.assert_array_equal(beside["autocollimator.x"], plain["autocollimator.x"])
+
+
+@pytest.mark.parametrize(("section", "value"), [("lvdt", 1 / 1.5), ("autocollimator", 0.4)])
+def test_noise_alone_is_no_gap_however_large(section, value, stage_problem):
+    problem, _ = stage_problem(26, "null")
+    part = getattr(problem.stage, section)
+    quiet = dataclasses.replace(problem.stage, **{section: dataclasses.replace(part, noise=value * part.noise)})
+    diagnosis = diagnose(StageProblem(quiet, problem.recording, EFFECTS))
+    assert diagnosis.verdict is Verdict.NO_GAP
+    assert any(remark.startswith(f"{section}.x: noise is") for remark in diagnosis.remarks)
+    assert diagnosis.gap.before == pytest.approx(1.0, abs=0.03)
+
+
+def test_an_effect_like_noise_is_no_noise(stage_problem):
+    """A wave per line changes from sample to sample as noise does; its phase tells it apart."""
+    problem, _ = stage_problem(27, "single", ["subdivisional_error"], snr=(150.0, 160.0))
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.EXPLAINED
+    assert [found.cause.effect.name for found in diagnosis.causes] == ["subdivisional_error"]
+    assert all(level == 1.0 for level in problem.noise.levels.values())
+    assert not any("noise is" in remark for remark in diagnosis.remarks)
