@@ -98,6 +98,10 @@ def test_beside_what_one_might_use_instead(methods):
         print(
             f"  {name:<20} {'  '.join(f'{cell:>9}' for cell in right)}  {alarms:>12}  {offered:13.1f}  {seconds:14.2f}"
         )
+        for row in rows:
+            if row.plan.group == "null" and row.alarmed:
+                causes = ", ".join(" ".join(key) for key in row.named)
+                print(f"  {'':<20} false alarm at seed {row.plan.seed}: {row.verdict} {causes}")
 
 
 def share(flags):
