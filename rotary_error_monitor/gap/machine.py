@@ -172,11 +172,15 @@ class MachineProblem:
         return machine_advice(self, keys, causes)
 
     def remarks(self, rest: Rows) -> tuple[str, ...]:
-        """Outliers that were left out."""
+        """Outliers that were left out, and scatter beyond the probe's noise."""
         lost = int(np.count_nonzero(~self.kept))
+        count = 3 * int(self.kept.sum())
+        scatter = float(np.sqrt(sum(float(np.sum(rows**2)) for rows in rest.values()) / max(count, 1)))
+        noisy = scatter > 1 + 5 / np.sqrt(2 * max(count, 1))
         return (
             *self.recording.remarks,
             *([f"{lost} poses are outliers of the probe and were left out"] if lost else []),
+            *([f"probe: what is left scatters {scatter:.2f} times as much as the probe's noise"] if noisy else []),
         )
 
     def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
