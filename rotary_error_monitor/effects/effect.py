@@ -97,12 +97,15 @@ class Effect(Generic[Description]):
         return values
 
     def log_prior_of(self, order: int) -> float:
-        """Logarithm of the chance of one order of the family: as 1/K where lower orders are likelier, else alike."""
+        """Logarithm of the chance of one order of the family: as 1/K^2 where lower orders are likelier, else alike.
+
+        The Fourier coefficients of a shape without kinks fall at least as fast.
+        """
         if order < self.lowest:
             return -float(np.log(1e3 * self.orders))
         if not self.falling:
             return -float(np.log(self.orders))
-        return -float(np.log(order) + np.log(np.sum(1 / np.arange(self.lowest, self.orders + 1))))
+        return -float(2 * np.log(order) + np.log(np.sum(1 / np.arange(self.lowest, self.orders + 1.0) ** 2)))
 
     @property
     def size(self) -> int:

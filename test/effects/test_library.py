@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from rotary_error_monitor.effects.effect import order_of
@@ -74,3 +75,12 @@ def test_parameters_that_do_not_fit_are_an_error():
 def test_a_location_that_names_no_order_is_an_error(location):
     with pytest.raises(InputError, match="order_K"):
         order_of(location)
+
+
+def test_chances_of_orders_add_up():
+    families = [effect for effect in load_effects(StageEffect) if effect.orders]
+    assert len(families) >= 5
+    for effect in families:
+        chances = np.exp([effect.log_prior_of(order) for order in range(effect.lowest, effect.orders + 1)])
+        assert chances.sum() == pytest.approx(1.0)
+        assert np.all(np.diff(chances) < 0) if effect.falling else np.all(chances == chances[0])
