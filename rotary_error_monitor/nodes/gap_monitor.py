@@ -96,6 +96,9 @@ class GapMonitor(ManagedNode):
     settings = (
         Setting("turns", 25, "turns of the stage that are diagnosed, counted by the command's way", (1, 100_000)),
         Setting("longest", 120.0, "longest time that is kept however slowly the stage turns, s", (20.0, 3600.0)),
+        Setting(
+            "rate", 250.0, "samples a second that are diagnosed; faster streams are thinned to it, Hz", (50.0, 1e6)
+        ),
         Setting("most_samples", 2_000_000, "samples of each stream that are kept at most", (1000, 1_000_000_000)),
         Setting("period", 60.0, "time from the start of a diagnosis to that of the next, s", (1.0, _DAY)),
         Setting("patience", 600.0, "longest time that a diagnosis may take, s", (1.0, _DAY)),
@@ -133,6 +136,7 @@ class GapMonitor(ManagedNode):
             _SHORTEST,
             self.setting("longest"),
             self.setting("most_samples"),
+            self.setting("rate"),
         )
         self._max_age_ns = round(self.setting("max_age") * NANOSECONDS)
         late_after, now_ns = self.setting("max_age"), self.now_ns()

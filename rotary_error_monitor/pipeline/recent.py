@@ -18,6 +18,9 @@ _SLACK = 1.0
 """Rotation, rad, beyond what the commanded speed allows, from which a step is no motion but a new count."""
 
 
+_Samples = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+
 @dataclass(frozen=True)
 class _Piece:
     times: NDArray[np.int64]
@@ -37,6 +40,8 @@ class _Memory:
     pieces: deque[_Piece] = field(default_factory=deque)
     samples: int = 0
     travel: float = 0.0
+    stride: int = 0
+    skip: int = 0
 
     @property
     def oldest_ns(self) -> int:
@@ -45,6 +50,17 @@ class _Memory:
     @property
     def newest_ns(self) -> int:
         return self.pieces[-1].newest_ns
+
+    def thinned(self, times: NDArray[np.int64], values: NDArray[np.float64], rate: float) -> _Samples:
+        """Each so-manieth sample, so that `rate` a second or a few more are left; the first two settle how many."""
+        seen = times if len(times) > 1 or not self.pieces else np.array([self.newest_ns, times[-1]])
+        if self.stride == 0 and len(seen) > 1:
+            self.stride = max(1, int((len(seen) - 1) * NANOSECONDS / (rate * int(seen[-1] - seen[0])) + 1e-6))
+        if self.stride <= 1:
+            return times, values
+        kept = slice(self.skip, None, self.stride)
+        self.skip = (self.skip - len(times)) % self.stride
+        return times[kept], values[kept]
 
     def append(self, piece: _Piece) -> None:
         self.pieces.append(piece)
@@ -69,7 +85,7 @@ class _Memory:
 
     def clear(self) -> None:
         self.pieces.clear()
-        self.samples, self.travel = 0, 0.0
+        self.samples, self.travel, self.stride, self.skip = 0, 0.0, 0, 0
 
 
 class RecentTurns:
@@ -92,6 +108,7 @@ class RecentTurns:
         shortest: float,
         longest: float,
         most_samples: int,
+        rate: float = np.inf,
     ) -> None:
         """Keep nothing yet.
 
@@ -102,6 +119,7 @@ class RecentTurns:
             shortest: time, s, that is kept at least however fast the stage turns.
             longest: time, s, that is kept at most.
             most_samples: of each stream that are kept at most.
+            rate: samples a second that are enough; of faster streams only each so-manieth is kept, as it is.
         """
         self.late = 0
         self._memories = {name: _Memory(tuple(columns)) for name, columns in streams.items()}
@@ -110,6 +128,7 @@ class RecentTurns:
         self._shortest_ns = round(shortest * NANOSECONDS)
         self._longest_ns = round(longest * NANOSECONDS)
         self._most_samples = most_samples
+        self._rate = rate
         self._is_bounded = False
 
     @property
@@ -148,8 +167,10 @@ class RecentTurns:
                 self.late += 1
                 return
             self.clear()
-        memory.append(_Piece(times, values, self._travel(block) if stream == self._command else 0.0))
-        self._forget(stream)
+        times, values = memory.thinned(times, values, self._rate)
+        if len(times):
+            memory.append(_Piece(times, values, self._travel(times, values) if stream == self._command else 0.0))
+            self._forget(stream)
 
     def clear(self) -> None:
         """Forget everything."""
@@ -172,16 +193,17 @@ class RecentTurns:
         }
         return {name: blocks for name, blocks in found.items() if blocks}
 
-    def _travel(self, block: SampleBlock) -> float:
-        """Way, rad, from the last sample of the command through all of a block; a new count forgets all before it."""
-        angle, velocity = block.columns(_MOTION).T
-        within = float(np.abs(np.diff(angle)).sum())
+    def _travel(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> float:
+        """Way, rad, from the last sample of the command through the next ones; a new count forgets all before it."""
         memory = self._memories[self._command]
+        motion = [memory.names.index(name) for name in _MOTION]
+        angle, velocity = values[:, motion].T
+        within = float(np.abs(np.diff(angle)).sum())
         if not memory.pieces:
             return within
-        last_angle, last_velocity = (float(memory.pieces[-1].values[-1, memory.names.index(n)]) for n in _MOTION)
+        last_angle, last_velocity = (float(value) for value in memory.pieces[-1].values[-1, motion])
         step = abs(float(angle[0]) - last_angle)
-        passed = (int(block.times_ns[0]) - memory.newest_ns) / NANOSECONDS
+        passed = (int(times[0]) - memory.newest_ns) / NANOSECONDS
         if step > passed * max(abs(last_velocity), abs(float(velocity[0]))) + _SLACK:
             self.clear()
             return within

@@ -15,8 +15,8 @@ BLOCK = 10
 EPOCH_NS = 1_700_000_000_000_000_123
 
 
-def recent(turns=3.0, shortest=0.0, longest=60.0, most_samples=100_000):
-    return RecentTurns(STREAMS, "command", turns, shortest, longest, most_samples)
+def recent(turns=3.0, shortest=0.0, longest=60.0, most_samples=100_000, rate=np.inf):
+    return RecentTurns(STREAMS, "command", turns, shortest, longest, most_samples, rate)
 
 
 def command_block(number, speed=2 * np.pi, start=0.0, first_ns=EPOCH_NS):
@@ -117,6 +117,26 @@ def test_a_number_of_samples_bounds_it_when_they_come_fast():
     assert len(times(memory, "command")) == 200
     memory.clear()
     assert not memory.is_full and memory.blocks() == {}
+
+
+@pytest.mark.parametrize(("rate", "stride"), [(100.0, 1), (51.0, 1), (50.0, 2), (30.0, 3), (7.0, 14)])
+def test_fast_streams_are_thinned_evenly(rate, stride):
+    memory = recent(turns=2.0, rate=rate)
+    run(memory, range(100))
+    for stream in ("command", "head_a"):
+        assert (np.diff(times(memory, stream)) == stride * STEP_NS).all()
+    (values,) = {tuple(np.diff(block.column("angle"))) for block in memory.blocks(100.0)["head_a"]}
+    assert set(values) == {float(stride)}, "each sample is one that came"
+    assert memory.turns == pytest.approx(2.0, abs=0.11 + 0.02 * stride)
+
+
+def test_blocks_of_one_sample_are_thinned_too():
+    memory = recent(rate=25.0)
+    command = command_block(0)
+    for row, time_ns in zip(command.rows, command.times_ns, strict=True):
+        memory.push("command", block_from_samples(np.array([time_ns]), STREAMS["command"], row[None, 1:]))
+    assert len(times(memory, "command")) <= 4
+    assert set(np.diff(times(memory, "command"))[1:]) == {4 * STEP_NS}
 
 
 def test_what_came_before_is_dropped_and_counted():
