@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +34,12 @@ class QuadratureEffect(Effect[QuadratureDescription]):
 
     Attributes:
         rank: effects act in rising order: optics and photodiodes first, converters last.
+        rescales: whether it is looked at beside the causes found: where signals are cut off, a gain shows otherwise.
+            Not so harmonics and saturation: beside each other they differ by next to nothing, and that must not count.
     """
 
-    rank: int = 0
+    rank: ClassVar[int] = 0
+    rescales: ClassVar[bool] = False
 
     def displacement(self, values: Values, location: str, state: CircleState) -> Complex:
         """(n,) by how much the point is displaced, cosine + i sine, counts."""

@@ -25,6 +25,7 @@ class QuadratureError(QuadratureEffect):
     source = _HEYDEMANN
     parameters = (Parameter("angle", "rad", 0.01, bound=0.5),)
     rank = 0
+    rescales = True
 
     def displacement(self, values: Values, location: str, state: CircleState) -> Complex:
         """The sine leads by the angle."""
@@ -41,6 +42,7 @@ class UnequalGain(QuadratureEffect):
     source = _HEYDEMANN
     parameters = (Parameter("relative", "1", 0.01, bound=0.5),)
     rank = 1
+    rescales = True
 
     def displacement(self, values: Values, location: str, state: CircleState) -> Complex:
         """The cosine is larger by half of it, the sine smaller."""
@@ -96,6 +98,7 @@ class SignalOffset(QuadratureEffect):
     source = _HEYDEMANN
     parameters = (Parameter("shift", "count", 3.0, 2, bound=200.0),)
     rank = 4
+    rescales = True
 
     def displacement(self, values: Values, location: str, state: CircleState) -> Complex:
         """Cosine and sine each by its shift."""
@@ -103,12 +106,15 @@ class SignalOffset(QuadratureEffect):
 
 
 class SignalClipping(QuadratureEffect):
-    """The converters end before the signals do."""
+    """The converters end before the signals do.
+
+    Where they end is where the recorded signals end: no sample is beyond.
+    """
 
     name = "signal_clipping"
     title = "signals beyond the converters' range"
     source = "limit of an analogue-to-digital converter"
-    parameters = (Parameter("level", "count", 500.0, 4, role=Role.SHAPE), Parameter("part", "1", 1.0, bound=2.0))
+    parameters = (Parameter("level", "count", 500.0, 4, role=Role.FIXED), Parameter("part", "1", 1.0, bound=2.0))
     rank = 5
     has_level = True
 

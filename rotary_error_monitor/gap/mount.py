@@ -76,6 +76,7 @@ class MountProblem:
         self.std: Array = np.full(2, mount.noise)
         self.kept: NDArray[np.bool_] = np.ones(len(self._index), bool)
         self.std, self.kept = self._repeatability(())
+        self._geometries.clear()
 
     @property
     def conditions(self) -> Conditions:

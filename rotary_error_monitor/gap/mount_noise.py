@@ -12,8 +12,8 @@ NEIGHBOURS = 12
 OUTLIER = 8.0
 MOST_OUTLIERS = 0.05
 
-_MAD = 1.4826
-"""From median absolute deviation to standard deviation of normal numbers."""
+_NINE_TENTHS = 1.6449
+"""Nine tenths of normal numbers are closer to zero than this many standard deviations."""
 
 
 def neighbourhood(places: Array) -> tuple[NDArray[np.intp], Array]:
@@ -48,7 +48,7 @@ def estimate_repeatability(errors: Array, places: Array) -> tuple[Array, NDArray
         used = used / np.maximum(used.sum(axis=1, keepdims=True), 0.1)
         predicted = np.einsum("nm,nmk->nk", used, errors[neighbours])
         alone = (errors - predicted) / np.sqrt(1 + np.sum(np.square(used), axis=1))[:, None]
-        spread = _MAD * np.median(np.abs(alone[kept]), axis=0)
+        spread = np.quantile(np.abs(alone[kept]), 0.9, axis=0) / _NINE_TENTHS
         distance = np.max(np.abs(alone) / np.maximum(spread, 1e-300), axis=1)
         kept = distance < max(OUTLIER, float(np.quantile(distance, 1 - MOST_OUTLIERS)))
     return np.sqrt(np.mean(np.square(alone[kept]), axis=0)), kept

@@ -179,16 +179,18 @@ def _others(causes: Sequence[Cause], index: int) -> tuple[Cause, ...]:
 
 
 def _held_out(problem: MountProblem, values: Array, columns: Array) -> float:
-    """Root mean square on the sky, arcsec, of `values` (2 n,) less what columns do, sized on the other patches."""
-    weight = np.repeat(1 / problem.std, len(problem.kept)) * np.tile(problem.kept, 2)
+    """Root mean square on the sky, arcsec, of `values` (2 n,) less what columns do, sized on the other patches.
+
+    Both ways count alike, as they do in the figure.
+    """
+    kept = np.tile(problem.kept, 2)
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     table, left = columns / scale, np.zeros(len(values))
     for label in np.unique(problem.labels):
         test = np.tile(problem.labels == label, 2)
-        train = weight * ~test
-        fitted, *_ = np.linalg.lstsq(table * train[:, None], values * train, rcond=None)
+        train = kept & ~test
+        fitted, *_ = np.linalg.lstsq(table[train], values[train], rcond=None)
         left[test] = (values - table @ fitted)[test]
-    kept = np.tile(problem.kept, 2)
     return float(np.sqrt(np.sum(np.square(left[kept])) / problem.kept.sum()) * ARCSEC)
 
 

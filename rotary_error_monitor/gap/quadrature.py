@@ -36,9 +36,6 @@ OUTLIER = 8.0
 OFF = 0.5
 """Mean radius, in amplitudes off the twin's, from which the twin is of other signals."""
 
-LEVELS = 33
-"""Levels of clipping that are tried, from 0.8 of the largest signal to all of it."""
-
 _STEP = 1e-2
 
 
@@ -81,6 +78,8 @@ class QuadratureProblem:
         edges = np.linspace(0, len(count), SECTORS + 1) - 0.5
         labels = (np.arange(SECTORS) % FOLDS).astype(np.intp)
         self._conditions = Conditions(edges, labels, tuple(f"sectors {i + 1}/{FOLDS}" for i in range(FOLDS)))
+        real, imaginary = self.samples.real, self.samples.imag
+        self._ends = (real.max(), -real.min(), imaginary.max(), -imaginary.min())
         self._amplitudes: dict[tuple[tuple[str, str, bytes], ...], float] = {}
 
     @property
@@ -135,8 +134,8 @@ class QuadratureProblem:
         return self._rows(self.description.uncertainty * column[:, None])
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
-        """Every effect; harmonics of every order; clipping at the level that explains most."""
-        return tuple(candidate for effect in self.effects for candidate in self._of(effect, rest))
+        """Every effect; harmonics of every order; clipping where the samples end."""
+        return tuple(candidate for effect in self.effects for candidate in self._of(effect))
 
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of every order of the radius up to 16, and of every place on the circle."""
@@ -244,9 +243,11 @@ class QuadratureProblem:
     def _rows(self, values: Array) -> Rows:
         return {CHANNEL: values * self._scale[:, None]}
 
-    def _of(self, effect: QuadratureEffect, rest: Rows) -> Iterator[Candidate]:
+    def _of(self, effect: QuadratureEffect) -> Iterator[Candidate]:
         if getattr(effect, "has_level", False):
-            yield Candidate(effect, "", self._level(effect, rest), LEVELS, -float(np.log(LEVELS)))
+            start = effect.start("")
+            start[effect.slices()["level"]] = self._ends
+            yield Candidate(effect, "", start)
         elif effect.orders:
             for order in range(effect.lowest, effect.orders + 1):
                 place = order_location(order)
@@ -254,20 +255,6 @@ class QuadratureProblem:
                 yield Candidate(effect, place, effect.start(place), count, effect.log_prior_of(order))
         else:
             yield Candidate(effect, "", effect.start(""))
-
-    def _level(self, effect: QuadratureEffect, rest: Rows) -> Array:
-        """Values of a limiting effect without size, its level that which would explain most of what is left."""
-        signals = np.concatenate([self.samples.real, self.samples.imag])
-        white, best, most = rest[CHANNEL][:, 0], effect.start(""), -1.0
-        for level in np.linspace(0.8, 1.0, LEVELS, endpoint=False) * float(np.max(np.abs(signals))):
-            start = effect.start("")
-            start[effect.slices()["level"]] = level
-            column = self._centred(self.signature(Cause(effect, "", start), effect.indices(Role.LINEAR))[CHANNEL])[:, 0]
-            power = float(column @ column)
-            gain = float(column @ white) ** 2 / power if power > 0 else 0.0
-            if gain > most:
-                best, most = start, gain
-        return best
 
     def _centred(self, columns: Array) -> Array:
         """White columns without what the amplitude can make of them."""
@@ -278,7 +265,7 @@ class QuadratureProblem:
         """Part of the first's change of the radius that the second can make."""
         cause = next(c for c in causes if c.key == first)
         effect = next(e for e in self.effects if e.name == second[0])
-        start = next(c for c in self._of(effect, self.residual(())) if c.location == second[1]).start
+        start = next(c for c in self._of(effect) if c.location == second[1]).start
         linear = cause.effect.indices(Role.LINEAR)
         wanted = self._centred(self.signature(cause, linear)[CHANNEL]) @ cause.values[linear]
         table = self._centred(self.signature(Cause(effect, second[1], start), effect.indices(Role.LINEAR))[CHANNEL])

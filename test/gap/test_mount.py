@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -194,7 +195,9 @@ def test_real_mounts_agree_with_a_plain_pointing_model(file, twin, count):
     """The geometry's residual against ordinary least squares on the textbook's six first-order terms."""
     recording = read_pointings(REAL / f"{file}.dat")
     assert len(recording.time) == count
-    problem = MountProblem(load_mount(ROOT / "config" / "mounts" / f"{twin}.yaml"), recording, EFFECTS)
+    # Noise far above what the mount shows: both ways count alike, as in the textbook.
+    mount = replace(load_mount(ROOT / "config" / "mounts" / f"{twin}.yaml"), noise=5e-3)
+    problem = MountProblem(mount, recording, EFFECTS)
     exact = problem.error(()) * 206265
     assert np.hypot(*exact)[problem.kept].size >= 0.9 * count
     exact_rms = np.sqrt(np.mean(np.sum(np.square(exact), axis=0)))

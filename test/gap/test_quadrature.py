@@ -83,7 +83,7 @@ def test_limits_of_a_converter_are_found_to_a_fraction_of_a_count():
     diagnosis = diagnose(problem_of(cut), most_causes=1)
     (found,) = diagnosis.causes
     assert found.cause.key == ("signal_clipping", "")
-    assert found.parameters["level"].value == pytest.approx((495, 490, 493, 488), abs=0.5)
+    assert found.parameters["level"].value == pytest.approx((495, 490, 493, 488), abs=1e-3)
     assert found.parameters["part"].value == pytest.approx(1.0, abs=0.01)
 
 
