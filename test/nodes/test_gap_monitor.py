@@ -162,7 +162,9 @@ def test_a_twin_of_another_stage_and_a_clock_of_another_time_are_told(cell, case
     tape.play(LENGTH)
     status = cell.wait_for_status(DIAGNOSIS, "It describes another stage", DEADLINE)
     assert status.level == b"\x02" and "tried again" in status.message
-    tape.set_time(tape.now_ns + 3_600_000_000_000)
+    later_ns = tape.now_ns + 3_600_000_000_000
+    tape.set_time(later_ns)
+    cell.wait_until(lambda: node.now_ns() >= later_ns, "simulated time")
     tape.sends["head_a"](case.blocks["head_a"][-1])
     cell.wait_for_status("gap_monitor: /stage/head_a/samples", "are the clocks of all computers alike?")
 
