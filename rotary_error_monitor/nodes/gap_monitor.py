@@ -22,7 +22,7 @@ from rotary_error_monitor.nodes.diagnosis_process import DiagnosisProcess, Outco
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode, run
 from rotary_error_monitor.nodes.parameters import Setting
-from rotary_error_monitor.pipeline.recent import RecentTurns
+from rotary_error_monitor.pipeline.recent_turns import RecentTurns
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.pipeline.recent import RecentTurns
+from rotary_error_monitor.pipeline.recent_turns import RecentTurns
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 STREAMS = {"command": ("angle", "velocity"), "head_a": ("angle",), "force": ("force_x", "force_y")}
