@@ -68,7 +68,10 @@ class LongStageProblem(StageProblem):
         bounds = np.linspace(0.0, recording.duration, max(2, round(recording.duration / STRETCH)) + 1)
         pieces = [cut_recording(recording, a, b) for a, b in itertools.pairwise(bounds)]
         read = [i for i, piece in enumerate(pieces) if piece.heads]
-        self._stretches = [_Stretch(stage, pieces[i], effects, known, whole.inputs) for i in read]
+        self._stretches: list[_Stretch] = []
+        for i in read:
+            self._stretches.append(_Stretch(stage, pieces[i], effects, known, whole.inputs))
+            self._stretches[-1].forget()
         self._opened = 0
         self.noise = self._stretches[0].noise
         self._times = {
