@@ -25,7 +25,6 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.trial import try_machine_effects, try_stage_effects
-from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.twin.document import causes_from_rows, effect_rows, machine_mapping, stage_mapping
 from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
 from rotary_error_monitor.twin.recording import StageRecording, record_stage, stage_topic
@@ -156,10 +155,8 @@ def _stage_problem(
     ]
     reader.check_topics(needed)
     optional = [stage_topic(name) for name in ("lvdt", "force", "temperature")]
-    topics: Mapping[str, list[SampleBlock]] = reader.read_blocks(
-        [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
-    )
-    recording = record_stage(topics, letters)
+    names = [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
+    recording = record_stage(reader.read_blocks(names), letters)
     recording = StageRecording(recording.start_ns, recording.streams, (*remarks, *recording.remarks))
     effects = tuple(effect for effect in twin.effects if isinstance(effect, StageEffect))
     problem = stage_problem(stage, recording, effects, twin.known)

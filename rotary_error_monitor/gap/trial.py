@@ -24,8 +24,9 @@ def try_stage_effects(effects: Iterable[StageEffect], twin: StageTwin) -> None:
     Raises:
         InputError: an effect fails, or what it gives has another shape than the signal or is not finite.
     """
-    base = twin.predict()
-    for effect in filter(is_foreign, effects):
+    foreign = list(filter(is_foreign, effects))
+    base = twin.predict() if foreign else {}
+    for effect in foreign:
 
         def predict(place: str, values: Values, effect: StageEffect = effect) -> None:
             for name, signal in twin.predict((Cause(effect, place, values),)).items():
