@@ -51,6 +51,7 @@ def page(diagnosis: Diagnosis, picture: bytes, title: str) -> str:
         _gap(diagnosis),
         _causes(diagnosis),
         _where(diagnosis),
+        _figures(diagnosis),
         _ranking(diagnosis),
         _next(diagnosis),
         _notes(diagnosis),
@@ -171,6 +172,11 @@ def _where(diagnosis: Diagnosis) -> str:
     rows = [[s.channel, f"{s.share:.1%}", f"{s.gap_rms:.3g}", f"{s.noise_rms:.3g}", s.pattern] for s in diagnosis.where]
     head = ["channel", "share", "gap, rms (SI)", "noise, rms (SI)", "depends on"]
     return "<h2>Where</h2>" + (_table(head, rows) if rows else "<p>Nothing exceeds the noise.</p>")
+
+
+def _figures(diagnosis: Diagnosis) -> str:
+    rows = [[name.replace("_", " "), f"{value:.4g}"] for name, value in diagnosis.figures.items()]
+    return "<h2>Figures</h2>" + _table(["figure", "value"], rows) if rows else ""
 
 
 def _ranking(diagnosis: Diagnosis) -> str:
