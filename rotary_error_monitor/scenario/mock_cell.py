@@ -118,13 +118,12 @@ def record(cell: MockCell, letters: Sequence[str]) -> Recording:
             begin_ns = time.time_ns()
             _let_run(running, cell.duration / len(HEIGHTS), progress)
             recording.heights.append((height, begin_ns, time.time_ns()))
-            _end(lvdt, recording)
+            _end_together([lvdt], recording)
             running.forget_status("lvdt: state")
-        # the recorder last: what the others say to their end is in the bag
-        for process in processes[1:]:
-            process.send(signal.SIGINT)
-        for process in reversed(processes):
-            _end(process, recording)
+        # against the stream: whatever a process says to its end is heard by the next, and by the recorder
+        _end_together(processes[-2:], recording)
+        _end_together(processes[1:-2], recording)
+        _end_together(processes[:1], recording)
     return recording
 
 
@@ -140,9 +139,12 @@ def _let_run(running: Cell, duration: float, progress: tqdm[Never]) -> None:
         running.spin_for(_TICK)
 
 
-def _end(process: NodeProcess, recording: Recording) -> None:
-    code = process.stop() if not process.expected else process.wait()
-    recording.exit_codes[process.name] = max(recording.exit_codes.get(process.name, 0), abs(code))
+def _end_together(processes: Sequence[NodeProcess], recording: Recording) -> None:
+    for process in processes:
+        process.send(signal.SIGINT)
+    for process in processes:
+        code = process.wait()
+        recording.exit_codes[process.name] = max(recording.exit_codes.get(process.name, 0), abs(code))
 
 
 @contextmanager

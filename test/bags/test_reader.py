@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import time
 from pathlib import Path
 
 import numpy as np
@@ -188,22 +187,3 @@ def test_a_damaged_chunk_is_said(bag: Path) -> None:
     file.write_bytes(content)
     with pytest.raises(InputError, match=r"bag: damaged: .*recover the bag"):
         BagReader(bag).read()
-
-
-def test_eighty_five_thousand_samples_take_less_than_a_third_of_a_second(tmp_path: Path) -> None:
-    rows = np.random.default_rng(1).normal(size=(100, 2))
-    contents: dict[str, list[Content]] = {
-        f"/stage/head_{head}/samples": [
-            block_from_samples(START + i * 400_000_000 + np.arange(100) * 4_000_000, ["angle", "spare"], rows)
-            for i in range(213)
-        ]
-        for head in "abcd"
-    }
-    write_messages(tmp_path / "bag", contents, load_wire())
-    durations = []
-    for _ in range(3):
-        start = time.perf_counter()
-        blocks = BagReader(tmp_path / "bag").read_blocks()
-        durations.append(time.perf_counter() - start)
-        assert sum(len(block.rows) for values in blocks.values() for block in values) == 85_200
-    assert min(durations) < 0.3

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shlex
 import shutil
 import signal
 import subprocess
@@ -163,7 +164,11 @@ def place():
     """Command into namespaces in which LinuxCNC can come and go, apart from any other."""
     if shutil.which("linuxcnc") is None:
         pytest.skip("LinuxCNC is not installed (apt-get install linuxcnc-uspace)")
-    mount = "mount -t tmpfs -o mode=1777 tmpfs /tmp && echo ready && exec sleep 600"
+    root = shlex.quote(str(Path(__file__).parents[2]))  # the checkout may itself lie in /tmp
+    mount = (
+        f"mount --bind {root} /mnt && mount -t tmpfs -o mode=1777 tmpfs /tmp && mkdir -p {root} "
+        f"&& mount --bind /mnt {root} && echo ready && exec sleep 600"
+    )
     unshare = ["unshare", "--ipc", "--pid", "--net", "--mount", "--fork", "--mount-proc", "--kill-child"]
     holder = subprocess.Popen([*unshare, "sh", "-c", mount], stdout=subprocess.PIPE, text=True)
     try:
