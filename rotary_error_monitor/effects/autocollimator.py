@@ -111,7 +111,7 @@ class MirrorWobble(StageEffect):
 
 
 class MirrorFlatness(StageEffect):
-    """The mirror's surface shows one more order over a turn."""
+    """The mirror's surface shows one more order over a turn. Order 1 is what a mirror askew shows."""
 
     name = "mirror_flatness"
     title = "mirror's flatness of one order"
@@ -125,6 +125,7 @@ class MirrorFlatness(StageEffect):
     acts_on = (AUTOCOLLIMATOR,)
     orders = 100
     falling = True
+    lowest = 2
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the order to the mirror's flatness."""

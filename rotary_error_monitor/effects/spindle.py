@@ -18,7 +18,7 @@ from rotary_error_monitor.errors import InputError
 
 
 class SpindleRadial(StageEffect):
-    """The axis moves radially with one more order."""
+    """The axis moves radially with one more order. Order 1 is what a ring or an artefact off centre shows."""
 
     name = "spindle_radial"
     title = "synchronous radial error motion of one order"
@@ -32,6 +32,7 @@ class SpindleRadial(StageEffect):
     acts_on = (HEAD, LVDT)
     orders = 100
     falling = True
+    lowest = 2
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the order to the spindle's radial error motion."""
@@ -39,7 +40,7 @@ class SpindleRadial(StageEffect):
 
 
 class SpindleTilt(StageEffect):
-    """The axis tilts with one more order."""
+    """The axis tilts with one more order. Order 1 is what a mirror askew shows."""
 
     name = "spindle_tilt"
     title = "synchronous tilt error motion of one order"
@@ -53,6 +54,7 @@ class SpindleTilt(StageEffect):
     acts_on = (AUTOCOLLIMATOR, LVDT)
     orders = 100
     falling = True
+    lowest = 2
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the order to the spindle's tilt error motion."""

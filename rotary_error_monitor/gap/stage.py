@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -212,9 +212,11 @@ class StageProblem:
         self._starts |= {candidate.key: candidate.start for candidate in found}
         return found
 
-    def tracks(self, rest: Rows) -> list[Track]:
-        """White rows with what they may depend on, for tests of structure; rows of little weight are left out."""
-        found = []
+    def tracks(self, rest: Rows) -> Iterator[Track]:
+        """White rows with what they may depend on, for tests of structure; rows of little weight are left out.
+
+        One channel at a time: of a long recording all together would fill the memory.
+        """
         for channel, rows in rest.items():
             expected = self.expected(channel)
             used = expected > 0.5 * float(expected.max(initial=0.0))
@@ -227,8 +229,7 @@ class StageProblem:
                     labels[part] = self.conditions.labels[block]
             angle = np.asarray(self.twin.inputs.command(time[used]), np.float64)
             white = rows[used, 0] / np.sqrt(expected[used])
-            found.append(Track(channel, white, time[used], angle, labels[used], self.conditions.names))
-        return found
+            yield Track(channel, white, time[used], angle, labels[used], self.conditions.names)
 
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of each channel against orders, lines, places and times."""
