@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,12 +55,13 @@ def stage_where(problem: StageProblem, causes: Sequence[Cause], explained: bool)
     ]
 
 
-def _words(values: Array, noise: float, state: RotorState, power: float) -> str:
+def _words(values: Array, noise: float, state: Callable[[], RotorState], power: float) -> str:
     """Pattern of values of which at least `power` is excess; what uncertain parameters took up counts as well."""
-    return describe(values, state, max(power, float(np.mean(np.square(values))) - noise**2))
+    return describe(values, state(), max(power, float(np.mean(np.square(values))) - noise**2))
 
 
-_Signals = Mapping[str, tuple[Array, float, RotorState]]
+_Signals = Mapping[str, tuple[Array, float, Callable[[], RotorState]]]
+"""Values of each channel, its noise, and what gives the rotor at its samples when it is wanted."""
 
 
 def _channel(stream: str, axis: int) -> str:
@@ -71,7 +73,7 @@ def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:
     """Effect of the causes on each channel; what all heads share alike stands once, in the command's channel."""
     with_causes, without = problem.twin.predict(causes), problem.twin.predict(())
     moved = {name: with_causes[name] - without[name] for name in with_causes}
-    found: dict[str, tuple[Array, float, RotorState]] = {}
+    found: dict[str, tuple[Array, float, Callable[[], RotorState]]] = {}
     heads = [name for name in moved if name.startswith(f"{HEAD}_")]
     powers = [float(np.mean(np.square(moved[name]))) for name in heads]
     alike = bool(heads) and min(powers) > (ALIKE * np.sqrt(max(powers))) ** 2 and max(powers) > 0
@@ -80,12 +82,11 @@ def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:
         shared = np.mean([moved[name][:length, 0] for name in heads], axis=0)
         alike = float(np.mean(np.square(shared))) > 0.5 * max(powers)
         if alike:
-            state = _cut(problem.twin.state(heads[0]), length)
-            found[_channel(COMMAND, 0)] = (shared, problem.noise.std[HEAD], state)
+            found[_channel(COMMAND, 0)] = (shared, problem.noise.std[HEAD], partial(_state, problem, heads[0], length))
             for name in heads:
                 moved[name] = moved[name][:length] - shared[:, None]
     for name, values in moved.items():
-        state = _cut(problem.twin.state(name), len(values))
+        state = partial(_state, problem, name, len(values))
         for axis in range(values.shape[1]):
             noise = problem.noise.std[name.partition("_")[0]]
             found[_channel(name, axis)] = (values[:, axis], noise, state)
@@ -107,7 +108,7 @@ def _excess(problem: StageProblem, causes: Sequence[Cause]) -> tuple[_Signals, d
         kind = HEAD if stream == COMMAND else stream.partition("_")[0]
         noise = problem.noise.std[kind]
         channel = _channel(stream, 0 if axis in ("", "x") else 1)
-        found[channel] = (track.rows * noise, noise, problem.twin.state_at(track.time))
+        found[channel] = (track.rows * noise, noise, partial(problem.twin.state_at, track.time))
         energy[channel] = max(0.0, excess[track.channel])
     _give_back(energy, [_channel(name, 0) for name in problem.recording.heads])
     return found, energy
@@ -128,7 +129,9 @@ def _give_back(energy: dict[str, float], heads: Sequence[str]) -> None:
         energy[head] *= 1 + part / differing
 
 
-def _cut(state: RotorState, length: int) -> RotorState:
+def _state(problem: StageProblem, stream: str, length: int) -> RotorState:
+    """The rotor at the first samples of a stream."""
+    state = problem.twin.state(stream)
     if len(state.time) == length:
         return state
     return RotorState(
