@@ -30,8 +30,8 @@ from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
 from rotary_error_monitor.twin.recording import StageRecording, record_stage, stage_topic
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.machine import MachineProblem
-    from rotary_error_monitor.gap.stage import StageProblem
+    from rotary_error_monitor.gap.machine.problem import MachineProblem
+    from rotary_error_monitor.gap.stage.problem import StageProblem
 
 POSE = "/machine/joint_states"
 PROBE = "/machine/tool_probe"
@@ -145,7 +145,7 @@ def _stage_problem(
     reader: BagReader, twin: TwinFile, stage: StageDescription, remarks: tuple[str, ...]
 ) -> StageProblem:
     # The libraries of a stage's signals take a second to load, which a machine need not wait for.
-    from rotary_error_monitor.gap.stage_stretches import stage_problem
+    from rotary_error_monitor.gap.stage.stretches import stage_problem
 
     letters = sorted(stage.encoder.azimuths)
     needed = [
@@ -167,7 +167,7 @@ def _stage_problem(
 def _machine_problem(
     reader: BagReader, twin: TwinFile, machine: MachineDescription, remarks: tuple[str, ...]
 ) -> MachineProblem:
-    from rotary_error_monitor.gap.machine import MachineProblem
+    from rotary_error_monitor.gap.machine.problem import MachineProblem
 
     reader.check_topics([POSE, PROBE])
     names = [name for name in (POSE, PROBE, WARMTH) if name in reader.topics]
@@ -184,16 +184,16 @@ def _machine_problem(
 
 
 def _mount_problem(path: Path, twin: TwinFile, mount: MountDescription) -> DiagnosableProblem:
-    from rotary_error_monitor.gap.mount import MountProblem
-    from rotary_error_monitor.gap.mount_loading import read_pointings
+    from rotary_error_monitor.gap.mount.pointings import read_pointings
+    from rotary_error_monitor.gap.mount.problem import MountProblem
 
     effects = tuple(effect for effect in twin.effects if isinstance(effect, MountEffect))
     return MountProblem(mount, read_pointings(path), effects, twin.known)
 
 
 def _quadrature_problem(path: Path, twin: TwinFile, description: QuadratureDescription) -> DiagnosableProblem:
-    from rotary_error_monitor.gap.quadrature import QuadratureProblem
-    from rotary_error_monitor.gap.quadrature_loading import read_quadrature
+    from rotary_error_monitor.gap.quadrature.problem import QuadratureProblem
+    from rotary_error_monitor.gap.quadrature.signals import read_quadrature
 
     effects = tuple(effect for effect in twin.effects if isinstance(effect, QuadratureEffect))
     return QuadratureProblem(description, read_quadrature(path), effects, twin.known)

@@ -116,7 +116,7 @@ def select_causes(
     search = _Search(problem, false_alarms)
     progress("residual")
     stages = [search.look(fit_causes(problem, ()), None)]
-    while not stages[-1].settled and len(stages) <= most:
+    while not stages[-1].settled and len(stages) <= most and search.can_grow(stages[-1]):
         progress(f"{len(stages)} effect{'s' if len(stages) > 1 else ''}")
         stages.append(search.spare(search.exchange(search.grow(stages[-1], len(stages)))))
     return Selection(tuple(stages))
@@ -160,6 +160,10 @@ class _Search:
             float(np.log(self._level)),
             allowance,
         )
+
+    def can_grow(self, stage: Stage) -> bool:
+        """Whether there is an effect left that could join the set."""
+        return bool(stage.weighing.singles(self._members(stage)))
 
     def grow(self, stage: Stage, size: int) -> Stage:
         """The best set of one more effect."""

@@ -21,7 +21,7 @@ from isolation import IsolationMatrix
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
-from rotary_error_monitor.gap.stage import StageProblem
+from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.scenario.gap_cases import make_case, plan_cases
 from rotary_error_monitor.scenario.gap_scores import score_case

@@ -11,7 +11,7 @@ from rotary_error_monitor.effects.effect import Effect, Parameter
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.problem import Candidate, Conditions
-from rotary_error_monitor.gap.stage import StageProblem
+from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 

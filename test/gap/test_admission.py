@@ -12,7 +12,7 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.admission import check_stage
 from rotary_error_monitor.gap.diagnosis import diagnose
-from rotary_error_monitor.gap.stage import StageProblem
+from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.twin.recording import record_stage, stage_topic

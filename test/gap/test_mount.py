@@ -13,10 +13,10 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.mount_effect import MountEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
-from rotary_error_monitor.gap.mount import MountProblem
-from rotary_error_monitor.gap.mount_loading import parse_pointings, read_pointings
-from rotary_error_monitor.gap.mount_noise import estimate_repeatability
-from rotary_error_monitor.gap.sky_blocks import BLOCKS, sky_conditions, sky_patches
+from rotary_error_monitor.gap.mount.noise import estimate_repeatability
+from rotary_error_monitor.gap.mount.pointings import parse_pointings, read_pointings
+from rotary_error_monitor.gap.mount.problem import MountProblem
+from rotary_error_monitor.gap.mount.sky_blocks import BLOCKS, sky_conditions, sky_patches
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.plant.mount import LATITUDE, Pointings, pointing_file, simulate_pointings
 

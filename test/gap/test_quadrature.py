@@ -13,8 +13,8 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
-from rotary_error_monitor.gap.quadrature import QuadratureProblem, radius_scatter
-from rotary_error_monitor.gap.quadrature_loading import read_quadrature, read_signals
+from rotary_error_monitor.gap.quadrature.problem import QuadratureProblem, radius_scatter
+from rotary_error_monitor.gap.quadrature.signals import read_quadrature, read_signals
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.twin.quadrature import QuadratureRecording, true_phase
 

@@ -14,8 +14,8 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.sentences import verdict_sentence
-from rotary_error_monitor.gap.stage import StageProblem
-from rotary_error_monitor.gap.stage_experiments import advise
+from rotary_error_monitor.gap.stage.experiments import advise
+from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.report.diagnosis import write_report
 
@@ -95,6 +95,13 @@ def test_an_effect_that_is_not_in_the_library_is_unknown(stage_problem):
     without = tuple(e for e in EFFECTS if e.name != "unbalance")
     problem, _ = stage_problem(4, "single", ["unbalance"], stage_effects=without)
     assert diagnose(problem).verdict is Verdict.UNKNOWN
+
+
+def test_a_library_of_one_effect_ends_where_it_ends(stage_problem):
+    problem, _ = stage_problem(4, "single", ["unbalance"], stage_effects=(effect("autocollimator_drift"),))
+    diagnosis = diagnose(problem, most_causes=2)
+    assert diagnosis.verdict is Verdict.UNKNOWN
+    assert not diagnosis.causes
 
 
 def test_a_known_cause_beside_something_unknown_is_partly_explained(stage_problem):

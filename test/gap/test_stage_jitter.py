@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt, welch
 
-from rotary_error_monitor.gap.stage_jitter import SharedMotion, estimate_jitter
+from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter
 
 PERIOD, COUNT = 0.004, 10000
 TIME = PERIOD * np.arange(COUNT)

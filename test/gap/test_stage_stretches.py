@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.gap import stage_stretches
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.normal import combine, stack
-from rotary_error_monitor.gap.stage_stretches import LongStageProblem, cut_recording, stage_problem
+from rotary_error_monitor.gap.stage import stretches
+from rotary_error_monitor.gap.stage.stretches import LongStageProblem, cut_recording, stage_problem
 from rotary_error_monitor.gap.verdict import Verdict
 
 STRETCH = 8.0
@@ -18,7 +18,7 @@ STRETCH = 8.0
 @pytest.fixture
 def both(stage_problem, monkeypatch):
     """Function that gives a problem as a whole, the same in stretches, and its truth."""
-    monkeypatch.setattr(stage_stretches, "STRETCH", STRETCH)
+    monkeypatch.setattr(stretches, "STRETCH", STRETCH)
 
     def make(*args, **named):
         whole, truth = stage_problem(*args, **named)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.gap.problem import Finding
-from rotary_error_monitor.gap.stage_search import find_step, find_wave, order_spectrum
+from rotary_error_monitor.gap.stage.search import find_step, find_wave, order_spectrum
 from rotary_error_monitor.gap.structure import Track, find_structure
 from rotary_error_monitor.gap.verdict import PRIOR_OF_UNKNOWN, Verdict, chance_of_unknown
 

@@ -16,7 +16,7 @@ from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.mount import MountRecording, MountTwin
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.mount import MountProblem
+    from rotary_error_monitor.gap.mount.problem import MountProblem
 
 ARCSEC = np.degrees(1.0) * 3600
 WAYS = {"hour": "/mount/pointing.hour_angle", "declination": "/mount/pointing.declination"}

@@ -16,10 +16,10 @@ from rotary_error_monitor.description.mount import MountDescription, MountGeomet
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.mount_effect import MountEffect
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.mount_noise import estimate_repeatability
-from rotary_error_monitor.gap.mount_where import mount_advice, mount_figures, mount_structure, mount_views, mount_where
+from rotary_error_monitor.gap.mount.noise import estimate_repeatability
+from rotary_error_monitor.gap.mount.sky_blocks import sky_conditions, sky_patches
+from rotary_error_monitor.gap.mount.where import mount_advice, mount_figures, mount_structure, mount_views, mount_where
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
-from rotary_error_monitor.gap.sky_blocks import sky_conditions, sky_patches
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.mount import MountRecording, MountTwin
 

@@ -16,7 +16,7 @@ from rotary_error_monitor.effects.effect import AnyEffect, order_location
 from rotary_error_monitor.gap.problem import Array, Candidate, Rows
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.stage import StageProblem
+    from rotary_error_monitor.gap.stage.problem import StageProblem
 
 PROPOSED_ORDERS = 3
 """Orders proposed by each group of channels."""

@@ -12,7 +12,7 @@ from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect, positioning_error
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.chances import chi_square_median, log_chi_square_tail
-from rotary_error_monitor.gap.machine_where import machine_advice, machine_where
+from rotary_error_monitor.gap.machine.where import machine_advice, machine_where
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe, uncertain_shifts

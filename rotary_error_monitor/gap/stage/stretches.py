@@ -24,8 +24,9 @@ from rotary_error_monitor.gap.problem import (
     Rows,
     StretchedConditions,
 )
-from rotary_error_monitor.gap.stage import MOST_BLOCKS, StageProblem, stage_conditions
-from rotary_error_monitor.gap.stage_search import StageSearch
+from rotary_error_monitor.gap.stage.conditions import MOST_BLOCKS, stage_conditions
+from rotary_error_monitor.gap.stage.problem import StageProblem
+from rotary_error_monitor.gap.stage.search import StageSearch
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
 from rotary_error_monitor.twin.stage import StageInputs, twin_of
 

@@ -13,7 +13,7 @@ from rotary_error_monitor.gap.problem import Array, Rows, Share
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.machine import MachineProblem
+    from rotary_error_monitor.gap.machine.problem import MachineProblem
 
 TOPIC = "/machine/tool_probe"
 TELLING = 0.1

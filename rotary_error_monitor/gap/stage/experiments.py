@@ -20,7 +20,7 @@ from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.stage import StageProblem
+    from rotary_error_monitor.gap.stage.problem import StageProblem
 
 Key = tuple[str, str]
 

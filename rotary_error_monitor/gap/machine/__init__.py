@@ -1,0 +1,1 @@
+"""The five-axis machine as a problem of diagnosis."""

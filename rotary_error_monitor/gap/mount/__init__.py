@@ -1,0 +1,1 @@
+"""The two-axis mount as a problem of diagnosis."""

@@ -1,0 +1,1 @@
+"""Sine and cosine signals as a problem of diagnosis."""

@@ -1,0 +1,1 @@
+"""The rotary stage as a problem of diagnosis."""
