@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from rotary_error_monitor.effects.effect import Cause, Estimate
 from rotary_error_monitor.gap.alternatives import Alternatives, Key, weigh_alternatives
 from rotary_error_monitor.gap.held_out import OpenProblem, dispersion, predicts
-from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, Share
+from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, LandingProblem, Share
 from rotary_error_monitor.gap.selection import MOST_CAUSES, Selection, Stage, select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
 from rotary_error_monitor.gap.verdict import CHANCE_OF_RESEMBLANCE, Verdict, chance_of_unknown, trusted_causes
@@ -145,9 +145,16 @@ def diagnose(
         gap,
         () if stage.settled else tuple(f for f in stage.findings if f.log_chance < stage.log_alarm)[:12],
         problem.remarks(stage.fit.rest),
-        problem.figures(stage.fit.causes) if isinstance(problem, OpenProblem) else {},
+        _figures(problem, stage.fit.causes),
         selection,
     )
+
+
+def _figures(problem: DiagnosableProblem, causes: Sequence[Cause]) -> Mapping[str, float]:
+    """What people in the field ask for: where the gap lands, or what such recordings are usually judged by."""
+    if isinstance(problem, LandingProblem):
+        return problem.landing(causes)
+    return problem.figures(causes) if isinstance(problem, OpenProblem) else {}
 
 
 def _judge(problem: DiagnosableProblem, selection: Selection) -> tuple[Verdict, Stage]:

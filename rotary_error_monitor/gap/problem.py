@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,3 +236,11 @@ class DiagnosableProblem(Problem, Protocol):
 
     def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
         """Residuals of some channels before and after the causes, against what they may depend on."""
+
+
+@runtime_checkable
+class LandingProblem(Protocol):
+    """A problem that knows where its gap lands in the result that users care about."""
+
+    def landing(self, causes: Sequence[Cause]) -> Mapping[str, float]:
+        """How wrong the causes make the tool-to-workpiece offset, by names with units; for `diagnosis.json`."""

@@ -158,6 +158,17 @@ class StageTwin:
             age=delay,
         )
 
+    def motion(self, time: Array, causes: Sequence[Cause] = ()) -> tuple[Array, Array, Array]:
+        """True rotation (m,), radial error motion at the ring (m, 2) and tilt error motion (m, 2) at times (m,)."""
+        acting = [(c, c.effect) for c in (*self.known, *causes) if isinstance(c.effect, StageEffect)]
+        state, stage = self.state_at(time), self.stage
+        turned = [effect.rotation(cause.values, state) for cause, effect in acting]
+        if any(part is not None for part in turned):
+            state = state.rotated(np.sum([part for part in turned if part is not None], axis=0))
+        for cause, effect in acting:
+            stage = effect.amend(stage, cause.values, cause.location)
+        return state.theta, _radial(stage, state, acting), _tilt(stage, state, acting)
+
     def _stream(self, name: str, causes: Sequence[Cause], stage: StageDescription) -> Array:
         acting = [(c, c.effect) for c in causes if isinstance(c.effect, StageEffect)]
         acting = [(cause, effect) for cause, effect in acting if effect.touches(cause.location, name)]

@@ -121,3 +121,12 @@ def test_effects_that_look_alike_are_a_group_with_poses_as_advice(machine_proble
     group = next(group for group in diagnosis.indistinguishable if ("head_droop", "") in group.effects)
     assert ("rotary_harmonic", "A") in group.effects
     assert "standard deviations" in group.advice
+
+
+def test_where_it_lands_is_told_at_the_poses(machine_problem):
+    problem, _ = machine_problem(31, "single", ["axis_scale"], (100.0, 150.0))
+    diagnosis = diagnose(problem)
+    (found,) = diagnosis.causes
+    column = problem.machine.letters.index(found.cause.location)
+    moved = found.parameters["relative"].value * problem.recording.positions[:, column]
+    assert diagnosis.figures["tool_offset_error_um"] == pytest.approx(1e6 * np.sqrt(np.mean(moved**2)), rel=1e-3)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,6 +166,14 @@ class MachineProblem:
     def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
         """Shares of the probe's components."""
         return machine_where(self, causes, rest, explained)
+
+    def landing(self, causes: Sequence[Cause]) -> Mapping[str, float]:
+        """How wrong the causes make the tool's offset at the poses."""
+        if not causes:
+            return {}
+        plain = predict_probe(self.machine, self.recording)
+        moved = predict_probe(self.machine, self.recording, causes) - plain
+        return {"tool_offset_error_um": 1e6 * float(np.sqrt(np.mean(np.sum(np.square(moved), axis=1))))}
 
     def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
         """Poses that would tell effects apart."""

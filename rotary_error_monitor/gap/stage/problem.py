@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -16,6 +16,7 @@ from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditio
 from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter
+from rotary_error_monitor.gap.stage.offset import offset_figures
 from rotary_error_monitor.gap.stage.search import StageSearch
 from rotary_error_monitor.gap.stage.where import stage_where
 from rotary_error_monitor.gap.structure import Track, find_structure
@@ -290,6 +291,10 @@ class StageProblem:
     def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
         """Shares of the channels in topics and fields."""
         return stage_where(self, causes, explained)
+
+    def landing(self, causes: Sequence[Cause]) -> Mapping[str, float]:
+        """How wrong the causes make the tool's offset."""
+        return offset_figures(self, causes)
 
     def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
         """The measurement that would tell effects apart."""
