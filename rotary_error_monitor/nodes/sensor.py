@@ -115,6 +115,7 @@ def mock_settings(node: ManagedNode) -> MockSettings:
         epoch_ns=node.setting("mock.epoch") or last_midnight(node.now_ns()),
         speeds=tuple(node.setting("mock.speeds")),
         forces=node.setting("mock.forces"),
+        force_cycle=node.setting("mock.force_cycle"),
         rate=(node.setting(RATE.name) or None) if node.has_parameter(RATE.name) else None,
     )
 

@@ -231,10 +231,9 @@ class Estimator:
         sampled = dict(zip(self._streams, resampled, strict=True))
         masks = np.zeros(len(ticks), np.int64)
         for name, stream in self._streams.items():
-            usable = sampled[name].valid
             # what a live run decided stands: the bag may begin later than the stream did
-            if self._decisions is None and stream.usable_from_ns is not None:
-                usable = usable & (ticks >= stream.usable_from_ns)
+            heard = stream.is_whole(ticks, settings.period_ns, after_patience=self._decisions is None)
+            usable = sampled[name].valid & heard
             masks += np.where(usable, self._bits[name], 0)
         if self._decisions is not None:
             decided = np.array([self._decisions.get(int(tick), 0) for tick in ticks])

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.noise import Noise
 
+FORCE_CYCLE = 40.0
+"""After how many seconds the forces of Lou et al. 2019 (Figure 15) come again."""
+
 
 @dataclass(frozen=True)
 class Push:
@@ -37,7 +40,7 @@ class Forces:
     """Pushes one after another or at once, repeated every `cycle` seconds."""
 
     pushes: tuple[Push, ...] = ()
-    cycle: float = 40.0
+    cycle: float = FORCE_CYCLE
 
     def __post_init__(self) -> None:
         for push in self.pushes:
@@ -78,7 +81,7 @@ class Temperature:
         )
 
 
-def intermittent_forces(seed: int, cycle: float = 40.0, count: int = 5, peak: float = 180.0) -> Forces:
+def intermittent_forces(seed: int, cycle: float = FORCE_CYCLE, count: int = 5, peak: float = 180.0) -> Forces:
     """Seeded pushes as by hand on the turning shaft (Lou et al. 2019, Figure 15): from any side, up to `peak` N."""
     draw = Noise(seed, "forces").generator()
     starts = np.sort(draw.uniform(0.1, 0.85, count)) * cycle

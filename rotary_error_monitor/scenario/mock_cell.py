@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Never
 
 import numpy as np
+from lifecycle_msgs.msg import Transition
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -27,6 +28,9 @@ HEIGHTS = (0.005, 0.016, 0.060)
 
 SPEEDS = (1.5707963267948966, 3.141592653589793)
 """Speeds of a cycle of the stage, rad/s."""
+
+FORCE_CYCLE = 20.0
+"""Time after which the pushes at the shaft repeat, s: a run of half a minute has some at each height."""
 
 STARTING = 60.0
 """How long the cell may take to find itself, s."""
@@ -94,37 +98,62 @@ def record(cell: MockCell, letters: Sequence[str]) -> Recording:
         "mock.seed": cell.seed,
         "mock.epoch": epoch_ns,
         "mock.speeds": SPEEDS,
+        "mock.force_cycle": FORCE_CYCLE,
         "block_period": BLOCK_PERIOD,
     }
     machine: dict[str, Any] = {"machine": cell.machine}
     with Cell(letters, shared) as running, _progress(cell.duration, cell.quiet) as progress:
         progress.set_description("starting")
         # the recorder first: what the others say from their start on is in the bag
-        processes = [running.start("recorder", folder=str(recording.bag))]
+        recorder = running.start("recorder", folder=str(recording.bag))
         running.wait_for_status("recorder: state", "active", STARTING)
-        processes.append(running.start("mock_controller", **mock, **machine, rate=cell.rate))
-        processes.append(running.start("autocollimator", **mock, rate=cell.rate))
-        for letter in letters:
-            name = f"encoder_head_{letter}"
-            processes.append(running.start("encoder_head", name, **mock, head=letter, rate=cell.rate))
-        processes.append(running.start("error_estimator"))
-        processes.append(running.start("compensation", **machine, correction_period=CORRECTION_PERIOD))
-        running.wait_for_status("compensation: state", "active", STARTING)
+        instruments = [
+            running.start("mock_controller", **mock, **machine, rate=cell.rate),
+            running.start("autocollimator", **mock, rate=cell.rate),
+            *(running.start("encoder_head", f"encoder_head_{x}", **mock, head=x, rate=cell.rate) for x in letters),
+        ]
+        reckoning = [
+            running.start("error_estimator", autostart=False),
+            running.start("compensation", autostart=False, **machine, correction_period=CORRECTION_PERIOD),
+        ]
+        lvdt = running.start("lvdt", autostart=False, **mock)
+        _activate_once_all_is_recorded(running, [process.name for process in reckoning])
         running.wait_until(lambda: _corrects(running), "the cell to correct", STARTING)
         for height in HEIGHTS:
-            lvdt = running.start("lvdt", **{**mock, "mock.height": height})
-            running.wait_for_status("lvdt: state", "active", STARTING)
+            running.set_parameter("lvdt", "mock.height", height)
+            _take_through(running, "lvdt", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
             progress.set_description(f"LVDT at {height * 1e3:.0f} mm")
             begin_ns = time.time_ns()
             _let_run(running, cell.duration / len(HEIGHTS), progress)
             recording.heights.append((height, begin_ns, time.time_ns()))
-            _end_together([lvdt], recording)
-            running.forget_status("lvdt: state")
+            _take_through(running, "lvdt", Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
         # against the stream: whatever a process says to its end is heard by the next, and by the recorder
-        _end_together(processes[-2:], recording)
-        _end_together(processes[1:-2], recording)
-        _end_together(processes[:1], recording)
+        for processes in ([*reckoning, lvdt], instruments, [recorder]):
+            _end_together(processes, recording)
     return recording
+
+
+def _activate_once_all_is_recorded(running: Cell, names: Sequence[str]) -> None:
+    """Nobody reckons with what the recorder does not hear yet, and it is there for what they say first."""
+    instruments = {"encoder_head", "autocollimator", "mock_controller"}
+    wanted = {topic.name for topic in running.wire if instruments.intersection(topic.publishers)}
+    running.wait_until(
+        lambda: wanted.isdisjoint(running.figures("recorder: recording")["silent_topics"].split(", ")),
+        "the recorder to hear every instrument",
+        STARTING,
+    )
+    for name in names:
+        _take_through(running, name, Transition.TRANSITION_CONFIGURE)
+    for name in names:
+        running.wait_for_status(f"{name}: state", "inactive", STARTING)
+    for name in names:
+        _take_through(running, name, Transition.TRANSITION_ACTIVATE)
+
+
+def _take_through(running: Cell, node: str, *transitions: int) -> None:
+    for transition in transitions:
+        if not running.change_state(node, transition):
+            raise RuntimeError(f"{node} refused transition {transition} of its life cycle; its log says why")
 
 
 def _corrects(running: Cell) -> bool:

@@ -20,7 +20,7 @@ from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compa
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.replay import Replay, replay_bag
-from rotary_error_monitor.scenario.mock_cell import SPEEDS, MockCell, Recording, seconds
+from rotary_error_monitor.scenario.mock_cell import FORCE_CYCLE, SPEEDS, MockCell, Recording, seconds
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
@@ -100,7 +100,7 @@ def figures(cell: MockCell, recording: Recording, stage: StageDescription, machi
     reader = BagReader(recording.bag)
     wire = load_wire(tuple(stage.encoder.azimuths))
     replayed = replay_bag(recording.bag, stage, machine)
-    plant = mock_stage(stage, MockSettings(cell.seed, recording.epoch_ns, SPEEDS, True, cell.rate))
+    plant = mock_stage(stage, MockSettings(cell.seed, recording.epoch_ns, SPEEDS, True, cell.rate, FORCE_CYCLE))
     comparisons = dict(lvdt_comparisons(recording, reader, wire, stage, replayed))
     offsets = true_offsets(recording, reader, wire, machine, plant)
     rows = [

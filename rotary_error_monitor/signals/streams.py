@@ -3,11 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.signals.blocks import SampleBlock
+
+_BEGINNING = np.iinfo(np.int64).min // 2
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A stretch without samples where some were expected, or what was before the first of all.
+
+    Attributes:
+        last_ns: timestamp (ns) of the last sample before.
+        first_ns: timestamp (ns) of the first sample after.
+        usable_ns: from when on the stream counts again, timestamp (ns).
+        reach_ns: two samples' distance, ns: an interpolation takes as many to each side.
+    """
+
+    last_ns: int
+    first_ns: int
+    usable_ns: int
+    reach_ns: int
 
 
 class SampleStream:
@@ -29,7 +49,7 @@ class SampleStream:
         self.late = 0
         self.bad = 0
         self.lost = 0
-        self.usable_from_ns: int | None = None
+        self._gaps: list[Gap] = []
         self.block_duration_ns = 0
         self.patience_ns = patience_ns
         self._expected_ns: int | None = None
@@ -104,6 +124,8 @@ class SampleStream:
         first = int(np.searchsorted(self._times, before_ns)) - margin
         if first > 0:
             self._times, self._values = self._times[first:].copy(), self._values[first:].copy()
+            oldest = int(self._times[0])
+            self._gaps = [gap for gap in self._gaps if gap.usable_ns > oldest]
 
     def expect(self, from_ns: int) -> None:
         """Say from when on samples are expected: the time at which the first stream of all began."""
@@ -114,13 +136,33 @@ class SampleStream:
         last = self._expected_ns if self.newest_ns is None else self.newest_ns
         return last is not None and watermark_ns - last > self.patience_ns
 
+    def is_whole(
+        self, ticks_ns: NDArray[np.int64], period_ns: int, *, after_patience: bool = True
+    ) -> NDArray[np.bool_]:
+        """(m,) whether every sample that a value at a tick rests on was there.
+
+        A listener that missed a block may hold enough samples for a value, yet not the value of one that heard all.
+
+        Args:
+            ticks_ns: (m,) timestamps (ns).
+            period_ns: distance of two ticks, ns.
+            after_patience: a stream that comes back counts again only after the patience.
+        """
+        whole = np.ones(len(ticks_ns), np.bool_)
+        for gap in self._gaps:
+            reach = max(period_ns // 2, gap.reach_ns)  # a fit takes the samples of its cell
+            until = gap.first_ns + reach
+            if after_patience:
+                until = max(until, gap.usable_ns)
+            whole &= (ticks_ns + reach < gap.last_ns) | (ticks_ns >= until)
+        return whole
+
     def _note_gap(self, newest: int | None, first: int) -> None:
-        if newest is None:
-            came_late = self._expected_ns is not None and first - self._expected_ns > self.patience_ns
-            self.usable_from_ns = first + self.patience_ns if came_late else first
-            return
-        gap = first - newest
-        if self._spacing_ns > 0 and gap > 2.5 * self._spacing_ns:
-            self.lost += max(1, round(gap / self._spacing_ns / self._block_samples))
-        if gap > self.patience_ns:
-            self.usable_from_ns = first + self.patience_ns
+        last, since = (newest, newest) if newest is not None else (_BEGINNING, self._expected_ns)
+        is_long = since is not None and first - since > self.patience_ns
+        lost = newest is not None and self._spacing_ns > 0 and first - newest > 2.5 * self._spacing_ns
+        if lost:
+            self.lost += max(1, round((first - last) / self._spacing_ns / self._block_samples))
+        if lost or is_long or newest is None:
+            usable = first + self.patience_ns if is_long else first
+            self._gaps.append(Gap(last, first, usable, round(2 * self._spacing_ns)))

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.plant.environment import Forces, intermittent_forces
+from rotary_error_monitor.plant.environment import FORCE_CYCLE, Forces, intermittent_forces
 from rotary_error_monitor.plant.motion import reversing_motion
 from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
@@ -28,6 +28,7 @@ class MockSettings:
         speeds: speeds of a cycle of the stage, rad/s.
         forces: whether something pushes at the shaft now and then.
         rate: samples a second of heads and autocollimator; None for their usual rates.
+        force_cycle: after which the pushes repeat, s.
     """
 
     seed: int
@@ -35,6 +36,7 @@ class MockSettings:
     speeds: Sequence[float]
     forces: bool = True
     rate: float | None = None
+    force_cycle: float = FORCE_CYCLE
 
 
 def last_midnight(now_ns: int) -> int:
@@ -49,7 +51,7 @@ def mock_stage(stage: StageDescription, settings: MockSettings) -> StagePlant:
         seed=settings.seed,
         epoch_ns=settings.epoch_ns,
         motion=reversing_motion(settings.speeds),
-        forces=intermittent_forces(settings.seed) if settings.forces else Forces(),
+        forces=intermittent_forces(settings.seed, settings.force_cycle) if settings.forces else Forces(),
         clocks=stage_clocks(tuple(stage.encoder.azimuths), settings.rate),
     )
 

@@ -11,6 +11,9 @@ from typing import Self, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -155,16 +158,27 @@ class Cell:
         self.node.create_subscription(kind, topic.name, received.append, profile(topic))
         return received
 
-    def call(self, kind: type[messages.Message], name: str) -> messages.Message:
-        """Answer of a service to an empty request."""
+    def call(self, kind: type[messages.Message], name: str, **request: object) -> messages.Message:
+        """Answer of a service; without `request`, the fields of the message, to an empty one."""
         client = self.node.create_client(kind, name)
         try:
             self.wait_until(client.service_is_ready, f"service {name}")
-            future = client.call_async(kind.Request())
+            future = client.call_async(kind.Request(**request))
             self.wait_until(future.done, f"answer of {name}")
             return future.result()
         finally:
             self.node.destroy_client(client)
+
+    def change_state(self, node: str, transition: int) -> bool:
+        """Take a managed node through a transition of `lifecycle_msgs/msg/Transition`; whether it went through."""
+        request = Transition(id=transition)
+        return bool(self.call(ChangeState, f"/{node}/change_state", transition=request).success)
+
+    def set_parameter(self, node: str, name: str, value: object) -> bool:
+        """Set a parameter of a node, also in another process; whether the node took it."""
+        wanted = Parameter(name, value=value).to_parameter_msg()
+        (result,) = self.call(SetParameters, f"/{node}/set_parameters", parameters=[wanted]).results
+        return bool(result.successful)
 
     def clock(self) -> Callable[[int], None]:
         """Function that sets simulated time (ns) for nodes run with `use_sim_time=True`."""
@@ -193,6 +207,14 @@ class Cell:
     def has_status(self, name: str, message: str) -> bool:
         """Whether the latest status of that name holds `message`."""
         return name in self._statuses and message in self._statuses[name].message
+
+    def figures(self, name: str) -> dict[str, str]:
+        """Figures of the latest status of that name, waiting for the first.
+
+        Raises:
+            TimeoutError: no such status came.
+        """
+        return {each.key: each.value for each in self.status(name).values}
 
     def forget_status(self, name: str) -> None:
         """Forget a status, so that the next wait sees only what is said from now on."""

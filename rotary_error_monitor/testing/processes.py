@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -12,6 +13,9 @@ from collections.abc import Mapping, Sequence
 from rotary_error_monitor.testing.domains import DISCOVERY
 
 _PATIENCE = 10.0
+_LAST_WORDS = 2.0
+_STACKS = {"PYTHONFAULTHANDLER": "1"}
+"""Makes a process that is aborted write where each of its threads stood."""
 
 
 class NodeProcess:
@@ -39,7 +43,7 @@ class NodeProcess:
                 f"__node:={name}",
                 *ros_args,
             ],
-            env={**os.environ, **DISCOVERY, "ROS_DOMAIN_ID": str(domain)},
+            env={**os.environ, **DISCOVERY, **_STACKS, "ROS_DOMAIN_ID": str(domain)},
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,
@@ -80,12 +84,15 @@ class NodeProcess:
         """Wait for its end; give its exit code.
 
         Raises:
-            TimeoutError: it did not end within `deadline` s and was killed.
+            TimeoutError: it did not end within `deadline` s and was killed; the message says where its threads stood.
         """
         self.expected = self.judged = True
         try:
             return self._process.wait(deadline)
         except subprocess.TimeoutExpired:
+            self._process.send_signal(signal.SIGABRT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_LAST_WORDS)
             self._process.kill()
             self._process.wait()
             raise TimeoutError(f"{self.name} did not end within {deadline} s; it wrote:\n{self.output}") from None

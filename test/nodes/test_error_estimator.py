@@ -67,9 +67,8 @@ def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sens
     assert covariance[2, 2] == -1.0
     assert (np.diag(covariance)[[0, 1, 3, 4, 5]] > 0).all()
     cell.forget_status("error_estimator: estimate")
-    status = cell.wait_for_status("error_estimator: estimate", "complete")
-    figures = {each.key: each.value for each in status.values}
-    assert float(figures["rate_hz"]) > 50
+    cell.wait_for_status("error_estimator: estimate", "complete")
+    assert float(cell.figures("error_estimator: estimate")["rate_hz"]) > 50
     cell.wait_for_status("error_estimator: /stage/head_a/samples", "alive")
 
 

@@ -119,7 +119,7 @@ def test_wrong_corrections_are_refused_and_the_machine_stays(cnc):
         correct(told("correction of X is 0.001; expected at most 0.0005"), "the refusal", {"X": 1e-3})
         correct(told("correction for B"), "the refusal", {"B": 1e-6})
         correct(told("expected at most 0.1 s"), "the refusal", {"X": 1e-6}, age_ns=400_000_000)
-        assert {value.key: value.value for value in cell.status(CORRECTIONS).values}["offset_x"] == "0"
+        assert cell.figures(CORRECTIONS)["offset_x"] == "0"
 
 
 @pytest.mark.linuxcnc

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 import pytest
 import yaml
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from rclpy.parameter import Parameter
 
 from rotary_error_monitor.errors import InputError
@@ -26,38 +25,30 @@ from rotary_error_monitor.testing import Cell
 from rotary_error_monitor.testing.domains import own_domain
 
 
-def change_state(cell: Cell, node: str, transition: int) -> bool:
-    client = cell.node.create_client(ChangeState, f"/{node}/change_state")
-    cell.wait_until(client.service_is_ready, "life cycle service")
-    future = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
-    cell.wait_until(future.done, "change of state")
-    return future.result().success
-
-
 def test_a_life_cycle_manager_can_take_over(cell):
     blocks = cell.collect(cell.wire.topic("head_samples", "a"))
     cell.run(EncoderHead, "encoder_head_a", autostart=False)
-    assert change_state(cell, "encoder_head_a", Transition.TRANSITION_CONFIGURE)
+    assert cell.change_state("encoder_head_a", Transition.TRANSITION_CONFIGURE)
     cell.wait_for_status("encoder_head_a: state", "inactive")
     assert blocks == []
     for _ in range(2):
-        assert change_state(cell, "encoder_head_a", Transition.TRANSITION_ACTIVATE)
+        assert cell.change_state("encoder_head_a", Transition.TRANSITION_ACTIVATE)
         cell.wait_until(lambda: len(blocks) > 2, "blocks of an active node")
-        assert change_state(cell, "encoder_head_a", Transition.TRANSITION_DEACTIVATE)
+        assert cell.change_state("encoder_head_a", Transition.TRANSITION_DEACTIVATE)
         cell.wait_for_status("encoder_head_a: state", "inactive")
         blocks.clear()
         cell.spin_for(0.3)
         assert blocks == []
-        assert change_state(cell, "encoder_head_a", Transition.TRANSITION_CLEANUP)
-        assert change_state(cell, "encoder_head_a", Transition.TRANSITION_CONFIGURE)
-    assert change_state(cell, "encoder_head_a", Transition.TRANSITION_INACTIVE_SHUTDOWN)
+        assert cell.change_state("encoder_head_a", Transition.TRANSITION_CLEANUP)
+        assert cell.change_state("encoder_head_a", Transition.TRANSITION_CONFIGURE)
+    assert cell.change_state("encoder_head_a", Transition.TRANSITION_INACTIVE_SHUTDOWN)
 
 
 def test_a_node_that_cannot_be_configured_stays_unconfigured_until_it_can(cell):
     node = cell.run(EncoderHead, "encoder_head_x", autostart=False)
-    assert not change_state(cell, "encoder_head_x", Transition.TRANSITION_CONFIGURE)
+    assert not cell.change_state("encoder_head_x", Transition.TRANSITION_CONFIGURE)
     node.set_parameters([Parameter("head", value="b")])
-    assert change_state(cell, "encoder_head_x", Transition.TRANSITION_CONFIGURE)
+    assert cell.change_state("encoder_head_x", Transition.TRANSITION_CONFIGURE)
 
 
 def test_a_wrong_stage_is_named_with_file_and_line(cell, tmp_path):

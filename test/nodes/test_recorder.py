@@ -38,8 +38,8 @@ def test_a_bag_holds_what_was_published(cell, tmp_path):
     cell.run(MockController, "mock_controller", machine="xyzac_trt")
     axes = cell.collect(cell.wire.topic("machine_joint_states"))
     cell.wait_until(lambda: len(received) > 10 and len(axes) > 30, "messages")
-    status = cell.wait_for_status("recorder: recording", "recording")
-    assert {each.key for each in status.values} >= {"bag", "messages", "rate_hz", "silent_topics"}
+    cell.wait_for_status("recorder: recording", "recording")
+    assert cell.figures("recorder: recording").keys() >= {"bag", "messages", "rate_hz", "silent_topics"}
     cell.remove(recorder)
     with AnyReader([bag]) as reader:
         names = {each.topic for each in reader.connections}

@@ -271,6 +271,29 @@ def test_a_replay_repeats_what_the_live_run_decided():
     np.testing.assert_array_equal(again.rows[:, 1:], live.rows[:, 1:])
 
 
+@settings(deadline=None, max_examples=25)
+@given(
+    st.sampled_from([(10_000.0, 0.005), (10_000.0, 0.02), (50_000.0, 0.003), (1_000.0, 0.02), (400.0, 0.05)]),
+    st.integers(0, 10_000),
+)
+def test_a_replay_repeats_a_live_run_that_missed_what_the_recorder_heard(sampling, seed):
+    """Found late, or too busy for a block: whatever was published rests on samples that were all there."""
+    generator = np.random.default_rng(seed)
+    rate, block = sampling
+    every = {"rate": rate, "block": block}
+    offsets = generator.uniform(0, 1e-3, len(NAMES))
+    recorded = in_order(
+        streams(every=every, **{name: {"offset": offset} for name, offset in zip(NAMES, offsets, strict=True)})
+    )
+    heard_from = dict(zip(NAMES, START + generator.uniform(0, 0.2e9, len(NAMES)), strict=True))
+    heard = [pair for pair in recorded if pair[1].stamp_ns >= heard_from[pair[0]] and generator.random() > 0.05]
+    live = run(heard, finish=False)[1]
+    masks = dict(zip(live.times_ns.tolist(), live.column("streams").astype(int).tolist(), strict=True))
+    again = run(recorded, decisions=masks)[1]
+    np.testing.assert_array_equal(again.times_ns, live.times_ns)
+    np.testing.assert_array_equal(again.rows[:, 1:], live.rows[:, 1:])
+
+
 def test_an_unknown_stream_is_refused():
     with pytest.raises(InputError, match="no stream 'head_x' in this stage; it has head_a"):
         Estimator(STAGE).push("head_x", blocks("head_a")[0])
