@@ -7,17 +7,15 @@ import html
 import io
 from pathlib import Path
 
-import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from rotary_error_monitor.effects.effect import Estimate
 from rotary_error_monitor.gap.diagnosis import Diagnosis
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.sentences import describe_estimate, verdict_sentence
 from rotary_error_monitor.gap.views import View
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
 
 CHANNELS_SHOWN = 3
 MOST_RANKED = 8
@@ -68,7 +66,7 @@ def draw_diagnosis(problem: DiagnosableProblem, diagnosis: Diagnosis) -> bytes:
     shown = [share.channel for share in diagnosis.where if share.share > 0.01][:CHANNELS_SHOWN]
     views = problem.views(shown, [found.cause for found in diagnosis.causes]) if shown else []
     columns = max((sum(view.channel == channel for view in views) for channel in shown), default=1)
-    figure = plt.figure(figsize=(max(13, 3.6 * columns), 3.6 + 2.8 * len(shown)), layout="constrained")
+    figure = Figure(figsize=(max(13, 3.6 * columns), 3.6 + 2.8 * len(shown)), dpi=100, layout="constrained")
     rows = figure.subfigures(1 + len(shown), 1, height_ratios=[1.3, *[1.0] * len(shown)], squeeze=False)[:, 0]
     for ax, draw in zip(rows[0].subplots(1, 3), (_draw_gap, _draw_where, _draw_ranking), strict=True):
         draw(ax, diagnosis)
@@ -77,8 +75,7 @@ def draw_diagnosis(problem: DiagnosableProblem, diagnosis: Diagnosis) -> bytes:
         for ax, view in zip(row.subplots(1, len(own), squeeze=False)[0], own, strict=True):
             _draw_view(ax, view, bool(diagnosis.causes))
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=100)
-    plt.close(figure)
+    FigureCanvasAgg(figure).print_png(buffer)  # `savefig` lays everything out and draws it twice
     return buffer.getvalue()
 
 
