@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.scenario.gap_benchmark import run_benchmark
-from rotary_error_monitor.scenario.gap_cases import Family, plan_cases
+from rotary_error_monitor.scenario.gap_cases import GROUPS, Family, plan_cases
 from rotary_error_monitor.scenario.gap_scores import format_scores
 
 _FAMILIES: dict[str, tuple[Family, ...]] = {"stage": ("stage",), "machine": ("machine",), "both": ("stage", "machine")}
@@ -33,6 +33,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("--family", choices=sorted(_FAMILIES), default="both")
     parser.add_argument("--floor", choices=sorted(_FLOORS), default="both", help="clean cases, rough ones, or both")
+    parser.add_argument(
+        "--group", choices=GROUPS, action="append", default=[], help="cases of this group only; may be given again"
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="OUT.json", help="every outcome, for tables of your own")
     parser.set_defaults(run=run)
 
@@ -41,7 +44,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the check and print its tables."""
     if arguments.cases < 1:
         raise InputError(f"--cases is {arguments.cases}; it must be at least 1")
-    plans = plan_cases(arguments.seed, arguments.cases, _FAMILIES[arguments.family], _FLOORS[arguments.floor])
+    families, floors = _FAMILIES[arguments.family], _FLOORS[arguments.floor]
+    plans = plan_cases(arguments.seed, arguments.cases, families, floors, arguments.group)
+    if not plans:
+        raise InputError(f"--group {arguments.group[0]} has no cases of family {arguments.family}; give --family stage")
     with tqdm(total=2 * len(plans), desc="gap-benchmark", unit="step", disable=None, file=sys.stderr) as bar:
         result = run_benchmark(
             plans, lambda seal: print(f"sealed truth: sha256 {seal}", flush=True), lambda: _step(bar)

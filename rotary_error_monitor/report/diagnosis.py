@@ -75,7 +75,8 @@ def draw_diagnosis(problem: DiagnosableProblem, diagnosis: Diagnosis) -> bytes:
         for ax, view in zip(row.subplots(1, len(own), squeeze=False)[0], own, strict=True):
             _draw_view(ax, view, bool(diagnosis.causes))
     buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)  # `savefig` lays everything out and draws it twice
+    # `savefig` would lay everything out and draw it twice
+    FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]  # matplotlib has no types here
     return buffer.getvalue()
 
 

@@ -56,6 +56,8 @@ _SHARES: tuple[tuple[str, Kind, float], ...] = (
     ("new speed", "single", 0.06),
 )
 
+GROUPS = tuple(group for group, _, _ in _SHARES)
+
 OTHER_SPEED = 9.1
 """Speed, rad/s, of which parts are the speeds of a second recording; no first one has any of them."""
 
@@ -90,21 +92,24 @@ class CasePlan:
         return f"case_{self.number:04d}"
 
 
-def plan_cases(seed: int, count: int, families: Sequence[Family], rough: Sequence[bool]) -> tuple[CasePlan, ...]:
-    """About `count` cases of every family, clean and rough, in an order that tells nothing.
+def plan_cases(
+    seed: int, count: int, families: Sequence[Family], rough: Sequence[bool], groups: Sequence[str] = ()
+) -> tuple[CasePlan, ...]:
+    """About `count` cases of every family, clean and rough, in an order that tells nothing; of all groups by default.
 
     Single, weak and left-out cases go round all effects of the family, so that each has its row in the table.
     """
+    whole = sum((share for group, _, share in _SHARES if group in groups), 0.0) or 1.0
     draw = np.random.default_rng(seed)
     rows: list[dict[str, Any]] = []
     for family in families:
         known = stage_faults() if family == "stage" else machine_faults()
         for harsh in rough:
             for group, kind, share in _SHARES:
-                if group == "new speed" and family == "machine":
+                if (groups and group not in groups) or (group == "new speed" and family == "machine"):
                     continue
                 own = draw.permutation(known)
-                for i in range(max(1, round(share * count))):
+                for i in range(max(1, round(share / whole * count))):
                     named = _effects_of(kind, i, own, draw)
                     left_out = (*named, *STAND_INS.get(named[0], ())) if group == "left out" and named else ()
                     rows.append(

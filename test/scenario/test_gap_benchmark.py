@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from rotary_error_monitor.cli import main
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 from rotary_error_monitor.plant.roughness import MACHINE_UNCERTAINTY, STAGE_UNCERTAINTY
@@ -90,6 +91,15 @@ def test_causes_hold_at_speeds_never_seen(tmp_path):
     outcome = score_case(plan, truth, content, seconds)
     assert outcome.right and outcome.lvdt and outcome.elsewhere > 0.98
     assert "Shrink of the gap at speeds never seen" in format_scores([outcome])
+
+
+def test_cases_of_some_groups_only():
+    plans = plan_cases(5, 40, ("stage", "machine"), (False, True), ("null", "weak"))
+    assert {plan.group for plan in plans} == {"null", "weak"}
+    assert 4 * 40 - 4 <= len(plans) <= 4 * 40 + 4
+    with pytest.raises(SystemExit, match="2"):
+        main(["gap-benchmark", "--group", "nul"])
+    assert main(["gap-benchmark", "--group", "new speed", "--family", "machine"]) == 2
 
 
 def test_a_machine_has_no_other_speed(tmp_path):
