@@ -60,6 +60,7 @@ class RotorState:
     _harmonics: dict[float, tuple[Array, Array]] = field(default_factory=dict, repr=False, compare=False)
     _unturned: tuple[RotorState, float] | None = field(default=None, repr=False, compare=False)
     _tables: dict[tuple[int, ...], Array] = field(default_factory=dict, repr=False, compare=False)
+    _kept: dict[str, tuple[object, Array]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def direction(self) -> Array:
@@ -98,10 +99,17 @@ class RotorState:
         cos, sin = self.harmonic(1)
         return np.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]], axis=1)
 
+    def keep(self, what: str, of: object, make: Callable[[], Array]) -> Array:
+        """What `make` gives; kept for the first object that it is asked `of`, which is the description's own part."""
+        if what not in self._kept:
+            self._kept[what] = of, make()
+        owner, found = self._kept[what]
+        return found if owner is of else make()
+
     def rotated(self, by: Array) -> RotorState:
         """The same instants with the true rotation ahead of this one by `by` (n,) rad."""
         most = float(np.max(np.abs(by), initial=0.0))
-        return replace(self, theta=self.theta + by, _harmonics={}, _tables={}, _unturned=(self, most))
+        return replace(self, theta=self.theta + by, _harmonics={}, _tables={}, _kept={}, _unturned=(self, most))
 
 
 def _planar_weights(coefficients: Mapping[int, tuple[float, float, float, float]]) -> Array:

@@ -217,16 +217,25 @@ def _rough_twin(stage: StageDescription) -> StageDescription:
     return replace(stage, autocollimator=air, uncertainty=STAGE_UNCERTAINTY)
 
 
+_SMALLER = 0.1
+
+
 def _sized(
     fault: Named, draw: np.random.Generator, snr: tuple[float, float], response: Callable[[Named], float]
 ) -> Named:
     """The fault as large as a number drawn from `snr`."""
     target = float(np.exp(draw.uniform(*np.log(snr))))
-    for _ in range(2):  # not quite in proportion
-        moved = response(fault)
+    steps = 2  # not quite in proportion
+    while steps:
+        with np.errstate(invalid="ignore"):
+            moved = response(fault)
+        if not np.isfinite(moved):  # so large that a head looks past the ring
+            fault = fault.scaled(_SMALLER)
+            continue
         if moved == 0:
             raise InputError(f"{fault} does not show in this recording; make it longer or take another seed")
         fault = fault.scaled(target / moved)
+        steps -= 1
     return fault
 
 

@@ -202,8 +202,12 @@ def _harmonics(rows: Sequence[PlanarHarmonic], state: RotorState) -> Array:
 
 def _radial(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
     spindle = stage.spindle
-    total = _harmonics(spindle.radial, state) + spindle.radial_compliance * state.force
-    total += state.warming[:, None] * np.asarray(spindle.radial_thermal)
+
+    def own() -> Array:
+        moved = _harmonics(spindle.radial, state) + spindle.radial_compliance * state.force
+        return np.asarray(moved + state.warming[:, None] * np.asarray(spindle.radial_thermal))
+
+    total = state.keep("radial", spindle, own)
     for cause, effect in acting:
         part = effect.radial(cause.values, state)
         total = total if part is None else total + part
@@ -212,8 +216,12 @@ def _radial(stage: StageDescription, state: RotorState, acting: _Acting) -> Arra
 
 def _tilt(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
     spindle = stage.spindle
-    total = _harmonics(spindle.tilt, state)
-    total += spindle.tilt_compliance * np.stack([-state.force[:, 1], state.force[:, 0]], axis=1)
+
+    def own() -> Array:
+        leaning = spindle.tilt_compliance * np.stack([-state.force[:, 1], state.force[:, 0]], axis=1)
+        return np.asarray(_harmonics(spindle.tilt, state) + leaning)
+
+    total = state.keep("tilt", spindle, own)
     for cause, effect in acting:
         part = effect.tilt(cause.values, state)
         total = total if part is None else total + part

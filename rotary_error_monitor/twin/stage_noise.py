@@ -135,6 +135,8 @@ class StageNoise:
         self._streams = {name: recording.streams[name] for name in residual}
         lost = _input_gaps(recording)
         self._kept = {name: ~_inside(recording.streams[name].time, lost) for name in residual}
+        self._present = self._heads_present()
+        self._count = self._present.sum(axis=1)
         self.spikes = {name: self._find_spikes(name, residual[name], collimator.turbulence) for name in self._sensors}
         self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
         self._turbulence = collimator.turbulence
@@ -178,7 +180,7 @@ class StageNoise:
 
     def _shared_rows(self, mean: Array) -> Array:
         """Whitened rows (m, p) of what the heads share (m, p)."""
-        enough = segments_of(self._present.sum(axis=1) * 2 >= len(self.grid.heads))
+        enough = segments_of(self._count * 2 >= len(self.grid.heads))
         return self._command_whitener.apply(mean, enough) * self._weight[:, None]
 
     @property
@@ -221,8 +223,7 @@ class StageNoise:
 
     def expected(self) -> dict[str, Array]:
         """(m,) expected square of each white row of each channel under noise alone."""
-        present = self._present
-        count = present.sum(axis=1)
+        present, count = self._present, self._count
         weight = np.square(self._weight)
         share = (1 - 1 / np.maximum(count, 1)) * weight
         expected = {name: present[:, i] * share for i, name in enumerate(self.grid.heads)}
@@ -240,12 +241,12 @@ class StageNoise:
     def shared(self, signals: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
         """Mean over the heads (m, p) that are present, and where at least half of them are."""
         table = self._table(signals)
-        count = self._present.sum(axis=1)
+        count = self._count
         mean = table.sum(axis=1) / np.maximum(count, 1)[:, None]
         return mean, count * 2 >= len(self.grid.heads)
 
-    @property
-    def _present(self) -> NDArray[np.bool_]:
+    def _heads_present(self) -> NDArray[np.bool_]:
+        """(m, heads) which heads were read at each instant."""
         present = self.grid.present.copy()
         for i, name in enumerate(self.grid.heads):
             present[self.grid.rows[name], i] &= self._kept[name]
@@ -261,9 +262,7 @@ class StageNoise:
         return table
 
     def _heads(self, signals: Mapping[str, Array]) -> dict[str, Array]:
-        present = self._present
-        table = self._table(signals)
-        count = present.sum(axis=1)
+        table, present, count = self._table(signals), self._present, self._count
         mean = table.sum(axis=1) / np.maximum(count, 1)[:, None]
         table -= mean[:, None, :]
         table -= self._late[:, :, None] * _rate(mean, count > 1, self.grid.period)[:, None, :]

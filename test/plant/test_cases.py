@@ -122,3 +122,9 @@ def test_effect_that_cannot_show_is_refused() -> None:
     stuck = replace(machine, axes=tuple(replace(axis, travel=(-1e-300, 1e-300)) for axis in machine.axes))
     with pytest.raises(InputError, match="does not show in this recording"):
         make_machine_case(stuck, 1, "single", ["axis_scale"])
+
+
+def test_a_fault_drawn_so_large_that_a_head_looks_past_the_ring_is_made_smaller() -> None:
+    case = make_stage_case(304819757, "unknown")
+    assert [fault.name for fault in case.truth.faults] == ["stiffening_bearing"]
+    assert 30 < np.linalg.norm(list(case.truth.snr.values())) < 1200
