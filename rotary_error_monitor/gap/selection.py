@@ -53,7 +53,8 @@ class Stage:
         newcomer: the candidate that would add most to the set.
         log_newcomer_chance: logarithm of its chance under noise, over its share of the false-alarm rate.
         log_newcomer_alarm: logarithm of the level below which that counts.
-        allowance: chi-square that the causes may leave because a twin's formulas and inputs are not perfect.
+        explained: chi-square that the causes take away.
+        added: chi-square that the latest step took away.
     """
 
     fit: Fit
@@ -64,12 +65,15 @@ class Stage:
     newcomer: Weight | None
     log_newcomer_chance: float
     log_newcomer_alarm: float
-    allowance: float
+    explained: float
+    added: float
 
     @property
     def structured(self) -> bool:
         """Whether structure is left."""
-        return any(f.log_chance < self.log_alarm and f.excess > self.allowance for f in self.findings)
+        return any(
+            f.log_chance < self.log_alarm and f.excess > MODEL_ACCURACY**2 * self.explained for f in self.findings
+        )
 
     @property
     def improvable(self) -> bool:
@@ -147,8 +151,8 @@ class _Search:
         newcomers = weighing.singles(included)
         self._keep_promising(weighing, newcomers)
         base = weighing.weigh(included)
-        allowance = 0.0 if power_before is None else MODEL_ACCURACY**2 * max(power_before - fit.squares, 0.0)
-        best, chance = self._newcomer(weighing, newcomers, base, allowance)
+        added = 0.0 if power_before is None else max(power_before - fit.squares, 0.0)
+        best, chance = self._newcomer(weighing, newcomers, base, MODEL_ACCURACY**2 * added)
         return Stage(
             fit,
             weight,
@@ -158,7 +162,8 @@ class _Search:
             best,
             chance,
             float(np.log(self._level)),
-            allowance,
+            max(base.gain, added),
+            added,
         )
 
     def can_grow(self, stage: Stage) -> bool:
@@ -204,13 +209,13 @@ class _Search:
             if set(better.members) == set(members) or better.log_evidence < full.log_evidence + 1.0:
                 break
             fit = fit_causes(self._problem, stage.weighing.causes(better))
-            stage = self.look(fit, better, stage.fit.squares + stage.allowance / MODEL_ACCURACY**2)
+            stage = self.look(fit, better, stage.fit.squares + stage.added)
         return self._rivals(stage) if stage.settled or self._nearly(stage) else stage
 
     def _nearly(self, stage: Stage) -> bool:
         """Whether so little is left that a near rival could account for it."""
         left = stage.fit.squares - float(stage.fit.blocks.count.sum())
-        return left < NEARLY_ALL * stage.allowance / MODEL_ACCURACY**2
+        return left < NEARLY_ALL * stage.added
 
     def _rivals(self, stage: Stage) -> Stage:
         """The stage with a cause replaced by one that looked nearly the same, if it does better when sized exactly.
@@ -233,7 +238,7 @@ class _Search:
                 self._problem, fit_causes(self._problem, weighing.causes(weight), stage.fit.nuisance).causes
             )
             if fit.squares < best.fit.squares - 2 * max(full.log_evidence - weight.log_evidence, 0.0) - 2.0:
-                best = self.look(fit, weight, stage.fit.squares + stage.allowance / MODEL_ACCURACY**2)
+                best = self.look(fit, weight, stage.fit.squares + stage.added)
         return best
 
     def _members(self, stage: Stage) -> tuple[int, ...]:
@@ -250,7 +255,7 @@ class _Search:
             lost = dataclasses.replace(full, gain=gain, freedom=freedom)
             if lost.log_chance - weighing.log_prior(members[k]) > stage.log_newcomer_alarm:
                 fit = fit_causes(self._problem, weighing.causes(fewer))
-                return self.look(fit, fewer, stage.fit.squares + stage.allowance / MODEL_ACCURACY**2)
+                return self.look(fit, fewer, stage.fit.squares + stage.added)
         return stage
 
     def _newcomer(
