@@ -28,6 +28,9 @@ _SMALL_TURN = 1e-4
 _KEPT_TABLES = 6
 """Tables of harmonics that a state keeps: those of the description itself come first and are used over and over."""
 
+_LARGEST_TABLE = 2**18
+"""Instants of a table: those of a longer recording would fill the memory."""
+
 
 @dataclass(frozen=True)
 class RotorState:
@@ -87,12 +90,18 @@ class RotorState:
     def planar(self, coefficients: Mapping[int, tuple[float, float, float, float]]) -> Array:
         """(n, 2) sum of plane harmonics given as order: (x cos, x sin, y cos, y sin)."""
         orders = tuple(coefficients)
+        weights = _planar_weights(coefficients)
         if orders not in self._tables:
-            table = np.stack([wave for order in orders for wave in self.harmonic(order)], axis=1)
+            waves = [wave for order in orders for wave in self.harmonic(order)]
+            starts = range(0, len(self.theta), _LARGEST_TABLE)
+            tables = (np.stack([wave[i : i + _LARGEST_TABLE] for wave in waves], axis=1) for i in starts)
+            if len(starts) != 1:
+                return np.concatenate([np.zeros((0, 2)), *(table @ weights for table in tables)])
+            (table,) = tables
             if len(self._tables) >= _KEPT_TABLES:
-                return table @ _planar_weights(coefficients)
+                return np.asarray(table @ weights, np.float64)
             self._tables[orders] = table
-        return np.asarray(self._tables[orders] @ _planar_weights(coefficients), np.float64)
+        return np.asarray(self._tables[orders] @ weights, np.float64)
 
     def turned(self, vector: Array | tuple[float, float]) -> Array:
         """(n, 2) a vector fixed on the rotor, in the base: `Rz(theta) @ vector`."""

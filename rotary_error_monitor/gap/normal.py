@@ -34,7 +34,7 @@ class BlockNormal:
 
     def total(self, blocks: NDArray[np.bool_] | None = None) -> Normal:
         """Sum over all blocks, or over some."""
-        chosen = np.ones(len(self.power), bool) if blocks is None else blocks
+        chosen = slice(None) if blocks is None else blocks
         return Normal(
             self.gram[chosen].sum(axis=0),
             self.moment[chosen].sum(axis=0),

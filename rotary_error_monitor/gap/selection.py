@@ -185,9 +185,9 @@ class _Search:
             pair = weighing.best_pair(sorted({*(w.members[0] for w in alone), *beside}))
             best = max((w for w in (best, pair) if w is not None), key=lambda w: w.log_evidence)
         best = weighing.exchange(best)
-        rough = fit_causes(self._problem, weighing.causes(best), stage.fit.nuisance)
+        causes = fit_causes(self._problem, weighing.causes(best), stage.fit.nuisance).causes
         # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the causes.
-        fit = fit_causes(self._problem, rough.causes)
+        fit = fit_causes(self._problem, causes)
         return self.look(fit, best, stage.fit.squares)
 
     def _keep_promising(self, weighing: Weighing, newcomers: Sequence[Weight]) -> None:

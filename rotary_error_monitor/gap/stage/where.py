@@ -71,8 +71,8 @@ def _channel(stream: str, axis: int) -> str:
 
 def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:
     """Effect of the causes on each channel; what all heads share alike stands once, in the command's channel."""
-    with_causes, without = problem.twin.predict(causes), problem.twin.predict(())
-    moved = {name: with_causes[name] - without[name] for name in with_causes}
+    predict = problem.twin.predict  # one stream at a time: of a long recording all would fill the memory
+    moved = {name: predict(causes, [name])[name] - predict((), [name])[name] for name in problem.twin.times}
     found: dict[str, tuple[Array, float, Callable[[], RotorState]]] = {}
     heads = [name for name in moved if name.startswith(f"{HEAD}_")]
     powers = [float(np.mean(np.square(moved[name]))) for name in heads]
