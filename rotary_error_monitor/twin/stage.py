@@ -32,7 +32,7 @@ _NEIGHBOURS = 25
 _BEYOND_NOISE = 6.0
 """Standard deviations of their mean from which a force acts: chance does not get there in hours."""
 
-_MEDIAN_OF_DIFFERENCES = 0.954
+MEDIAN_OF_DIFFERENCES = 0.954
 """Median magnitude of the difference of two normal numbers, over their standard deviation."""
 
 
@@ -80,7 +80,7 @@ def _smooth(stream: Stream) -> Callable[[Array], Array]:
 
 def _above_noise(force: Array) -> Array:
     """Force (n, 2) with zero wherever its mean over neighbouring samples is within its own noise."""
-    noise = np.median(np.abs(np.diff(force, axis=0)), axis=0) / _MEDIAN_OF_DIFFERENCES
+    noise = np.median(np.abs(np.diff(force, axis=0)), axis=0) / MEDIAN_OF_DIFFERENCES
     mean = uniform_filter1d(force, _NEIGHBOURS, axis=0, mode="mirror")
     acting = np.any(np.abs(mean) > _BEYOND_NOISE * noise / np.sqrt(_NEIGHBOURS), axis=1)
     return np.where(maximum_filter1d(acting.astype(np.uint8), 2 * _NEIGHBOURS + 1)[:, None] > 0, force, 0.0)

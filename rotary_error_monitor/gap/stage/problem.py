@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -18,6 +17,7 @@ from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter
 from rotary_error_monitor.gap.stage.offset import offset_figures
 from rotary_error_monitor.gap.stage.search import StageSearch
+from rotary_error_monitor.gap.stage.warming import uncertain_warmings
 from rotary_error_monitor.gap.stage.where import stage_where
 from rotary_error_monitor.gap.structure import Track, find_structure
 from rotary_error_monitor.gap.views import View
@@ -34,9 +34,6 @@ SAME_SPECTRUM = 0.12
 
 SUSPICIOUS = -6.0
 """Logarithm of the chance below which structure in the command's channel makes its spectrum worth another look."""
-
-UNKNOWN_WARMING = 3.0
-"""Standard uncertainty of a stage's warming, K, while nobody measures it."""
 
 NORMAL_QUARTILE = 0.6744897501960817
 """Median of the magnitude of a standard normal number."""
@@ -74,7 +71,7 @@ class StageProblem:
         self.recording = recording
         self.effects = tuple(effects)
         self.twin: StageTwin = twin_of(stage, recording, tuple(known), inputs)
-        self._warmings = () if "temperature" in recording.streams else unknown_warmings(self.twin, recording.duration)
+        self._warmings = uncertain_warmings(self.twin, recording)
         self._uncertain: tuple[UncertainParameter, ...] = uncertain_parameters(stage)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
         raw = self._raw_residual(())
@@ -361,18 +358,3 @@ class StageProblem:
         command = np.asarray(self.twin.inputs.command(grid.time), np.float64)
         smooth = self._search.motion_basis(grid.time)
         return estimate_jitter(SharedMotion(grid.time, command, mean[:, 0], enough, smooth, self.noise.command_floor))
-
-
-def unknown_warmings(twin: StageTwin, last: float) -> tuple[StageTwin, ...]:
-    """Twins that warm by one standard uncertainty of each slow course up to the time `last`, s.
-
-    For recordings without a thermometer.
-    """
-
-    def course(power: int) -> Callable[[Array], Array]:
-        return lambda time: UNKNOWN_WARMING * (2 * np.asarray(time, np.float64) / last - 1) ** power
-
-    return tuple(
-        StageTwin(twin.stage, replace(twin.inputs, warming=course(k)), twin.times, twin.observed, twin.known)
-        for k in range(4)
-    )
