@@ -13,7 +13,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.environment import FORCE_CYCLE
+from rotary_error_monitor.sources.mock import MockSettings
 
 ParameterValue: TypeAlias = Any
 """Value of a parameter; which type, its declaration says."""
@@ -101,7 +101,12 @@ CELL_SETTINGS = (
     ),
     Setting("mock.speeds", [1.5707963267948966, 6.283185307179586], "speeds of a cycle of the mock stage, rad/s"),
     Setting("mock.forces", True, "whether something pushes at the mock stage's shaft now and then"),
-    Setting("mock.force_cycle", FORCE_CYCLE, "time after which the pushes at the mock stage repeat, s", (7.0, 3600.0)),
+    Setting(
+        "mock.force_cycle",
+        MockSettings.force_cycle,
+        "time after which the pushes at the mock stage repeat, s",
+        (7.0, 3600.0),
+    ),
 )
 
 
