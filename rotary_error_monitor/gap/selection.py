@@ -40,7 +40,7 @@ MODEL_ACCURACY = 3e-3
 """What a first-order twin with measured inputs can promise: remainders below this part of the gap are its own."""
 
 RATE_USED = 0.5
-"""Part of the false-alarm rate that the tests share: the rate is a bound, and a few hundred recordings keep it."""
+"""Part of the false-alarm rate that the tests share: used whole, chance would pass that bound every other time."""
 
 
 @dataclass(frozen=True)

@@ -218,6 +218,7 @@ def _rough_twin(stage: StageDescription) -> StageDescription:
 
 
 _SMALLER = 0.1
+_MOST_TRIALS = 50
 
 
 def _sized(
@@ -226,7 +227,7 @@ def _sized(
     """The fault as large as a number drawn from `snr`."""
     target = float(np.exp(draw.uniform(*np.log(snr))))
     steps = 2  # not quite in proportion
-    while steps:
+    for _ in range(_MOST_TRIALS):
         with np.errstate(invalid="ignore"):
             moved = response(fault)
         if not np.isfinite(moved):  # so large that a head looks past the ring
@@ -236,7 +237,9 @@ def _sized(
             raise InputError(f"{fault} does not show in this recording; make it longer or take another seed")
         fault = fault.scaled(target / moved)
         steps -= 1
-    return fault
+        if steps == 0:
+            return fault
+    raise InputError(f"{fault} gives no finite reading however small; the stage or machine cannot be simulated")
 
 
 def _stage_fault(

@@ -120,7 +120,8 @@ def record(cell: MockCell, letters: Sequence[str]) -> Recording:
         _activate_once_all_is_recorded(running, [process.name for process in reckoning])
         running.wait_until(lambda: _corrects(running), "the cell to correct", STARTING)
         for height in HEIGHTS:
-            running.set_parameter("lvdt", "mock.height", height)
+            if not running.set_parameter("lvdt", "mock.height", height):
+                raise RuntimeError(f"lvdt refused mock.height {height} m; its log says why")
             _take_through(running, "lvdt", Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
             progress.set_description(f"LVDT at {height * 1e3:.0f} mm")
             begin_ns = time.time_ns()

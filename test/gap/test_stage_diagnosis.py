@@ -91,6 +91,17 @@ def test_a_pair_as_on_a_shop_floor(stage_problem):
     assert any("spikes" in remark for remark in diagnosis.remarks)
 
 
+def test_what_a_strong_cause_leaves_is_judged_against_all_that_is_explained(stage_problem):
+    """Noise learnt before the strong cause was known hides how much that explains; its second order is no unknown."""
+    effects = ["disc_eccentricity", "subdivisional_error"]
+    problem, _ = stage_problem(554625837, "pair", effects, rough=True, duration=40.0)
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.EXPLAINED
+    assert {found.cause.effect.name for found in diagnosis.causes} == set(effects)
+    stage = diagnosis.selection.chosen
+    assert any(finding.log_chance < stage.log_alarm for finding in stage.findings), "structure is there, and small"
+
+
 @pytest.mark.parametrize("name", ["tilt_loop", "ring_scratch", "warm_crosstalk"])
 def test_what_no_effect_describes_is_unknown(name, stage_problem):
     problem, _ = stage_problem(14, "unknown", [name])

@@ -184,8 +184,6 @@ class _Stretch(StageProblem):
     def forget(self) -> None:
         """Give back the memory of what can be computed again."""
         self.twin.forget()
-        for warmed in self._warmings:
-            warmed.forget()
         self._kept_prediction = None
         self._kept_nuisance.clear()
         self._expected.clear()
