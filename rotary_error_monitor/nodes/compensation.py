@@ -19,8 +19,9 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.limits import Level as Limit
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
-from rotary_error_monitor.nodes.managed import ManagedNode, run
+from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import Setting, cell_settings
+from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings
 from rotary_error_monitor.pipeline.corrections import Correction
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock

@@ -17,8 +17,9 @@ from sensor_msgs.msg import JointState
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.managed import driver_profile, run
+from rotary_error_monitor.nodes.managed import driver_profile
 from rotary_error_monitor.nodes.parameters import Setting
+from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.sensor import MOCK, MOCK_SETTINGS, POLL_RATE, RATE, SensorNode, source_setting
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.counter import Counter

@@ -12,8 +12,9 @@ from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
-from rotary_error_monitor.nodes.managed import ManagedNode, run
+from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import Setting
+from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings, error_motion_from_block
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 

@@ -20,8 +20,9 @@ from rotary_error_monitor.gap.admission import FEWEST_TURNS, SHORTEST
 from rotary_error_monitor.gap.loading import load_twin
 from rotary_error_monitor.nodes.diagnosis_process import DiagnosisProcess, Outcome
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
-from rotary_error_monitor.nodes.managed import ManagedNode, run
+from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import Setting
+from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.pipeline.recent_turns import RecentTurns
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock

@@ -27,8 +27,9 @@ from rotary_error_monitor.controller.protocol import (
 )
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
-from rotary_error_monitor.nodes.managed import ManagedNode, run
+from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import Setting
+from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 NAME = "linuxcnc_bridge"

@@ -9,28 +9,22 @@ with, `conditions()` which says how it fares, and `release()` where something mu
 
 from __future__ import annotations
 
-import gc
-import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, ClassVar
 
-import rclpy
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.task import Future
-from rclpy.utilities import ok, try_shutdown
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.stage import StageDescription, load_stage
@@ -41,8 +35,6 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level, diagnostic_
 from rotary_error_monitor.nodes.parameters import Setting, cell_settings
 from rotary_error_monitor.nodes.worker import NotByExecutor, Worker
 from rotary_error_monitor.signals.blocks import SampleBlock
-
-BAD_INPUT = 2
 
 AUTOSTART = Setting("autostart", True, "configure and activate at start; false waits for a life cycle manager")
 _DIAGNOSTICS_PERIOD = 1.0
@@ -59,7 +51,7 @@ class ManagedNode(LifecycleNode):
         wire: the contract for the heads of that stage.
         active: whether the life cycle state is active; messages are handled only then.
         busy: held by whatever callback runs, so that callbacks of worker and executor take turns.
-        crash: done with an exception once the worker met a fault of the program.
+        end: done once the node shall end: by a signal, or with the exception that its worker met.
     """
 
     settings: ClassVar[tuple[Setting, ...]] = ()
@@ -88,7 +80,7 @@ class ManagedNode(LifecycleNode):
         self.stage: StageDescription
         self.wire: Wire
         self._settings = (AUTOSTART, *cell_settings("stage"), *self.settings)
-        self.crash = Future()
+        self.end = Future()
         self._failure: InputError | None = None
         self._refusals: dict[str, int] = {}
         self._entities: list[Callable[[], object]] = []
@@ -233,7 +225,7 @@ class ManagedNode(LifecycleNode):
     def _fail(self, error: Exception) -> None:
         """The worker met an error that is not the user's; at the end of the context there is always one."""
         if self.context.ok():
-            self.crash.set_exception(error)
+            self.end.set_exception(error)
 
     # Life cycle.
 
@@ -348,45 +340,3 @@ def profile(topic: Topic) -> QoSProfile:
 def driver_profile() -> QoSProfile:
     """Quality of service that fits the publisher of any driver: best effort listens to reliable ones as well."""
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-
-def run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None = None) -> int:
-    """Run one node until SIGINT or SIGTERM.
-
-    Returns:
-        Exit code: 0 after a signal, 2 after wrong input, which is said on standard error.
-    """
-    node: ManagedNode | None = None
-    initialised = False
-    # rclpy's handler ends the context; a KeyboardInterrupt on top of that could strike while things are put away.
-    signal.signal(signal.SIGINT, lambda *_: None)
-    try:
-        rclpy.init(args=None if args is None else list(args))
-        initialised = True
-        node = node_class()
-        node.autostart()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        # What stands now stands to the end: the collector need not walk through it while blocks are waiting.
-        gc.collect()
-        gc.freeze()
-        executor.spin_until_future_complete(node.crash)
-        if node.crash.done():
-            node.crash.result()
-    except ExternalShutdownException:
-        return 0
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except RuntimeError as error:
-        if initialised and not ok():
-            return 0  # a signal ended the context while a callback was about to publish
-        if node is not None:
-            raise
-        print(f"error: {error}", file=sys.stderr)  # rcl refuses command line or parameter file
-        return BAD_INPUT
-    finally:
-        if node is not None:
-            node.stop()
-        try_shutdown()
-    return 0

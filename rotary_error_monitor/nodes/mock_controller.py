@@ -14,8 +14,9 @@ from sensor_msgs.msg import JointState, Temperature
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition
-from rotary_error_monitor.nodes.managed import ManagedNode, run
+from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
+from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.sensor import MOCK_SETTINGS, RATE, BlockSender, mock_settings
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.mock import MockSource, mock_stage

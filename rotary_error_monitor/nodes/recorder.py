@@ -13,8 +13,9 @@ from pathlib import Path
 from rotary_error_monitor.bags.writer import BagWriter, RecordingStoppedError
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
-from rotary_error_monitor.nodes.managed import ManagedNode, run
+from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import Setting
+from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 NAME = "recorder"

@@ -249,8 +249,8 @@ class Cell:
 
     def _check_nodes(self, what: str) -> None:
         for node in self._nodes:
-            if isinstance(node, ManagedNode) and node.crash.done():
-                node.crash.result()
+            if isinstance(node, ManagedNode) and node.end.done():
+                node.end.result()
         for process in self._processes:
             if process.exit_code is not None and not process.expected:
                 process.expected = process.judged = True

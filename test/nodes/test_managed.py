@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator, Mapping
 
 import pytest
@@ -17,12 +16,11 @@ from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.lvdt import Lvdt
-from rotary_error_monitor.nodes.managed import ManagedNode, run
+from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.testing import Cell
-from rotary_error_monitor.testing.domains import own_domain
 
 
 def test_a_life_cycle_manager_can_take_over(cell):
@@ -66,14 +64,6 @@ def test_a_wrong_stage_is_named_with_file_and_line(cell, tmp_path):
         cell.run(EncoderHead, "encoder_head_a", stage="nowhere.yaml")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_node_with_exit_code_zero(cell, number):
-    process = cell.start("encoder_head", "encoder_head_a")
-    cell.wait_for_status("encoder_head_a: state", "active")
-    assert process.stop(number) == 0
-    assert "Traceback" not in process.output
-
-
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
@@ -101,18 +91,7 @@ def test_a_fault_of_the_program_is_told(cell):
     node = cell.run(Faulty, "faulty")
     with pytest.raises(IndexError):
         cell.wait_until(lambda: False, "a node that fails")
-    assert node.crash.done()
-
-
-def test_a_fault_of_the_program_ends_the_process(monkeypatch):
-    """In this process, as `main` does it; the default context needs a domain of its own like any other."""
-    with own_domain() as domain, pytest.raises(IndexError):
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        handler = signal.getsignal(signal.SIGINT)
-        try:
-            run(lambda: Faulty("faulty"), [])
-        finally:
-            signal.signal(signal.SIGINT, handler)
+    assert node.end.done()
 
 
 def test_simulated_time_drives_the_blocks(cell):

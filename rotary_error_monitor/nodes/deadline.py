@@ -1,0 +1,57 @@
+"""An end that comes: a process that has put its things away shall not hang in what its libraries do at exit.
+
+Fast DDS 2.14 takes its listener away in the destructor of a static object by waiting until no callback of it is under
+way, with a time limit so large that it overflows and every wait is over at once: it takes and releases the very lock
+that the callback needs to finish, and the callback may starve. Cells whose processes end together run into that, for
+each is then told of the others. Python is gone by then, and its signal handlers and threads with it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from typing import ClassVar
+
+from rotary_error_monitor.signals.blocks import NANOSECONDS
+
+_CLOCK_MONOTONIC = 1
+_SIGEV_THREAD = 2
+
+
+class _Event(ctypes.Structure):
+    """`struct sigevent` of Linux with glibc (sigevent(3type)), 64 bytes."""
+
+    _fields_: ClassVar = [
+        ("value", ctypes.c_int64),
+        ("signo", ctypes.c_int),
+        ("notify", ctypes.c_int),
+        ("function", ctypes.c_void_p),
+        ("attributes", ctypes.c_void_p),
+        ("_padding", ctypes.c_byte * 32),
+    ]
+
+
+class _Times(ctypes.Structure):
+    """`struct itimerspec`: interval and first expiry, each in s and ns."""
+
+    _fields_: ClassVar = [(name, ctypes.c_long) for name in ("interval_s", "interval_ns", "value_s", "value_ns")]
+
+
+def end_within(duration: float, code: int) -> None:
+    """End this process with `code` after `duration` s at the latest, whatever it does then.
+
+    A timer of the C library does it, on a thread of its own, without Python.
+
+    Raises:
+        OSError: the system has no timer left.
+    """
+    library = ctypes.CDLL(None, use_errno=True)
+    end = ctypes.cast(library._exit, ctypes.c_void_p).value
+    event = _Event(value=code, notify=_SIGEV_THREAD, function=end)
+    timer = ctypes.c_void_p()
+    seconds, nanoseconds = divmod(round(duration * NANOSECONDS), NANOSECONDS)
+    times = _Times(value_s=seconds, value_ns=nanoseconds)
+    if library.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)) != 0 or (
+        library.timer_settime(timer, 0, ctypes.byref(times), None) != 0
+    ):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))

@@ -1,0 +1,94 @@
+"""A node as a process: it ends by a signal at any moment, orderly, and in any case."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from rotary_error_monitor.nodes import process as node_process
+from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.process import EndSignals, run
+from rotary_error_monitor.testing.domains import own_domain
+
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
+
+
+@pytest.fixture
+def handlers():
+    """What a process of a node keeps to its end, and this one shall not."""
+    kept = {number: signal.getsignal(number) for number in SIGNALS}
+    yield
+    for number, handler in kept.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_ends_a_node_with_exit_code_zero(cell, number):
+    process = cell.start("encoder_head", "encoder_head_a")
+    cell.wait_for_status("encoder_head_a: state", "active")
+    assert process.stop(number) == 0
+    assert "Traceback" not in process.output
+
+
+def test_a_signal_ends_nodes_that_nothing_else_wakes(cell):
+    """A node that waits to be configured has no timer: what wakes it must not come before what it shall see."""
+    heads = [cell.start("encoder_head", f"encoder_head_{head}", head=head, autostart=False) for head in "abcd"]
+    cell.wait_until(lambda: all("waiting to be configured" in head.output for head in heads), "four heads", 60)
+    cell.spin_for(0.5)
+    assert [head.stop() for head in heads] == [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_is_told_once_whenever_it_came(handlers, number):
+    told = []
+    with EndSignals() as signals:
+        signals.call(lambda: told.append("before"))
+        os.kill(os.getpid(), number)
+        os.kill(os.getpid(), number)
+        deadline = signal.sigtimedwait([], 1.0)  # a second without any signal of ours, in C
+        assert deadline is None
+        assert told == ["before"]
+        signals.call(lambda: told.append("after"))
+    assert told == ["before", "after"]
+
+
+def test_a_signal_during_the_start_ends_the_node(handlers, monkeypatch):
+    class Struck(ManagedNode):
+        def open(self) -> None:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    ends = []
+    monkeypatch.setattr(node_process.atexit, "register", lambda *call: ends.append(call))
+    with own_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        assert run(lambda: Struck("struck"), []) == 0
+    assert [code for _, _, code in ends] == [0]
+
+
+def test_a_fault_of_the_program_ends_the_process(handlers, monkeypatch):
+    """In this process, as `main` does it; the default context needs a domain of its own like any other."""
+
+    class Faulty(ManagedNode):
+        def open(self) -> None:
+            self.at_each(10_000_000, lambda _: [][0])
+
+    ends = []
+    monkeypatch.setattr(node_process.atexit, "register", lambda *call: ends.append(call))
+    with own_domain() as domain, pytest.raises(IndexError):
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        run(lambda: Faulty("faulty"), [])
+    assert [code for _, _, code in ends] == [1]
+
+
+@pytest.mark.parametrize("code", [0, 7])
+def test_a_process_that_hangs_after_python_ends_with_its_code(code):
+    """The lock of the interpreter is kept, as it is when C's exit handlers hang: nothing in Python could run."""
+    hang = (
+        "import ctypes; from rotary_error_monitor.nodes.deadline import end_within;"
+        f"end_within(0.2, {code}); ctypes.PyDLL(None).pause()"
+    )
+    assert subprocess.run([sys.executable, "-c", hang], timeout=30, check=False).returncode == code
