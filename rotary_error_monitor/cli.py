@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
+from types import FrameType
 
 from rotary_error_monitor import __version__
 from rotary_error_monitor.errors import InputError
@@ -28,12 +32,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import_module(f"rotary_error_monitor.commands.{name.replace('-', '_')}").add(subparsers)
     chosen = parser.parse_args(arguments)
     try:
-        return int(chosen.run(chosen))
+        with _unwinding():
+            return int(chosen.run(chosen))
     except InputError as error:
         print(f"rotary_error_monitor: {error}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         return 130
+
+
+@contextmanager
+def _unwinding() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP unwind as Ctrl-C does: the processes that a command has started shall end with it."""
+    ours = threading.current_thread() is threading.main_thread()
+    numbers = [each for each in (signal.SIGTERM, signal.SIGHUP) if ours and signal.getsignal(each) is signal.SIG_DFL]
+    for number in numbers:
+        signal.signal(number, _unwind)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _unwind(number: int, frame: FrameType | None) -> None:
+    signal.signal(number, signal.SIG_IGN)  # once is enough
+    raise SystemExit(128 + number)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.managed import ManagedNode, profile
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.testing.domains import own_domain
-from rotary_error_monitor.testing.processes import NodeProcess, parameter_arguments
+from rotary_error_monitor.testing.processes import NodeProcess, parameter_arguments, postponed_signals
 
 PATIENCE = 15.0
 """How long to wait for anything, s; discovery alone may take more than three."""
@@ -130,8 +130,9 @@ class Cell:
         """Start an executable of the package as a process, by default named as the executable."""
         values = {**self._parameters, **_dotted(parameters)}
         arguments = [*ros_args, *parameter_arguments(values)]
-        process = NodeProcess(executable, name or executable, self._domain, arguments)
-        self._processes.append(process)
+        with postponed_signals():
+            process = NodeProcess(executable, name or executable, self._domain, arguments)
+            self._processes.append(process)
         return process
 
     # Talking and listening.

@@ -8,7 +8,9 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from types import FrameType
 
 from rotary_error_monitor.testing.domains import DISCOVERY
 
@@ -16,6 +18,8 @@ _PATIENCE = 10.0
 _LAST_WORDS = 2.0
 _STACKS = {"PYTHONFAULTHANDLER": "1"}
 """Makes a process that is aborted write where each of its threads stood."""
+
+_UNWINDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class NodeProcess:
@@ -103,6 +107,26 @@ class NodeProcess:
             self._process.kill()
             self._process.wait()
         self._output.close()
+
+
+@contextlib.contextmanager
+def postponed_signals() -> Iterator[None]:
+    """Hold back what unwinds this process until the block is through: a child that nobody knows would outlive it."""
+    came: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+
+    # only the main thread runs handlers and may set them
+    ours = _UNWINDING if threading.current_thread() is threading.main_thread() else ()
+    kept = {number: signal.signal(number, note) for number in ours if callable(signal.getsignal(number))}
+    try:
+        yield
+    finally:
+        for number, handler in kept.items():
+            signal.signal(number, handler)
+        for late in came:
+            signal.raise_signal(late)
 
 
 def parameter_arguments(parameters: Mapping[str, object]) -> list[str]:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import re
+import signal
 import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +72,26 @@ def test_make_run_does_all_of_it():
         assert float(force[1]) > 20 or height == 5  # it came and went, and the estimate followed
     assert "tool offset, position, after correction" in done.stdout
     assert "OUT OF BOUNDS" not in done.stdout
+
+
+@pytest.mark.cell
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_what_a_run_started_ends_with_it(number, tmp_path):
+    command = [sys.executable, "-m", "rotary_error_monitor.cli", "run", "--folder", str(tmp_path / "run")]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
+        started = Path(f"/proc/{run.pid}/task/{run.pid}/children")
+        assert _comes_true(lambda: len(started.read_text().split()) >= 9 and (tmp_path / "run" / "bag").exists())
+        nodes = [Path("/proc") / each for each in started.read_text().split()]
+        run.send_signal(number)
+        assert run.wait(60) == 128 + number
+    assert not [node for node in nodes if node.exists()]
+
+
+def _comes_true(condition: Callable[[], bool], patience: float = 60.0) -> bool:
+    end = time.monotonic() + patience
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.05)
+    return condition()
 
 
 def test_a_figure_out_of_its_bound_is_said():

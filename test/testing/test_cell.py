@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.testing import Cell
 from rotary_error_monitor.testing.domains import own_domain
-from rotary_error_monitor.testing.processes import parameter_arguments
+from rotary_error_monitor.testing.processes import parameter_arguments, postponed_signals
 
 
 def is_alive(pid: int) -> bool:
@@ -84,6 +84,15 @@ def test_a_process_that_ignores_its_end_is_killed():
         with pytest.raises(TimeoutError, match=r"encoder_head_a did not end within 0\.2 s"):
             process.stop(deadline=0.2)
         assert process.exit_code == -signal.SIGKILL
+
+
+def test_a_signal_waits_until_a_child_is_known():
+    known = []
+    with pytest.raises(KeyboardInterrupt), postponed_signals():
+        os.kill(os.getpid(), signal.SIGINT)
+        known.append("the child")
+    assert known
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_any_node_of_a_user_can_take_part():
