@@ -1,8 +1,8 @@
 """An end that comes: a process that has put its things away shall not hang in what its libraries do at exit.
 
-Fast DDS 2.14 takes its listener away in the destructor of a static object by waiting until no callback of it is under
-way, with a time limit so large that it overflows and every wait is over at once: it takes and releases the very lock
-that the callback needs to finish, and the callback may starve. Cells whose processes end together run into that, for
+Seen with Fast DDS 2.14: the destructor of a static object takes the listener of the participant away and spins there
+(`DomainParticipant::set_listener`), while a discovery callback waits for a lock, presumably the one that it takes and
+releases without a pause. Cells whose processes end together run into that, for
 each is then told of the others. Python is gone by then, and its signal handlers and threads with it.
 """
 

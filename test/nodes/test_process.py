@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 
 from rotary_error_monitor.nodes import process as node_process
 from rotary_error_monitor.nodes.managed import ManagedNode
@@ -59,6 +60,7 @@ def test_a_signal_is_told_once_whenever_it_came(handlers, number):
 def test_a_signal_during_the_start_ends_the_node(handlers, monkeypatch):
     class Struck(ManagedNode):
         def open(self) -> None:
+            assert get_current_signal_handlers_options() == SignalHandlerOptions.NO
             os.kill(os.getpid(), signal.SIGINT)
 
     ends = []
