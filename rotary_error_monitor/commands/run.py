@@ -52,7 +52,10 @@ def run(arguments: argparse.Namespace) -> int:
     cell = mock_cell.MockCell(
         folder, arguments.duration, arguments.machine, arguments.stage, arguments.seed, arguments.rate
     )
-    print("Simulated: the stage, its sensors and the machine. Real: nodes, DDS, recording, everything computed.")
+    print(
+        "Simulated: the stage, its sensors and the machine. Real: nodes, DDS, recording, everything computed.",
+        flush=True,
+    )
     try:
         recording = mock_cell.record(cell, tuple(stage.encoder.azimuths))
     except (RuntimeError, TimeoutError) as error:

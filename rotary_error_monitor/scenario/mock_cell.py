@@ -179,7 +179,7 @@ def _end_together(processes: Sequence[NodeProcess], recording: Recording) -> Non
 
 @contextmanager
 def _progress(duration: float, quiet: bool) -> Iterator[tqdm[Never]]:
-    form = "{desc}: {bar:30} {n:.0f}/{total:.0f} s"
+    form = "{desc}{bar:30} {n:.0f}/{total:.0f} s"
     with tqdm(total=duration, bar_format=form, disable=quiet or None) as progress:
         yield progress
 
