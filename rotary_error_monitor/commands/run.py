@@ -63,6 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
         return OUT_OF_BOUNDS
     result = mock_cell_figures.figures(cell, recording, stage, machine)
     print(mock_cell_figures.table(result.rows))
+    for failure in recording.failures:
+        print(f"rotary_error_monitor: {failure}", file=sys.stderr)
     picture = folder / "cell.png"
     draw_cell(result, recording.epoch_ns, picture)
     print(f"bag: {recording.bag}\npicture: {picture}")

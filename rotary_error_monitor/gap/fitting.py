@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -24,7 +24,8 @@ class Fit:
     Attributes:
         causes: with their values.
         covariances: of the values of each cause.
-        data: white rows of measured minus predicted, with the causes and the twin's parameters as stated.
+        data: white rows of measured minus predicted, with the causes and the twin's parameters as stated; empty once
+            they are not needed any more.
         nuisance: white columns of the uncertain parameters, at these causes.
         nuisance_values: how far each is moved, in standard uncertainties.
         columns: white columns of the causes' free values, at these values.
@@ -45,6 +46,10 @@ class Fit:
     def squares(self) -> float:
         """Sum of squares of what is left, with the price of moving the nuisances."""
         return float(sum(np.sum(np.square(rows)) for rows in self.rest.values()) + np.sum(self.nuisance_values**2))
+
+    def without_data(self) -> Fit:
+        """The same without `data`: those of several fits of a long recording would fill the memory."""
+        return replace(self, data={})
 
 
 def fit_causes(problem: Problem, causes: Sequence[Cause], nuisance: Columns | None = None) -> Fit:

@@ -79,13 +79,13 @@ class Witness:
     Attributes:
         epoch_ns: time 0 of the true stage, timestamp (ns).
         observations: what the controller made of program and offsets.
-        exit_codes: of each process, by the name of its node.
+        failures: of each process that did not end with exit code 0, how it ended and what it wrote.
         corrections: what the bridge said of the corrections at the end.
     """
 
     epoch_ns: int
     observations: list[Observation] = field(default_factory=list)
-    exit_codes: dict[str, int] = field(default_factory=dict)
+    failures: list[str] = field(default_factory=list)
     corrections: str = ""
 
     def note(self, record: Record) -> None:
@@ -140,7 +140,7 @@ def run(options: LinuxcncRun) -> int:
     rows = figures(errors, witness)
     print(f"Tool error of the true machine along {program.name}, {len(errors.stamp_ns)} points:")
     print(table(rows))
-    print(f"the bridge said of the corrections: {witness.corrections}")
+    print(f"the bridge said of the corrections: {witness.corrections}", *witness.failures, sep="\n")
     return 0 if all(row.ok for row in rows) else 1
 
 
@@ -175,7 +175,8 @@ def execute(options: LinuxcncRun, machine: MachineDescription, ini: Path, progra
             observer.close()
         witness.corrections = cell.status("linuxcnc_bridge: corrections").message
         for process in reversed(processes):
-            witness.exit_codes[process.name] = abs(process.stop())
+            if process.stop() != 0:
+                witness.failures.append(process.ending)
     return witness
 
 
@@ -221,8 +222,7 @@ def figures(errors: ToolErrors, witness: Witness) -> list[Row]:
             rms = float(np.sqrt(np.mean(offsets[:, index] ** 2)))
             rows.append(Row(f"{name} correction: RMS in {axis} of the workpiece (um)", rms * 1e6))
     rows.append(Row("corrected in percent of uncorrected", 100 * total["with"] / total["without"], LARGEST_SHARE, 2))
-    failed = sum(code != 0 for code in witness.exit_codes.values())
-    rows.append(Row("processes that ended badly", float(failed), 0.0, 0))
+    rows.append(Row("processes that ended badly", len(witness.failures), 0, 0))
     return rows
 
 

@@ -75,13 +75,13 @@ class Recording:
         bag: the recording.
         epoch_ns: when the mock stage began, timestamp (ns).
         heights: height (m) of the LVDT, from and until when (ns) it stood there.
-        exit_codes: of each process, by the name of its node.
+        failures: of each process that did not end with exit code 0, how it ended and what it wrote.
     """
 
     bag: Path
     epoch_ns: int
     heights: list[tuple[float, int, int]] = field(default_factory=list)
-    exit_codes: dict[str, int] = field(default_factory=dict)
+    failures: list[str] = field(default_factory=list)
 
 
 def record(cell: MockCell, letters: Sequence[str]) -> Recording:
@@ -173,8 +173,8 @@ def _end_together(processes: Sequence[NodeProcess], recording: Recording) -> Non
     for process in processes:
         process.send(signal.SIGINT)
     for process in processes:
-        code = process.wait()
-        recording.exit_codes[process.name] = max(recording.exit_codes.get(process.name, 0), abs(code))
+        if process.wait() != 0:
+            recording.failures.append(process.ending)
 
 
 @contextmanager

@@ -109,12 +109,7 @@ def figures(cell: MockCell, recording: Recording, stage: StageDescription, machi
         *_repetition(reader, wire, replayed, recording.heights[0][1]),
         *_losses(reader, wire, recording.heights[0][1]),
         *_latencies(reader, wire, recording.heights[0][1]),
-        Row(
-            "processes that did not end with exit code 0",
-            sum(code != 0 for code in recording.exit_codes.values()),
-            0,
-            0,
-        ),
+        Row("processes that did not end with exit code 0", len(recording.failures), 0, 0),
     ]
     times, force = _samples(reader, wire.topic("force_samples"))
     return CellResult(rows, comparisons, offsets, np.column_stack([seconds(times, recording.epoch_ns), force]))

@@ -255,10 +255,7 @@ class Cell:
         for process in self._processes:
             if process.exit_code is not None and not process.expected:
                 process.expected = process.judged = True
-                raise RuntimeError(
-                    f"while waiting for {what}: {process.name} ended with exit code {process.exit_code}; "
-                    f"it wrote:\n{process.output}"
-                )
+                raise RuntimeError(f"while waiting for {what}: {process.ending}")
 
     def _note_diagnostics(self, message: DiagnosticArray) -> None:
         self._statuses.update({status.name: status for status in message.status})

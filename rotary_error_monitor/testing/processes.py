@@ -64,6 +64,11 @@ class NodeProcess:
         return self._process.poll()
 
     @property
+    def ending(self) -> str:
+        """How it ended and what it wrote, in words."""
+        return f"{self.name} ended with exit code {self.exit_code}; it wrote:\n{self.output}"
+
+    @property
     def output(self) -> str:
         """What it wrote so far on standard output and standard error."""
         self._output.seek(0)

@@ -141,7 +141,7 @@ class StageNoise:
         self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
         self._turbulence = collimator.turbulence
         self._late = self._head_times() if self.grid.heads else np.zeros((0, 0))
-        self._line_basis: Array | None = None
+        self._kept_line_basis: Array | None = None
         self._collimator_whitener = self._collimator_filter()
         self._command_whitener = self._command_filter()
 
@@ -158,13 +158,23 @@ class StageNoise:
         self.jitter = jitter
         self._command_whitener = self._command_filter()
         self._lines = lines
-        self._line_basis = None if lines is None or len(lines) == 0 else self._whitened_lines(lines)
+        self.forget()
 
-    def _whitened_lines(self, lines: Array) -> Array:
+    def forget(self) -> None:
+        """Give back the memory of what can be computed again."""
+        self._kept_line_basis = None
+
+    @property
+    def _line_basis(self) -> Array | None:
         """(m, 4 k) orthonormal rows of the lines: what they span takes no part in the command's channel.
 
         Beside each wave stands the wave times time, which takes up a frequency that is a little off.
         """
+        if self._kept_line_basis is None and self._lines is not None and len(self._lines):
+            self._kept_line_basis = self._whitened_lines(self._lines)
+        return self._kept_line_basis
+
+    def _whitened_lines(self, lines: Array) -> Array:
         turns = 2 * np.pi * np.outer(self.grid.time, lines)
         middle = self.grid.time - self.grid.time.mean()
         waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
@@ -175,8 +185,8 @@ class StageNoise:
 
     def command_rows(self, mean: Array) -> Array:
         """White rows (m, p) of the command's channel from what the heads share (m, p), as `shared` gives it."""
-        rows = self._shared_rows(mean)
-        return rows if self._line_basis is None else rows - self._line_basis @ (self._line_basis.T @ rows)
+        rows, basis = self._shared_rows(mean), self._line_basis
+        return rows if basis is None else rows - basis @ (basis.T @ rows)
 
     def _shared_rows(self, mean: Array) -> Array:
         """Whitened rows (m, p) of what the heads share (m, p)."""
@@ -230,8 +240,9 @@ class StageNoise:
         ones = np.ones((len(self.grid.time), 1))
         enough = segments_of(count * 2 >= len(self.grid.heads))
         expected[COMMAND] = (self._command_whitener.apply(ones, enough)[:, 0] != 0) * weight
-        if self._line_basis is not None:
-            expected[COMMAND] = expected[COMMAND] * (1 - np.sum(np.square(self._line_basis), axis=1))
+        basis = self._line_basis
+        if basis is not None:
+            expected[COMMAND] = expected[COMMAND] * (1 - np.sum(np.square(basis), axis=1))
         for name in self._sensors:
             ones = np.ones((len(self._streams[name].time), 2, 1))
             for channel, rows in self._sensor(name, ones).items():

@@ -184,6 +184,7 @@ class _Stretch(StageProblem):
     def forget(self) -> None:
         """Give back the memory of what can be computed again."""
         self.twin.forget()
+        self.noise.forget()
         self._kept_prediction = None
         self._kept_nuisance.clear()
         self._expected.clear()
