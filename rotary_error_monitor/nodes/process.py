@@ -49,8 +49,19 @@ def run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None = None
     try:
         code = _run(node_class, args)
     finally:
-        atexit.register(end_within, _LAST_MOMENTS, code)
+        atexit.register(_let_go)
+        atexit.register(end_within, _LAST_MOMENTS, code)  # the last one registered comes first
     return code
+
+
+def _let_go() -> None:
+    """Delete what is left of the node, so that its participant leaves the domain while everything else still stands.
+
+    rclpy's objects refer to one another in circles, which were frozen: left to the destructors of the libraries, the
+    participant goes while its own threads still listen to others that go.
+    """
+    gc.unfreeze()
+    gc.collect()
 
 
 def _run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None) -> int:
