@@ -1,9 +1,11 @@
 """An end that comes: a process that has put its things away shall not hang in what its libraries do at exit.
 
-Seen with Fast DDS 2.14: the destructor of a static object takes the listener of the participant away and spins there
-(`DomainParticipant::set_listener`), while a discovery callback waits for a lock, presumably the one that it takes and
-releases without a pause. Cells whose processes end together run into that, for
-each is then told of the others. Python is gone by then, and its signal handlers and threads with it.
+Seen with Fast DDS 2.14 where a participant was left to the destructor of a static object: that takes the listener away
+and spins there (`DomainParticipant::set_listener`), while a discovery callback waits for a lock, presumably the one
+that it takes and releases without a pause. Cells whose processes end together ran into that once in a few hundred ends,
+for each is then told of the others. Python is gone by then, and its signal handlers and threads with it. Nodes let
+their participant go before (`process.run`), and it was not seen since; what libraries do at exit stays theirs, and this
+their bound.
 """
 
 from __future__ import annotations
