@@ -16,6 +16,7 @@ from rotary_error_monitor.gap.loading import TwinFile, improved_twin, load_probl
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.selection import MOST_CAUSES
 from rotary_error_monitor.gap.sentences import verdict_sentence
+from rotary_error_monitor.twin.recording import LEAST_RATE, MOST_RATE
 
 _STEPS = 4 + MOST_CAUSES
 _EPILOG = (
@@ -50,6 +51,13 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--most-causes", type=int, default=MOST_CAUSES, metavar="N", help="effects combined at most (default: 2)"
     )
     parser.add_argument(
+        "--most-rate",
+        type=float,
+        default=MOST_RATE,
+        metavar="HZ",
+        help="samples a second of one sensor of a stage that are used (default: 1000)",
+    )
+    parser.add_argument(
         "--write-twin", type=Path, metavar="TWIN.yaml", help="write the twin with the causes added, if there are any"
     )
     parser.add_argument("--no-report", action="store_true", help="write diagnosis.json only, no HTML and no picture")
@@ -62,6 +70,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--false-alarms is {arguments.false_alarms}; it must lie between 0 and 1")
     if arguments.most_causes < 1:
         raise InputError(f"--most-causes is {arguments.most_causes}; it must be at least 1")
+    if not arguments.most_rate >= LEAST_RATE:
+        raise InputError(
+            f"--most-rate is {arguments.most_rate} Hz; at least {LEAST_RATE:g} are needed to tell the rotor's jitter"
+        )
     with tqdm(total=_STEPS, desc="diagnose", unit="step", disable=None, leave=False, file=sys.stderr) as bar:
 
         def progress(step: str) -> None:
@@ -70,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         progress("reading")
         twin = load_twin(arguments.twin, arguments.effects)
-        problem = load_problem(arguments.bag, twin)
+        problem = load_problem(arguments.bag, twin, arguments.most_rate)
         diagnosis = diagnose(problem, arguments.false_alarms, arguments.most_causes, progress)
         progress("writing")
         _write(arguments, twin, problem, diagnosis)

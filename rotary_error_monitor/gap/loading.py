@@ -27,7 +27,7 @@ from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.trial import try_machine_effects, try_stage_effects
 from rotary_error_monitor.twin.document import causes_from_rows, effect_rows, machine_mapping, stage_mapping
 from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
-from rotary_error_monitor.twin.recording import StageRecording, record_stage, stage_topic
+from rotary_error_monitor.twin.recording import MOST_RATE, StageRecording, record_stage, stage_topic
 
 if TYPE_CHECKING:
     from rotary_error_monitor.gap.machine.problem import MachineProblem
@@ -82,10 +82,15 @@ def load_twin(path: Path, effect_files: Sequence[Path] = ()) -> TwinFile:
     raise InputError(f"{path}: no section {_SECTIONS}; it has {sorted(map(str, content)) or 'nothing'}")
 
 
-def load_problem(recording: Path, twin: TwinFile) -> DiagnosableProblem:
+def load_problem(recording: Path, twin: TwinFile, most_rate: float = MOST_RATE) -> DiagnosableProblem:
     """A recording beside a twin: a bag for a stage or a machine, a text file for a mount or a pair of signals.
 
     A bag whose end is missing gives what is readable, and the problem's remarks say how much that is.
+
+    Args:
+        recording: its bag or file.
+        twin: that is held against it.
+        most_rate: samples a second (Hz) that are used of one sensor of a stage.
 
     Raises:
         InputError: the file does not hold what the twin needs, values are not finite, or the recording is too short.
@@ -98,7 +103,7 @@ def load_problem(recording: Path, twin: TwinFile) -> DiagnosableProblem:
     remarks = (reader.damage,) if reader.damage else ()
     try:
         if isinstance(twin.description, StageDescription):
-            return _stage_problem(reader, twin, twin.description, remarks)
+            return _stage_problem(reader, twin, twin.description, remarks, most_rate)
         return _machine_problem(reader, twin, twin.description, remarks)
     except InputError as error:
         raise InputError("; ".join([str(error), *remarks])) from error
@@ -142,7 +147,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _stage_problem(
-    reader: BagReader, twin: TwinFile, stage: StageDescription, remarks: tuple[str, ...]
+    reader: BagReader, twin: TwinFile, stage: StageDescription, remarks: tuple[str, ...], most_rate: float
 ) -> StageProblem:
     # The libraries of a stage's signals take a second to load, which a machine need not wait for.
     from rotary_error_monitor.gap.stage.stretches import stage_problem
@@ -156,7 +161,7 @@ def _stage_problem(
     reader.check_topics(needed)
     optional = [stage_topic(name) for name in ("lvdt", "force", "temperature")]
     names = [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
-    recording = record_stage(reader.read_blocks(names), letters)
+    recording = record_stage(reader.read_blocks(names), letters, most_rate)
     recording = StageRecording(recording.start_ns, recording.streams, (*remarks, *recording.remarks))
     effects = tuple(effect for effect in twin.effects if isinstance(effect, StageEffect))
     problem = stage_problem(stage, recording, effects, twin.known)

@@ -22,6 +22,13 @@ _FIELDS = {
     "temperature": ("temperature",),
 }
 _SENSORS = ("head", "autocollimator", "lvdt")
+MOST_RATE = 1000.0
+"""Samples a second of one sensor that are used by default: a rotor is slower than that, and all of 50,000 would take
+gigabytes."""
+
+LEAST_RATE = 100.0
+"""Samples a second of a sensor below which the jitter of a rotor cannot be told from noise."""
+
 FEWEST_SAMPLES = 200
 """Samples of a stream below which nothing can be said about it."""
 
@@ -74,10 +81,17 @@ def stage_topic(stream: str) -> str:
     return f"/stage/{stream}/samples"
 
 
-def record_stage(topics: Mapping[str, Sequence[SampleBlock]], heads: Sequence[str]) -> StageRecording:
-    """Recording from the sample blocks of each topic; `heads` are the letters of the heads that the twin has.
+def record_stage(
+    topics: Mapping[str, Sequence[SampleBlock]], heads: Sequence[str], most_rate: float = MOST_RATE
+) -> StageRecording:
+    """Recording from the sample blocks of each topic.
 
     Samples that are not finite are left out, and said so, as long as they are few.
+
+    Args:
+        topics: blocks of each topic.
+        heads: letters of the heads that the twin has.
+        most_rate: samples a second (Hz) of one sensor that are used; of one that is faster every so-manieth is.
 
     Raises:
         InputError: topics are missing (all are named), too short, not finite, or their clocks do not overlap.
@@ -94,7 +108,28 @@ def record_stage(topics: Mapping[str, Sequence[SampleBlock]], heads: Sequence[st
     remarks: list[str] = []
     streams = {name: _stream(name, topics[stage_topic(name)], start, remarks) for name in present}
     _check_overlap(streams)
-    return StageRecording(start, streams, tuple(remarks))
+    return thinned(StageRecording(start, streams, tuple(remarks)), most_rate)
+
+
+def thinned(recording: StageRecording, most_rate: float) -> StageRecording:
+    """Every so-manieth sample of sensors that sample more than `most_rate` times a second, and a remark that says so.
+
+    Samples are chosen, not averaged: what the twin says of one holds, and the noise stays as it was. Heads keep those
+    that were taken together.
+    """
+    streams, steps = dict(recording.streams), dict[int, list[str]]()
+    for kind in _SENSORS:
+        names = [name for name in recording.sensors if name.partition("_")[0] == kind]
+        period = float(np.median([streams[name].period for name in names])) if names else 1.0
+        step = int(np.ceil(0.99 / (period * most_rate)))
+        if step > 1:
+            steps.setdefault(step, []).extend(names)
+        for name in names if step > 1 else ():
+            slot = np.floor(streams[name].time / (step * period))
+            first = np.flatnonzero(np.diff(slot, prepend=-np.inf) > 0)
+            streams[name] = Stream(streams[name].time[first], streams[name].values[first])
+    remarks = [f"one sample in {step} is used of {', '.join(names)}" for step, names in steps.items()]
+    return StageRecording(recording.start_ns, streams, (*recording.remarks, *remarks))
 
 
 def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: list[str]) -> Stream:

@@ -151,7 +151,9 @@ def test_bad_twins_are_told(stage_case, tmp_path, capsys, content, message):
     assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", [["--false-alarms", "0"], ["--most-causes", "0"], ["--twin", "nowhere.yaml"]])
+@pytest.mark.parametrize(
+    "option", [["--false-alarms", "0"], ["--most-causes", "0"], ["--most-rate", "99"], ["--twin", "nowhere.yaml"]]
+)
 def test_bad_options_are_told(stage_case, tmp_path, capsys, option):
     assert run(stage_case, tmp_path / "out", *option) == 2
     assert capsys.readouterr().err

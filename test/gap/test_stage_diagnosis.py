@@ -13,11 +13,15 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.loading import load_problem, load_twin
 from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.plant.cases import make_stage_case
+from rotary_error_monitor.plant.stage import stage_clocks
 from rotary_error_monitor.report.diagnosis import write_report
+from rotary_error_monitor.scenario.gap_cases import write_case
 
 EFFECTS = load_effects(StageEffect)
 
@@ -238,3 +242,20 @@ def test_an_effect_like_noise_is_no_noise(stage_problem):
     assert [found.cause.effect.name for found in diagnosis.causes] == ["subdivisional_error"]
     assert all(level == 1.0 for level in problem.noise.levels.values())
     assert not any("noise is" in remark for remark in diagnosis.remarks)
+
+
+@pytest.mark.parametrize(("kind", "names"), [("null", None), ("single", ["head_misplacement"])])
+def test_a_fast_recording_is_thinned_and_diagnosed_as_any_other(kind, names, tmp_path):
+    """Instruments that give 5,000 samples a second: neither verdict nor value depend on how many of them are used."""
+    case = make_stage_case(12, kind, names, duration=16.0)
+    plant = dataclasses.replace(case.plant, clocks=stage_clocks(rate=5000.0))
+    blocks = {name: [plant.samples(name, 0, round(16.0 * clock.rate))] for name, clock in plant.clocks.items()}
+    write_case(dataclasses.replace(case, blocks=blocks, plant=plant), tmp_path / "case")
+    problem = load_problem(tmp_path / "case" / "bag", load_twin(tmp_path / "case" / "twin.yaml"))
+    assert all(1 / problem.recording.streams[name].period < 1001 for name in problem.recording.sensors)
+    diagnosis = diagnose(problem)
+    assert any(remark.startswith("one sample in 5 is used of ") for remark in diagnosis.remarks)
+    assert [found.cause.key for found in diagnosis.causes] == [
+        (fault.name, fault.location) for fault in case.truth.faults
+    ]
+    assert diagnosis.verdict is (Verdict.NO_GAP if kind == "null" else Verdict.EXPLAINED)

@@ -7,7 +7,7 @@ import pytest
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import block_from_samples
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import StageRecording, Stream, record_stage, stage_topic, thinned
 
 START = 1_700_000_000_000_000_000
 FIELDS = {
@@ -71,3 +71,35 @@ def test_clocks_that_do_not_overlap_are_an_error(topics):
     topics[stage_topic("head_a")] = blocks(("angle",), offset_ns=3_600_000_000_000)
     with pytest.raises(InputError, match=r"clocks of /stage/head_a/samples .* and /stage/command/samples .* overlap"):
         record_stage(topics, ["a", "b"])
+
+
+def test_of_fast_sensors_some_samples_are_used_those_of_all_heads_together():
+    """At 10,000 samples a second one in ten; slower sensors, command and what is measured stay as they are."""
+    time = np.arange(20_000) * 1e-4
+    lost = np.r_[0:7_003, 7_100:20_000]
+    streams = {
+        "head_a": Stream(time + 3e-5, np.sin(time)[:, None]),
+        "head_b": Stream(time[lost] + 9e-5, np.cos(time[lost])[:, None]),
+        "autocollimator": Stream(time[::10], np.zeros((2_000, 2))),
+        "command": Stream(time, np.zeros((20_000, 2))),
+    }
+    recording = thinned(StageRecording(START, streams, ("before",)), 1000.0)
+    assert recording.remarks == ("before", "one sample in 10 is used of head_a, head_b")
+    assert recording.start_ns == START
+    assert all(recording.streams[name] is streams[name] for name in ("autocollimator", "command"))
+    a, b = recording.streams["head_a"], recording.streams["head_b"]
+    assert len(a.time) == 2_000 and len(b.time) == pytest.approx(1_990, abs=1)
+    np.testing.assert_allclose(np.diff(a.time), 1e-3)
+    np.testing.assert_array_equal(a.values[:, 0], np.sin(time)[np.rint((a.time - 3e-5) * 1e4).astype(int)])
+    # whatever is lost, a head's samples stay beside those of the others
+    apart = np.abs(b.time[:, None] - a.time[None, :]).min(axis=1)
+    assert np.count_nonzero(apart > 1.001e-4) <= 1
+
+
+@pytest.mark.parametrize(("rate", "used"), [(900.0, 900.0), (1000.0, 1000.0), (1700.0, 850.0), (50_000.0, 1000.0)])
+def test_a_sensor_is_used_at_no_more_than_the_rate(rate, used):
+    time = np.arange(round(2 * rate)) / rate
+    streams = {"head_a": Stream(time, time[:, None]), "command": Stream(time, np.zeros((len(time), 2)))}
+    kept = thinned(StageRecording(START, streams), 1000.0).streams["head_a"]
+    assert 1 / kept.period == pytest.approx(used)
+    assert len(kept.time) == pytest.approx(2 * used, abs=1)
