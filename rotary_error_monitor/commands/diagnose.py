@@ -45,7 +45,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         type=float,
         default=0.01,
         metavar="RATE",
-        help="chance that anything is found where there is no gap (default: 0.01)",
+        help="largest chance that anything is found where there is no gap (default: 0.01)",
     )
     parser.add_argument(
         "--most-causes", type=int, default=MOST_CAUSES, metavar="N", help="effects combined at most (default: 2)"

@@ -115,7 +115,7 @@ def diagnose(
 
     Args:
         problem: recording and twin.
-        false_alarms: chance that anything at all is found in a recording without a gap.
+        false_alarms: largest chance that anything at all is found in a recording without a gap.
         most_causes: largest number of effects combined.
         progress: called with a few words at the beginning of each step.
 

@@ -117,7 +117,7 @@ def select_causes(
 
     Args:
         problem: recording beside twin.
-        false_alarms: chance that anything at all is found in a recording without a gap.
+        false_alarms: largest chance that anything at all is found in a recording without a gap.
         most: largest number of effects combined.
         progress: called with a few words at the beginning of each step.
     """

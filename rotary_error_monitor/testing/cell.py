@@ -282,7 +282,7 @@ def _end(process: NodeProcess, up: bool) -> list[str]:
         return [str(error)]
     else:
         if not judged and (surprising or code not in (0, -signal.SIGKILL, 0 if up else -signal.SIGINT)):
-            return [f"{process.name} ended with exit code {code}; it wrote:\n{process.output}"]
+            return [process.ending]
         return []
     finally:
         process.close()

@@ -29,6 +29,9 @@ gigabytes."""
 LEAST_RATE = 100.0
 """Samples a second of a sensor below which the jitter of a rotor cannot be told from noise."""
 
+_CLOCK_ACCURACY = 0.01
+"""An instrument whose clock is this part too fast is no faster than it should be."""
+
 FEWEST_SAMPLES = 200
 """Samples of a stream below which nothing can be said about it."""
 
@@ -120,11 +123,12 @@ def thinned(recording: StageRecording, most_rate: float) -> StageRecording:
     streams, steps = dict(recording.streams), dict[int, list[str]]()
     for kind in _SENSORS:
         names = [name for name in recording.sensors if name.partition("_")[0] == kind]
-        period = float(np.median([streams[name].period for name in names])) if names else 1.0
-        step = int(np.ceil(0.99 / (period * most_rate)))
-        if step > 1:
-            steps.setdefault(step, []).extend(names)
-        for name in names if step > 1 else ():
+        period = float(np.median([streams[name].period for name in names] or [np.inf]))
+        step = int(np.ceil(1 / (period * most_rate) - _CLOCK_ACCURACY))
+        if step <= 1:
+            continue
+        steps.setdefault(step, []).extend(names)
+        for name in names:
             slot = np.floor(streams[name].time / (step * period))
             first = np.flatnonzero(np.diff(slot, prepend=-np.inf) > 0)
             streams[name] = Stream(streams[name].time[first], streams[name].values[first])

@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.scenario.mock_cell import Recording, _end_together
 from rotary_error_monitor.scenario.mock_cell_figures import Row, table
+from rotary_error_monitor.testing import Cell
 
 ROOT = Path(__file__).parents[2]
 
@@ -92,6 +94,19 @@ def _comes_true(condition: Callable[[], bool], patience: float = 60.0) -> bool:
     while not condition() and time.monotonic() < end:
         time.sleep(0.05)
     return condition()
+
+
+def test_a_process_that_ends_badly_is_told_with_its_words():
+    recording = Recording(Path("bag"), 0)
+    with Cell() as cell:
+        good = cell.start("encoder_head", "encoder_head_a")
+        cell.wait_for_status("encoder_head_a: state", "active")
+        bad = cell.start("encoder_head", "encoder_head_x")
+        bad.wait()
+        _end_together([good, bad], recording)
+    (failure,) = recording.failures
+    assert failure.startswith("encoder_head_x ended with exit code 2; it wrote:\n")
+    assert "the stage has the heads a, b, c, d" in failure
 
 
 def test_a_figure_out_of_its_bound_is_said():
