@@ -8,7 +8,6 @@ import numpy as np
 from scipy.special import logsumexp
 
 from rotary_error_monitor.gap.chances import chi_square_quantile
-from rotary_error_monitor.gap.problem import Problem
 from rotary_error_monitor.gap.selection import Stage
 from rotary_error_monitor.gap.shrink import HeldOut
 from rotary_error_monitor.gap.weighing import Weighing, Weight
@@ -34,7 +33,7 @@ class Alternatives:
         return next((row[2] for row in self.ranking if (row[0], row[1]) == key), 0.0)
 
 
-def weigh_alternatives(problem: Problem, stage: Stage, unknown: float, dispersion: float = 1.0) -> Alternatives:
+def weigh_alternatives(stage: Stage, unknown: float, dispersion: float = 1.0) -> Alternatives:
     """Every candidate in the place of every cause.
 
     The probability of a candidate is that of all sets that hold it, among the chosen set and those with one member
@@ -47,7 +46,7 @@ def weigh_alternatives(problem: Problem, stage: Stage, unknown: float, dispersio
     chosen = weighing.weigh(causes)
     rows: list[Weight] = [chosen]
     for k in range(len(causes)):
-        rows += [weighing.weigh((*causes[:k], i, *causes[k + 1 :])) for i in weighing.free(causes)]
+        rows += weighing.replacements(causes, k, weighing.free(causes))
     if not causes:
         rows += weighing.singles()
     logs = np.array([row.log_evidence for row in rows]) / dispersion
@@ -60,7 +59,7 @@ def weigh_alternatives(problem: Problem, stage: Stage, unknown: float, dispersio
         for member in row.members:
             best[member] = max(best[member], row.log_evidence)
     order = _distinct(weighing, sorted(range(len(best)), key=lambda i: (-share[i], -best[i])))
-    held_out = HeldOut(weighing.blocks, problem.conditions)
+    held_out = HeldOut(weighing.blocks, weighing.conditions)
     ranking = tuple(
         (*weighing.candidates[i].key, float(share[i]), _rms(held_out, weighing, _with(causes, i, rows)))
         for i in order[:RANKED]
@@ -98,10 +97,10 @@ def _groups(
     found = []
     for k, cause in enumerate(causes):
         group = [weighing.candidates[cause].key]
-        for i in weighing.free(causes):
-            other = weighing.weigh((*causes[:k], i, *causes[k + 1 :]))
+        without = weighing.weigh((*causes[:k], *causes[k + 1 :])).gain
+        for other in weighing.replacements(causes, k, weighing.free(causes)):
+            i = other.members[k]
             freedom = max(abs(chosen.freedom - other.freedom), 1)
-            without = weighing.weigh((*causes[:k], *causes[k + 1 :])).gain
             fits = chosen.gain - other.gain < dispersion * chi_square_quantile(REJECTED, freedom)
             if fits and other.gain > without and weighing.candidates[i].key not in group:
                 group.append(weighing.candidates[i].key)

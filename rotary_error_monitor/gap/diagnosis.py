@@ -129,11 +129,11 @@ def diagnose(
     progress("alternatives")
     if isinstance(problem, OpenProblem) and verdict is Verdict.PARTLY_EXPLAINED:
         # Something unknown is there beside the causes, not in their place: it is noise to the choice among them.
-        alternatives = weigh_alternatives(problem, stage, 0.0, dispersion(stage.fit))
+        alternatives = weigh_alternatives(stage, 0.0, dispersion(stage.fit))
     else:
         partly = verdict is Verdict.PARTLY_EXPLAINED
         unknown = CHANCE_OF_RESEMBLANCE if partly else chance_of_unknown(stage.findings)
-        alternatives = weigh_alternatives(problem, stage, unknown)
+        alternatives = weigh_alternatives(stage, unknown)
     gap = measure_gap(stage.fit, problem.conditions, _floor(problem, stage))
     progress("where")
     return Diagnosis(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from rotary_error_monitor.gap.problem import Array, Columns, LateRows, Problem, Rows
+from rotary_error_monitor.gap.problem import Array, Columns, Conditions, LateRows, Problem, Rows
 
 
 @dataclass(frozen=True)
@@ -80,35 +80,40 @@ class Normal:
         )
 
 
-def stack(problem: Problem, data: Rows, columns: Sequence[Columns], leading: BlockNormal | None = None) -> BlockNormal:
-    """Normal equations of all `columns`, one after the other, for the data.
+def stack(
+    problem: Problem,
+    data: Rows,
+    columns: Sequence[Columns],
+    leading: BlockNormal | None = None,
+    conditions: Conditions | None = None,
+) -> BlockNormal:
+    """Normal equations of all `columns`, one after the other, for the data, in the problem's own blocks or in others.
 
     Columns are absent from channels on which they do not act, which saves most of the work. So does `leading`: the
     equations of the first columns if they were stacked before; only their products with the data are made again.
     """
-    widths = [width_of(rows) for rows in columns]
-    places = np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
-    blocks, size = len(problem.conditions.labels), int(places[-1])
+    conditions = conditions or problem.conditions
+    places = np.concatenate([[0], np.cumsum([width_of(rows) for rows in columns])]).astype(np.intp)
+    blocks, size = len(conditions.labels), int(places[-1])
     done = 0 if leading is None else leading.moment.shape[1]
+    first = int(np.searchsorted(places, done))
     gram, moment = np.zeros((blocks, size, size)), np.zeros((blocks, size))
     power, count = np.zeros(blocks), np.zeros(blocks)
-    conditions = problem.conditions
+    sheet = _Sheet()
     for stretch in range(conditions.stretches):
         made = [rows_in(rows, stretch) for rows in columns]
         for channel, values in data.items():
             extent = conditions.extent(channel, len(values), stretch)
-            acting = [i for i, rows in enumerate(made) if channel in rows]
-            known = [i for i in acting if places[i] < done]
-            new = [i for i in acting if places[i] >= done]
-            index = np.concatenate([np.arange(places[i], places[i + 1]) for i in new] or [np.zeros(0, np.intp)])
-            table = np.concatenate([made[i][channel] for i in new] + [values[extent]], axis=1)
+            known = [(places[i], rows[channel]) for i, rows in enumerate(made[:first]) if channel in rows]
+            new = [(places[i], rows[channel]) for i, rows in enumerate(made[first:], first) if channel in rows]
+            index, table = sheet.lay_out(new, values[extent])
             expected = problem.expected(channel)
             for block, part in conditions.pieces(channel, problem.times(channel), stretch):
                 inner = slice(part.start - extent.start, part.stop - extent.start)
                 rows = table[inner]
-                for i in known:
-                    own = slice(places[i], places[i + 1])
-                    product = made[i][channel][inner].T @ rows
+                for place, all_rows in known:
+                    product = all_rows[inner].T @ rows
+                    own = slice(place, place + len(product))
                     gram[block][own, index] += product[:, :-1]
                     moment[block][own] += product[:, -1]
                 product = rows.T @ rows
@@ -120,6 +125,33 @@ def stack(problem: Problem, data: Rows, columns: Sequence[Columns], leading: Blo
         gram[:, done:, :done] = gram[:, :done, done:].transpose(0, 2, 1)
         gram[:, :done, :done] = leading.gram
     return BlockNormal(gram, moment, power, count)
+
+
+class _Sheet:
+    """Columns of one channel side by side with the data, in memory that the next channel uses again."""
+
+    def __init__(self) -> None:
+        self._memory: Array = np.empty(0)
+
+    def lay_out(self, parts: Sequence[tuple[int, Array]], data: Array) -> tuple[NDArray[np.intp], Array]:
+        """Table (m, k + 1) of the columns that are not zero, each contiguous, then data (m, 1); their positions (k,).
+
+        Args:
+            parts: position of the first column of each, and its columns (m, p).
+            data: the last column.
+        """
+        size = (1 + sum(rows.shape[1] for _, rows in parts)) * len(data)
+        if len(self._memory) < size:
+            self._memory = np.empty(size)
+        table = self._memory[:size].reshape(-1, len(data))
+        index: list[int] = []
+        for place, rows in parts:
+            for position, column in enumerate(rows.T, place):
+                if column.any():
+                    table[len(index)] = column
+                    index.append(position)
+        table[len(index)] = data[:, 0]
+        return np.asarray(index, np.intp), table[: len(index) + 1].T
 
 
 def own_rest(problem: Problem, data: Rows, nuisance: Columns) -> tuple[Rows, dict[str, float]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -141,6 +141,11 @@ class Conditions:
         bounds = np.searchsorted(time, self.edges)
         return [(block, slice(int(a), int(b))) for block, (a, b) in enumerate(itertools.pairwise(bounds))]
 
+    def joined(self) -> Conditions:
+        """The same with neighbouring blocks of one label as one, where nothing but labels is held out."""
+        first = np.flatnonzero(np.diff(self.labels, prepend=-1))
+        return replace(self, edges=np.append(self.edges[first], self.edges[-1]), labels=self.labels[first])
+
 
 @dataclass(frozen=True)
 class StretchedConditions(Conditions):
@@ -173,6 +178,10 @@ class StretchedConditions(Conditions):
         inner = first + np.searchsorted(time[first:last], self.edges[spans[1:]])
         bounds = itertools.pairwise([first, *inner.tolist(), last])
         return [(int(self.blocks[span]), slice(a, b)) for span, (a, b) in zip(spans, bounds, strict=True)]
+
+    def joined(self) -> Conditions:
+        """The same with all blocks of one label as one."""
+        return replace(self, blocks=self.labels[self.blocks], labels=np.arange(len(self.names), dtype=np.intp))
 
 
 class Problem(Protocol):

@@ -232,8 +232,7 @@ class _Search:
         near = [
             weight
             for k in range(len(members))
-            for i in weighing.free(members)
-            for weight in (weighing.weigh((*members[:k], i, *members[k + 1 :])),)
+            for weight in weighing.replacements(members, k, weighing.free(members))
             if weight.log_evidence > full.log_evidence - NEARLY_THE_SAME
         ]
         best = stage

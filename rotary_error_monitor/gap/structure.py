@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.gap.chances import chi_square_median, log_chi_square_tail, log_normal_tail
+from rotary_error_monitor.gap.orders import order_spectrum, order_sums, wave_products
 from rotary_error_monitor.gap.problem import Array, Finding
 
 MODELLED_ORDERS = 16
@@ -28,9 +29,6 @@ BAND = 64
 
 HIGHEST_LEVEL = 4.0
 """Times white noise up to which a broad band is taken for coloured noise; above it is structure."""
-
-PIECE = 2**15
-"""Rows that are compared with all waves at once: more only take memory."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ def _orders(track: Track) -> Finding:
         chosen = track.labels == label
         if np.count_nonzero(chosen) < 4 * MODELLED_ORDERS:
             continue
-        part, dimension, each = _explained(*_wave_products(track.angle[chosen], track.rows[chosen], 0, MODELLED_ORDERS))
+        part, dimension, each = _explained(*wave_products(track.angle[chosen], track.rows[chosen], MODELLED_ORDERS))
         floor = max(1.0, _noise_above(track.angle[chosen], track.rows[chosen]))
         gain, freedom = gain + part / floor, freedom + dimension
         if np.max(each) / floor > best:
@@ -80,25 +78,6 @@ def _orders(track: Track) -> Finding:
     return Finding(
         track.channel, "orders", log_chi_square_tail(gain, max(freedom, 1)), max(0.0, gain - freedom), f"angle: {words}"
     )
-
-
-def _wave_products(angle: Array, rows: Array, first: int, last: int) -> tuple[Array, Array]:
-    """Products of waves of all orders from `first` to `last` with one another and with the rows, piece by piece."""
-    gram, moment = np.zeros(()), np.zeros(())
-    for start in range(0, len(rows), PIECE):
-        part = slice(start, start + PIECE)
-        table = _wave_table(angle[part], last, first)
-        gram, moment = gram + table.T @ table, moment + table.T @ rows[part]
-    return gram, moment
-
-
-def _wave_table(angle: Array, orders: int, first: int = 0) -> Array:
-    turns = np.empty((len(angle), orders + 1 - first), complex)
-    turns[:, 0] = np.exp(1j * first * angle)
-    step = np.exp(1j * angle)
-    for column in range(1, turns.shape[1]):
-        np.multiply(turns[:, column - 1], step, out=turns[:, column])
-    return np.concatenate([turns.real, turns.imag[:, 1 if first == 0 else 0 :]], axis=1)
 
 
 def _explained(gram: Array, moment: Array) -> tuple[float, int, Array]:
@@ -115,19 +94,16 @@ def _explained(gram: Array, moment: Array) -> tuple[float, int, Array]:
 
 def _noise_above(angle: Array, rows: Array) -> float:
     """Noise level at orders just above the modelled ones; rounding of a slowly turning ring is not quite white."""
-    _, moment = _wave_products(angle, rows, MODELLED_ORDERS + 1, 3 * MODELLED_ORDERS)
-    power = np.square(moment) * 2 / len(rows)
+    sums = order_sums(angle, rows, 3 * MODELLED_ORDERS)[MODELLED_ORDERS + 1 :]
+    power = np.square(np.concatenate([sums.real, sums.imag])) * 2 / len(rows)
     return float(np.median(power) / chi_square_median(1))
 
 
 def _line(track: Track) -> Finding:
     """One order, up to 200, over the whole recording."""
-    step, turning, best, order = np.exp(-1j * track.angle), np.ones(len(track.rows), complex), 0.0, 0
-    for index in range(1, LINE_ORDERS + 1):
-        turning = turning * step
-        power = 2 * abs(np.dot(turning, track.rows)) ** 2 / len(track.rows)
-        if power > best:
-            best, order = power, index
+    power = order_spectrum(track.angle, track.rows, LINE_ORDERS)
+    order = int(np.argmax(power)) + 1
+    best = float(power[order - 1])
     log_chance = _log_any(-best / 2, LINE_ORDERS)
     return Finding(track.channel, "line", log_chance, max(0.0, best - 2), f"angle: order {order}")
 

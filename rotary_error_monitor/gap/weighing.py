@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.chances import log_chi_square_tail
 from rotary_error_monitor.gap.normal import BlockNormal, Normal, stack, width_of
-from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Problem, Rows
+from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Problem, Rows
 
 _SINGULAR = 1e-9
 """Part of a column that must remain beside the others for its amplitude to be looked at at all."""
@@ -77,9 +77,13 @@ class Weighing:
         seen = [i for i, rows in enumerate(columns) if width_of(rows)]
         self.candidates = tuple(candidates[i] for i in seen)
         self.nuisances = width_of(nuisance)
-        self.blocks: BlockNormal = stack(problem, data, [nuisance, *(columns[i] for i in seen)])
-        self._scales = [candidate.effect.scales()[candidate.linear] for candidate in self.candidates]
-        sizes = np.concatenate([[0], np.cumsum([len(scale) for scale in self._scales])]).astype(np.intp)
+        self.conditions: Conditions = problem.conditions.joined()
+        self.blocks: BlockNormal = stack(
+            problem, data, [nuisance, *(columns[i] for i in seen)], conditions=self.conditions
+        )
+        scales = [candidate.effect.scales()[candidate.linear] for candidate in self.candidates]
+        self._scale = np.concatenate([np.zeros(0), *scales])
+        sizes = np.concatenate([[0], np.cumsum([len(scale) for scale in scales])]).astype(np.intp)
         self._places = [np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(sizes)]
         self.normal: Normal = self.blocks.total().without(self.nuisances)
         self._effects = len({candidate.effect.name for candidate in self.candidates})
@@ -92,28 +96,50 @@ class Weighing:
         """Position of a candidate by name and location."""
         return next((i for i, candidate in enumerate(self.candidates) if candidate.key == key), None)
 
-    def weigh(self, members: Sequence[int], normal: Normal | None = None) -> Weight:
+    def weigh(self, members: Sequence[int]) -> Weight:
         """Evidence of a set of candidates together."""
-        equations = self.normal if normal is None else normal
-        index = self.columns_of(members)
-        scale = np.concatenate([self._scales[i] for i in members]) if members else np.zeros(0)
-        gram = equations.gram[np.ix_(index, index)]
+        return self.weigh_all([members])[0]
+
+    def weigh_all(self, sets: Sequence[Sequence[int]]) -> list[Weight]:
+        """Evidence of many sets, those with as many columns worked out together."""
+        indices = [self.columns_of(members) for members in sets]
+        widths = [len(index) for index in indices]
+        found: dict[int, Weight] = {}
+        for width in set(widths):
+            places = [i for i, other in enumerate(widths) if other == width]
+            index = np.array([indices[i] for i in places], np.intp).reshape(len(places), width)
+            gain, freedom, occam, amplitudes = self._evidence(index)
+            for row, i in enumerate(places):
+                prior = sum(self.log_prior(member) for member in sets[i])
+                log_evidence = float(0.5 * gain[row] - occam[row] + prior)
+                found[i] = Weight(
+                    tuple(sets[i]), float(gain[row]), int(freedom[row]), log_evidence, amplitudes[row].copy()
+                )
+        return [found[i] for i in range(len(sets))]
+
+    def _evidence(self, index: NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
+        """Gain, freedom, half the log determinant (k,) and amplitudes (k, w) of sets of columns (k, w)."""
+        gram = self.normal.gram[index[:, :, None], index[:, None, :]]
+        scale = self._scale[index]
         # Columns of length one: how large an effect usually is says nothing of what can be told apart.
-        length = np.sqrt(np.maximum(np.diag(gram), 0.0))
+        length = np.sqrt(np.maximum(np.einsum("kii->ki", gram), 0.0))
         unit = 1 / np.where(length * scale > _INVISIBLE, length, np.inf)
-        values, vectors = np.linalg.eigh(gram * np.outer(unit, unit))
+        values, vectors = np.linalg.eigh(gram * unit[:, :, None] * unit[:, None, :])
         # Directions that the recording does not show keep amplitude zero.
         seen = values > _SINGULAR
-        part = (vectors.T @ (unit * equations.moment[index]))[seen]
-        gain = float(np.sum(part**2 / values[seen]))
-        occam = 0.5 * float(np.linalg.slogdet(np.eye(len(index)) + gram * np.outer(scale, scale))[1])
-        prior = -sum(self.log_prior(i) for i in members)
-        amplitudes = unit * (vectors[:, seen] @ (part / values[seen]))
-        return Weight(tuple(members), gain, int(seen.sum()), 0.5 * gain - occam - float(prior), amplitudes)
+        part = np.einsum("kij,ki->kj", vectors, unit * self.normal.moment[index])
+        solved = np.where(seen, part / np.where(seen, values, 1.0), 0.0)
+        occam = 0.5 * np.linalg.slogdet(np.eye(index.shape[1]) + gram * scale[:, :, None] * scale[:, None, :])[1]
+        amplitudes = unit * np.einsum("kij,kj->ki", vectors, solved)
+        return np.sum(part * solved, axis=1), seen.sum(axis=1), occam, amplitudes
 
     def singles(self, beside: Sequence[int] = ()) -> list[Weight]:
         """Each candidate beside the given ones, in the order of the candidates; those themselves are left out."""
-        return [self.weigh((*beside, i)) for i in self.free(beside)]
+        return self.weigh_all([(*beside, i) for i in self.free(beside)])
+
+    def replacements(self, members: Sequence[int], place: int, candidates: Sequence[int]) -> list[Weight]:
+        """The set with each of the candidates at that place."""
+        return self.weigh_all([(*members[:place], i, *members[place + 1 :]) for i in candidates])
 
     def free(self, beside: Sequence[int]) -> list[int]:
         """Candidates that can stand beside the given ones: the same effect at the same place counts once."""
@@ -123,17 +149,16 @@ class Weighing:
     def best_pair(self, shortlist: Sequence[int]) -> Weight | None:
         """The pair with the most evidence, one of them from the shortlist."""
         pairs = {tuple(sorted((i, j))) for i in shortlist for j in self.free((i,))}
-        found = [self.weigh(pair) for pair in pairs]
-        return max(found, key=lambda weight: weight.log_evidence, default=None)
+        return max(self.weigh_all(sorted(pairs)), key=lambda weight: weight.log_evidence, default=None)
 
     def exchange(self, start: Weight) -> Weight:
         """The set improved by replacing one member at a time as long as that helps."""
         best = start
         while True:
             trials = [
-                self.weigh((*best.members[:k], i, *best.members[k + 1 :]))
+                weight
                 for k in range(len(best.members))
-                for i in self.free((*best.members[:k], *best.members[k + 1 :]))
+                for weight in self.replacements(best.members, k, self.free((*best.members[:k], *best.members[k + 1 :])))
             ]
             found = max(trials, key=lambda weight: weight.log_evidence, default=best)
             if found.log_evidence <= best.log_evidence + 1e-9:
@@ -148,7 +173,7 @@ class Weighing:
         """The members with their amplitudes."""
         place, found = 0, []
         for member in weight.members:
-            size = len(self._scales[member])
+            size = len(self._places[member])
             found.append(self.candidates[member].cause(weight.amplitudes[place : place + size]))
             place += size
         return tuple(found)

@@ -186,7 +186,7 @@ class StageNoise:
     def command_rows(self, mean: Array) -> Array:
         """White rows (m, p) of the command's channel from what the heads share (m, p), as `shared` gives it."""
         rows, basis = self._shared_rows(mean), self._line_basis
-        return rows if basis is None else rows - basis @ (basis.T @ rows)
+        return rows if basis is None else rows - ((rows.T @ basis) @ basis.T).T
 
     def _shared_rows(self, mean: Array) -> Array:
         """Whitened rows (m, p) of what the heads share (m, p)."""
@@ -266,7 +266,7 @@ class StageNoise:
     def _table(self, signals: Mapping[str, Array]) -> Array:
         """(m, heads, p) the heads side by side, zero where absent."""
         width = next(signals[name].shape[-1] for name in self.grid.heads if name in signals)
-        table = np.zeros((len(self.grid.time), len(self.grid.heads), width))
+        table = np.zeros((len(self.grid.heads), width, len(self.grid.time))).transpose(2, 0, 1)
         for i, name in enumerate(self.grid.heads):
             if name in signals:
                 table[self.grid.rows[name], i] = signals[name][:, 0] * self._kept[name][:, None]
@@ -376,7 +376,7 @@ def _bridge(rows: Array, missing: NDArray[np.bool_]) -> Array:
     after = np.clip(np.searchsorted(good, bad), 1, len(good) - 1)
     left, right = good[after - 1], good[after]
     share = np.clip((bad - left) / (right - left), 0.0, 1.0)[:, None]
-    bridged = rows.copy()
+    bridged = rows.copy(order="K")
     bridged[bad] = (1 - share) * rows[left] + share * rows[right]
     return bridged
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,13 +67,20 @@ def convolve(rows: Array, taps: Array) -> Array:
     length = int(2 ** np.ceil(np.log2(8 * len(taps))))
     step = length - len(taps) + 1
     count = -(-len(rows) // step)
-    blocks = np.zeros((count * step, *rows.shape[1:]))
-    blocks[: len(rows)] = rows
-    spectrum = np.fft.rfft(blocks.reshape(count, step, -1), length, axis=1)
-    spectrum *= np.fft.rfft(taps, length)[:, None]
-    filtered = np.fft.irfft(spectrum, length, axis=1)
-    filtered[1:, : length - step] += filtered[:-1, step:]
-    return np.ascontiguousarray(filtered[:, :step].reshape(blocks.shape)[: len(rows)])
+    columns = np.moveaxis(rows, 0, -1)
+    blocks = np.zeros((*columns.shape[:-1], count * step))
+    blocks[..., : len(rows)] = columns
+    spectrum = np.fft.rfft(blocks.reshape(*columns.shape[:-1], count, step), length)
+    spectrum *= np.fft.rfft(taps, length)
+    filtered = np.fft.irfft(spectrum, length)
+    filtered[..., 1:, : length - step] += filtered[..., :-1, step:]
+    blocks[...] = filtered[..., :step].reshape(blocks.shape)
+    return np.moveaxis(blocks[..., : len(rows)], -1, 0)
+
+
+def side_by_side(parts: Sequence[Array]) -> Array:
+    """Columns (n, k, p) of `p` arrays (n, k), each of them contiguous in time: filters and sums run along it."""
+    return np.moveaxis(np.stack([part.T for part in parts]), (0, 1, 2), (2, 1, 0))
 
 
 def predictor(density: Callable[[Array], Array], period: float) -> Whitener:

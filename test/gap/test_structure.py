@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Finding
-from rotary_error_monitor.gap.stage.search import find_step, find_wave, order_spectrum
+from rotary_error_monitor.gap.stage.search import find_step, find_wave
 from rotary_error_monitor.gap.structure import Track, find_structure
 from rotary_error_monitor.gap.verdict import PRIOR_OF_UNKNOWN, Verdict, chance_of_unknown
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize
 
-from rotary_error_monitor.gap.stage.search import LINES, order_spectrum
+from rotary_error_monitor.gap.orders import order_spectrum
+from rotary_error_monitor.gap.stage.search import LINES
 from rotary_error_monitor.twin.stage_noise import Jitter
 
 Array = NDArray[np.float64]

@@ -25,6 +25,7 @@ from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise
 from rotary_error_monitor.twin.stage_parameters import UncertainParameter, uncertain_parameters
+from rotary_error_monitor.twin.whitening import side_by_side
 
 FEWEST_ROWS = 100
 """Rows of a channel below which its structure is not looked at."""
@@ -153,7 +154,7 @@ class StageProblem:
             moved = self.twin.predict((*others, cause.with_values(values)), streams)
             for name in streams:
                 columns[name].append((moved[name] - base[name]) / step)
-        return {name: np.stack(parts, axis=2) for name, parts in columns.items()}
+        return {name: side_by_side(parts) for name, parts in columns.items()}
 
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows of one standard uncertainty of each uncertain parameter.
@@ -192,9 +193,9 @@ class StageProblem:
         columns = {name: [signals[name] - base[name] for signals in moved] for name in streams}
         width = len(self._uncertain) + len(self._warmings)
         found: Rows = {}
-        stacked = {name: np.stack(parts, axis=2) for name, parts in columns.items()}
+        stacked = {name: side_by_side(parts) for name, parts in columns.items()}
         for channel, rows in self._white(stacked).items():
-            found[channel] = np.zeros((len(rows), width))
+            found[channel] = np.zeros((width, len(rows))).T
             found[channel][:, acting] = rows
         return found
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from rotary_error_monitor.effects.effect import AnyEffect, order_location
+from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Rows
 
 if TYPE_CHECKING:
@@ -121,17 +122,6 @@ class StageSearch:
         start = effect.start("")
         start[effect.slices()["order"]] = order
         return [Candidate(effect, "", start, trials, -float(np.log(trials)))]
-
-
-def order_spectrum(angle: Array, rows: Array, orders: int) -> Array:
-    """(orders,) power of each whole order 1, 2, … in white rows: chi-square with two degrees of freedom under noise."""
-    step = np.exp(-1j * angle)
-    turning = np.ones(len(angle), complex)
-    power = np.empty(orders)
-    for index in range(orders):
-        turning = turning * step
-        power[index] = 2 * np.abs(np.dot(turning, rows)) ** 2
-    return power / max(len(rows), 1)
 
 
 def find_step(time: Array, rows: Array) -> float:
