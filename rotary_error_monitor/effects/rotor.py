@@ -105,8 +105,8 @@ class RotorState:
 
     def turned(self, vector: Array | tuple[float, float]) -> Array:
         """(n, 2) a vector fixed on the rotor, in the base: `Rz(theta) @ vector`."""
-        cos, sin = self.harmonic(1)
-        return np.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]], axis=1)
+        x, y = float(vector[0]), float(vector[1])
+        return self.planar({1: (x, -y, y, x)})
 
     def keep(self, what: str, of: object, make: Callable[[], Array]) -> Array:
         """What `make` gives; kept for the first object that it is asked `of`, which is the description's own part."""
@@ -141,6 +141,12 @@ class StageEffect(Effect[StageDescription]):
     acts_on: ClassVar[tuple[str, ...]] = (HEAD, AUTOCOLLIMATOR, LVDT)
     stands_out_in: ClassVar[tuple[str, ...]] = (HEAD, COMMAND, AUTOCOLLIMATOR, LVDT)
     rescales: ClassVar[bool] = False
+
+    @property
+    def moves_rotor(self) -> bool:
+        """Whether it has the hook `delay` or `rotation`: the sensor then sees the rotor elsewhere."""
+        own = type(self)
+        return own.delay is not StageEffect.delay or own.rotation is not StageEffect.rotation
 
     def touches(self, location: str, stream: str) -> bool:
         """Whether the effect there can move the prediction of that stream (`head_a`, …, `autocollimator`, `lvdt`)."""

@@ -111,6 +111,7 @@ class StageTwin:
     known: tuple[Cause, ...] = ()
     keeps_states: bool = True
     _states: dict[str, RotorState] = field(default_factory=dict, repr=False)
+    _moved: dict[str, tuple[tuple[tuple[str, str, bytes], ...], RotorState]] = field(default_factory=dict, repr=False)
 
     def predict(
         self,
@@ -129,6 +130,27 @@ class StageTwin:
         described = self.stage if stage is None else stage
         return {name: self._stream(name, (*self.known, *causes), described) for name in wanted}
 
+    def _moved_state(self, stream: str, acting: _Acting) -> RotorState:
+        """The rotor at the sample times of a stream as the effects delay it and turn it; the last one is kept.
+
+        Many predictions in a row differ in other things than these.
+        """
+        moving = [(c, e) for c, e in acting if e.moves_rotor]
+        if not moving:
+            return self.state(stream)
+        key = tuple((*cause.key, cause.values.tobytes()) for cause, _ in moving)
+        kept = self._moved.get(stream)
+        if kept is not None and kept[0] == key:
+            return kept[1]
+        state = self.state(stream, sum(effect.delay(cause.values, cause.location) for cause, effect in moving))
+        ahead = [effect.rotation(cause.values, state) for cause, effect in moving]
+        turned = [part for part in ahead if part is not None]
+        if turned:
+            state = state.rotated(np.sum(turned, axis=0))
+        if self.keeps_states:
+            self._moved[stream] = key, state
+        return state
+
     def state(self, stream: str, delay: float = 0.0) -> RotorState:
         """The rotor at the sample times of a stream, `delay` seconds earlier."""
         if delay != 0.0 or not self.keeps_states:
@@ -140,6 +162,7 @@ class StageTwin:
     def forget(self) -> None:
         """Give back the memory of the states."""
         self._states.clear()
+        self._moved.clear()
 
     def state_at(self, time: Array, delay: float = 0.0, observed: Array | None = None) -> RotorState:
         """The rotor at any times (m,), `delay` seconds earlier, with what a head read there."""
@@ -172,11 +195,7 @@ class StageTwin:
     def _stream(self, name: str, causes: Sequence[Cause], stage: StageDescription) -> Array:
         acting = [(c, c.effect) for c in causes if isinstance(c.effect, StageEffect)]
         acting = [(cause, effect) for cause, effect in acting if effect.touches(cause.location, name)]
-        state = self.state(name, sum(effect.delay(cause.values, cause.location) for cause, effect in acting))
-        ahead = [effect.rotation(cause.values, state) for cause, effect in acting]
-        turned = [part for part in ahead if part is not None]
-        if turned:
-            state = state.rotated(np.sum(turned, axis=0))
+        state = self._moved_state(name, acting)
         for cause, effect in acting:
             stage = effect.amend(stage, cause.values, cause.location)
         ideal = _SENSORS[name.partition("_")[0]](name, stage, state, acting)
@@ -204,8 +223,12 @@ def _radial(stage: StageDescription, state: RotorState, acting: _Acting) -> Arra
     spindle = stage.spindle
 
     def own() -> Array:
-        moved = _harmonics(spindle.radial, state) + spindle.radial_compliance * state.force
-        return np.asarray(moved + state.warming[:, None] * np.asarray(spindle.radial_thermal))
+        moved = _harmonics(spindle.radial, state)
+        if spindle.radial_compliance:
+            moved += spindle.radial_compliance * state.force
+        if any(spindle.radial_thermal):
+            moved += state.warming[:, None] * np.asarray(spindle.radial_thermal)
+        return moved
 
     total = state.keep("radial", spindle, own)
     for cause, effect in acting:
@@ -218,8 +241,10 @@ def _tilt(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
     spindle = stage.spindle
 
     def own() -> Array:
-        leaning = spindle.tilt_compliance * np.stack([-state.force[:, 1], state.force[:, 0]], axis=1)
-        return np.asarray(_harmonics(spindle.tilt, state) + leaning)
+        leaning = _harmonics(spindle.tilt, state)
+        if spindle.tilt_compliance:
+            leaning += spindle.tilt_compliance * np.stack([-state.force[:, 1], state.force[:, 0]], axis=1)
+        return leaning
 
     total = state.keep("tilt", spindle, own)
     for cause, effect in acting:
@@ -230,14 +255,21 @@ def _tilt(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
 
 def _head(name: str, stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
     azimuth = stage.encoder.azimuths[name.removeprefix(f"{HEAD}_")]
-    centre = _radial(stage, state, acting) + state.turned(stage.encoder.eccentricity)
-    across = -centre[:, 0] * np.sin(azimuth) + centre[:, 1] * np.cos(azimuth)
-    reading: NDArray[np.float64] = state.theta + np.arcsin(across / stage.encoder.disc_radius)
+    sideways = np.array([-np.sin(azimuth), np.cos(azimuth)]) / stage.encoder.disc_radius
+    across = _radial(stage, state, acting) @ sideways
+    # The eccentricity turns with the ring: its sideways part is a wave of order 1.
+    x, y = stage.encoder.eccentricity
+    cos, sin = state.harmonic(1)
+    across += (x * sideways[0] + y * sideways[1]) * cos
+    across += (x * sideways[1] - y * sideways[0]) * sin
+    reading: NDArray[np.float64] = np.arcsin(across, out=across)
+    reading += state.theta
     for row in stage.encoder.graduation:
         # psi = azimuth - theta, so cos(k psi) and sin(k psi) follow from the kept harmonics of theta.
         cos, sin = state.harmonic(row.order)
         at_cos, at_sin = np.cos(row.order * azimuth), np.sin(row.order * azimuth)
-        reading = reading + (row.cos * at_cos + row.sin * at_sin) * cos + (row.cos * at_sin - row.sin * at_cos) * sin
+        reading += (row.cos * at_cos + row.sin * at_sin) * cos
+        reading += (row.cos * at_sin - row.sin * at_cos) * sin
     return reading
 
 

@@ -251,10 +251,7 @@ class StageNoise:
 
     def shared(self, signals: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
         """Mean over the heads (m, p) that are present, and where at least half of them are."""
-        table = self._table(signals)
-        count = self._count
-        mean = table.sum(axis=1) / np.maximum(count, 1)[:, None]
-        return mean, count * 2 >= len(self.grid.heads)
+        return self._mean(self._table(signals)).T, self._count * 2 >= len(self.grid.heads)
 
     def _heads_present(self) -> NDArray[np.bool_]:
         """(m, heads) which heads were read at each instant."""
@@ -264,22 +261,30 @@ class StageNoise:
         return present
 
     def _table(self, signals: Mapping[str, Array]) -> Array:
-        """(m, heads, p) the heads side by side, zero where absent."""
+        """(heads, p, m) the heads one after the other, zero where absent."""
         width = next(signals[name].shape[-1] for name in self.grid.heads if name in signals)
-        table = np.zeros((len(self.grid.heads), width, len(self.grid.time))).transpose(2, 0, 1)
-        for i, name in enumerate(self.grid.heads):
+        table = np.zeros((len(self.grid.heads), width, len(self.grid.time)))
+        for head, name in zip(table, self.grid.heads, strict=True):
             if name in signals:
-                table[self.grid.rows[name], i] = signals[name][:, 0] * self._kept[name][:, None]
+                head[:, self.grid.rows[name]] = signals[name][:, 0].T * self._kept[name]
         return table
 
+    def _mean(self, table: Array) -> Array:
+        """(p, m) mean over the heads that are present."""
+        return np.asarray(table.sum(axis=0) / np.maximum(self._count, 1), np.float64)
+
     def _heads(self, signals: Mapping[str, Array]) -> dict[str, Array]:
-        table, present, count = self._table(signals), self._present, self._count
-        mean = table.sum(axis=1) / np.maximum(count, 1)[:, None]
-        table -= mean[:, None, :]
-        table -= self._late[:, :, None] * _rate(mean, count > 1, self.grid.period)[:, None, :]
-        table *= (present * (self._weight * (count > 1))[:, None])[:, :, None] / self.std["head"]
-        rows = {name: table[:, i] for i, name in enumerate(self.grid.heads)}
-        rows[COMMAND] = self.command_rows(mean)
+        table, several = self._table(signals), self._count > 1
+        mean = self._mean(table)
+        rate = _rate(mean, several, self.grid.period)
+        weight = self._weight * several / self.std["head"]
+        rows = {}
+        for i, name in enumerate(self.grid.heads):
+            table[i] -= mean
+            table[i] -= self._late[:, i] * rate
+            table[i] *= self._present[:, i] * weight
+            rows[name] = table[i].T
+        rows[COMMAND] = self.command_rows(mean.T)
         return rows
 
     def _sensor(self, name: str, values: Array) -> dict[str, Array]:
@@ -341,10 +346,10 @@ class StageNoise:
 
 
 def _rate(mean: Array, known: NDArray[np.bool_], period: float) -> Array:
-    """(m, p) rate of change of rows (m, p), 0 beside rows that are not known."""
+    """(p, m) rate of change of columns (p, m), 0 beside samples that are not known."""
     rate = np.zeros_like(mean)
     inner = known[2:] & known[:-2]
-    rate[1:-1] = (mean[2:] - mean[:-2]) * (inner / (2 * period))[:, None]
+    rate[:, 1:-1] = (mean[:, 2:] - mean[:, :-2]) * (inner / (2 * period))
     return rate
 
 
