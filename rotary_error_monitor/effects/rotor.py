@@ -60,7 +60,7 @@ class RotorState:
     lines: int
     observed: Array | None = None
     age: float = 0.0
-    _harmonics: dict[float, tuple[Array, Array]] = field(default_factory=dict, repr=False, compare=False)
+    _harmonics: dict[float, Array] = field(default_factory=dict, repr=False, compare=False)
     _unturned: tuple[RotorState, float] | None = field(default=None, repr=False, compare=False)
     _tables: dict[tuple[int, ...], Array] = field(default_factory=dict, repr=False, compare=False)
     _kept: dict[str, tuple[object, Array]] = field(default_factory=dict, repr=False, compare=False)
@@ -72,36 +72,44 @@ class RotorState:
 
     def harmonic(self, order: float) -> tuple[Array, Array]:
         """Cosine and sine of `order * theta`, kept because many effects share them."""
+        cos, sin = self._wave(order)
+        return cos, sin
+
+    def _wave(self, order: float) -> Array:
+        """(2, n) cosine and sine of `order * theta`."""
         if order not in self._harmonics:
             self._harmonics[order] = self._evaluated(order)
         return self._harmonics[order]
 
-    def _evaluated(self, order: float) -> tuple[Array, Array]:
+    def _evaluated(self, order: float) -> Array:
         if self._unturned is not None:
             before, ahead = self._unturned
             if abs(order) * ahead < _SMALL_TURN:
                 cos, sin = before.harmonic(order)
                 small = order * (self.theta - before.theta)
                 shrunk = 1 - 0.5 * np.square(small)
-                return shrunk * cos - small * sin, shrunk * sin + small * cos
+                return np.stack([shrunk * cos - small * sin, shrunk * sin + small * cos])
         angle = order * self.theta
-        return np.cos(angle), np.sin(angle)
+        return np.stack([np.cos(angle), np.sin(angle)])
 
     def planar(self, coefficients: Mapping[int, tuple[float, float, float, float]]) -> Array:
         """(n, 2) sum of plane harmonics given as order: (x cos, x sin, y cos, y sin)."""
         orders = tuple(coefficients)
         weights = _planar_weights(coefficients)
-        if orders not in self._tables:
-            waves = [wave for order in orders for wave in self.harmonic(order)]
-            starts = range(0, len(self.theta), _LARGEST_TABLE)
-            tables = (np.stack([wave[i : i + _LARGEST_TABLE] for wave in waves], axis=1) for i in starts)
-            if len(starts) != 1:
-                return np.concatenate([np.zeros((0, 2)), *(table @ weights for table in tables)])
-            (table,) = tables
-            if len(self._tables) >= _KEPT_TABLES:
-                return np.asarray(table @ weights, np.float64)
-            self._tables[orders] = table
-        return np.asarray(self._tables[orders] @ weights, np.float64)
+        table = self._table(orders)
+        done = len(table)
+        total = weights[:, :done] @ table
+        for place, order in enumerate(orders[done // 2 :], done // 2):
+            total += weights[:, 2 * place : 2 * place + 2] @ self._wave(order)
+        return np.asarray(total.T, np.float64)
+
+    def _table(self, orders: tuple[int, ...]) -> Array:
+        """(2 k, n) waves of the first k of the orders, one below the other, as far as such a table is kept."""
+        if orders not in self._tables and len(self._tables) < _KEPT_TABLES and len(self.theta) <= _LARGEST_TABLE:
+            self._tables[orders] = np.concatenate([np.empty((0, len(self.theta))), *map(self._wave, orders)])
+        first = (orders[:count] for count in range(len(orders), 0, -1))
+        kept = next((found for found in first if found in self._tables), None)
+        return np.empty((0, len(self.theta))) if kept is None else self._tables[kept]
 
     def turned(self, vector: Array | tuple[float, float]) -> Array:
         """(n, 2) a vector fixed on the rotor, in the base: `Rz(theta) @ vector`."""
@@ -122,7 +130,9 @@ class RotorState:
 
 
 def _planar_weights(coefficients: Mapping[int, tuple[float, float, float, float]]) -> Array:
-    return np.array([row for xc, xs, yc, ys in coefficients.values() for row in ((xc, yc), (xs, ys))])
+    """(2, 2 k) what x and y hold of each wave."""
+    rows = np.array(list(coefficients.values())).reshape(-1, 2, 2)
+    return np.asarray(rows.transpose(1, 0, 2).reshape(2, -1), np.float64)
 
 
 class StageEffect(Effect[StageDescription]):

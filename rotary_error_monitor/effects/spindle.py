@@ -83,11 +83,11 @@ class BearingAsynchronous(StageEffect):
         """`radial * (cos(order theta + phase), sin(order theta + phase))`."""
         order, along, across, _ = values
         cos, sin = state.harmonic(float(order))
-        return np.stack([along * cos - across * sin, along * sin + across * cos], axis=1)
+        return np.stack([along * cos - across * sin, along * sin + across * cos]).T
 
     def tilt(self, values: Values, state: RotorState) -> Array:
         """`tilt * (cos(order theta), sin(order theta))`."""
-        return np.asarray(values[3] * np.stack(state.harmonic(float(values[0])), axis=1), np.float64)
+        return np.asarray(values[3] * np.stack(state.harmonic(float(values[0]))).T, np.float64)
 
     def report(self, values: Values, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
         """Order, size, tilt and phase, their spread by first-order propagation."""

@@ -173,7 +173,7 @@ class StageTwin:
             command=command,
             omega=np.asarray(self.inputs.omega(earlier), np.float64),
             theta=command,
-            force=self.inputs.force(earlier),
+            force=np.asfortranarray(self.inputs.force(earlier)),
             warming=self.inputs.warming(earlier),
             command_at=self.inputs.command,
             lines=self.stage.encoder.lines_per_revolution,
@@ -227,7 +227,7 @@ def _radial(stage: StageDescription, state: RotorState, acting: _Acting) -> Arra
         if spindle.radial_compliance:
             moved += spindle.radial_compliance * state.force
         if any(spindle.radial_thermal):
-            moved += state.warming[:, None] * np.asarray(spindle.radial_thermal)
+            moved += np.outer(spindle.radial_thermal, state.warming).T
         return moved
 
     total = state.keep("radial", spindle, own)
@@ -243,7 +243,7 @@ def _tilt(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
     def own() -> Array:
         leaning = _harmonics(spindle.tilt, state)
         if spindle.tilt_compliance:
-            leaning += spindle.tilt_compliance * np.stack([-state.force[:, 1], state.force[:, 0]], axis=1)
+            leaning += spindle.tilt_compliance * np.stack([-state.force[:, 1], state.force[:, 0]]).T
         return leaning
 
     total = state.keep("tilt", spindle, own)
@@ -280,7 +280,7 @@ def _autocollimator(name: str, stage: StageDescription, state: RotorState, actin
 def _lvdt(name: str, stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
     assert stage.lvdt is not None
     tilt = _tilt(stage, state, acting)
-    leaned = stage.lvdt.height * np.stack([tilt[:, 1], -tilt[:, 0]], axis=1)
+    leaned = stage.lvdt.height * np.stack([tilt[:, 1], -tilt[:, 0]]).T
     return _radial(stage, state, acting) + leaned + state.turned(stage.lvdt.artefact_eccentricity)
 
 
