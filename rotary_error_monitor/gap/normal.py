@@ -13,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from rotary_error_monitor.gap.problem import Array, Columns, Conditions, LateRows, Problem, Rows
+from rotary_error_monitor.gap.problem import Array, Columns, Conditions, LateRows, Problem, Rows, SparseRows
+
+_Placed = dict[str, tuple[NDArray[np.intp], Array]]
+"""By channel, which columns (k,) act on it, and their rows (m, k)."""
 
 
 @dataclass(frozen=True)
@@ -104,27 +107,40 @@ def stack(
         made = [rows_in(rows, stretch) for rows in columns]
         for channel, values in data.items():
             extent = conditions.extent(channel, len(values), stretch)
-            known = [(places[i], rows[channel]) for i, rows in enumerate(made[:first]) if channel in rows]
-            new = [(places[i], rows[channel]) for i, rows in enumerate(made[first:], first) if channel in rows]
-            index, table = sheet.lay_out(new, values[extent])
+            known = _acting(made[:first], places, channel)
+            index, table = sheet.lay_out(_acting(made[first:], places[first:], channel), values[extent])
+            pieces = conditions.pieces(channel, problem.times(channel), stretch)
+            inner = [(block, slice(part.start - extent.start, part.stop - extent.start)) for block, part in pieces]
+            products = _products([*(rows for _, rows in known), table], inner, blocks)
+            across = np.concatenate([*(own for own, _ in known), index])
+            gram[:, across[:, None], index] += products[:, :-1, :-1]
+            moment[:, across] += products[:, :-1, -1]
+            power += products[:, -1, -1]
             expected = problem.expected(channel)
-            for block, part in conditions.pieces(channel, problem.times(channel), stretch):
-                inner = slice(part.start - extent.start, part.stop - extent.start)
-                rows = table[inner]
-                for place, all_rows in known:
-                    product = all_rows[inner].T @ rows
-                    own = slice(place, place + len(product))
-                    gram[block][own, index] += product[:, :-1]
-                    moment[block][own] += product[:, -1]
-                product = rows.T @ rows
-                gram[block][np.ix_(index, index)] += product[:-1, :-1]
-                moment[block][index] += product[:-1, -1]
-                power[block] += product[-1, -1]
+            for block, part in pieces:
                 count[block] += float(expected[part].sum())
     if leading is not None:
         gram[:, done:, :done] = gram[:, :done, done:].transpose(0, 2, 1)
         gram[:, :done, :done] = leading.gram
     return BlockNormal(gram, moment, power, count)
+
+
+def _acting(made: Sequence[_Placed], places: NDArray[np.intp], channel: str) -> list[tuple[NDArray[np.intp], Array]]:
+    """Positions (k,) of the columns that act on a channel, and their rows (m, k)."""
+    found = [(place, rows[channel]) for place, rows in zip(places, made, strict=False) if channel in rows]
+    return [(place + own, rows) for place, (own, rows) in found]
+
+
+def _products(parts: Sequence[Array], pieces: Sequence[tuple[int, slice]], blocks: int) -> Array:
+    """(blocks, p, q) products of all columns of the parts, (m, …) with p altogether, with the last part's (m, q)."""
+    last = parts[-1]
+    products = np.zeros((blocks, sum(part.shape[1] for part in parts), last.shape[1]))
+    for block, piece in pieces:
+        rows, place = last[piece], 0
+        for part in parts:
+            products[block, place : place + part.shape[1]] += part[piece].T @ rows
+            place += part.shape[1]
+    return products
 
 
 class _Sheet:
@@ -133,25 +149,23 @@ class _Sheet:
     def __init__(self) -> None:
         self._memory: Array = np.empty(0)
 
-    def lay_out(self, parts: Sequence[tuple[int, Array]], data: Array) -> tuple[NDArray[np.intp], Array]:
-        """Table (m, k + 1) of the columns that are not zero, each contiguous, then data (m, 1); their positions (k,).
+    def lay_out(self, parts: Sequence[tuple[NDArray[np.intp], Array]], data: Array) -> tuple[NDArray[np.intp], Array]:
+        """Positions (k,) of all columns, and the table (m, k + 1) of them and the data, each contiguous.
 
         Args:
-            parts: position of the first column of each, and its columns (m, p).
-            data: the last column.
+            parts: positions (p,) of some columns, and their rows (m, p).
+            data: (m, 1) the last column.
         """
-        size = (1 + sum(rows.shape[1] for _, rows in parts)) * len(data)
-        if len(self._memory) < size:
-            self._memory = np.empty(size)
-        table = self._memory[:size].reshape(-1, len(data))
-        index: list[int] = []
-        for place, rows in parts:
-            for position, column in enumerate(rows.T, place):
-                if column.any():
-                    table[len(index)] = column
-                    index.append(position)
-        table[len(index)] = data[:, 0]
-        return np.asarray(index, np.intp), table[: len(index) + 1].T
+        index = np.concatenate([np.zeros(0, np.intp), *(own for own, _ in parts)])
+        shape = (len(index) + 1, len(data))
+        if len(self._memory) < shape[0] * shape[1]:
+            self._memory = np.empty(shape[0] * shape[1])
+        table = self._memory[: shape[0] * shape[1]].reshape(shape)
+        place = 0
+        for own, rows in (*parts, (np.zeros(1), data)):
+            table[place : place + len(own)] = rows.T
+            place += len(own)
+        return index, table.T
 
 
 def own_rest(problem: Problem, data: Rows, nuisance: Columns) -> tuple[Rows, dict[str, float]]:
@@ -165,17 +179,17 @@ def own_rest(problem: Problem, data: Rows, nuisance: Columns) -> tuple[Rows, dic
     gram = {channel: np.eye(count) for channel in data}
     moment = {channel: np.zeros(count) for channel in data}
     for stretch in range(problem.conditions.stretches):
-        for channel, rows in rows_in(nuisance, stretch).items():
+        for channel, (own, rows) in rows_in(nuisance, stretch).items():
             extent = problem.conditions.extent(channel, len(data[channel]), stretch)
-            gram[channel] += rows.T @ rows
-            moment[channel] += rows.T @ data[channel][extent, 0]
+            gram[channel][np.ix_(own, own)] += rows.T @ rows
+            moment[channel][own] += rows.T @ data[channel][extent, 0]
     inverse = {channel: np.linalg.inv(gram[channel]) for channel in data}
     moved = {channel: inverse[channel] @ moment[channel] for channel in data}
     rest = {channel: rows.copy() for channel, rows in data.items()}
     for stretch in range(problem.conditions.stretches):
-        for channel, rows in rows_in(nuisance, stretch).items():
+        for channel, (own, rows) in rows_in(nuisance, stretch).items():
             extent = problem.conditions.extent(channel, len(data[channel]), stretch)
-            rest[channel][extent, 0] -= rows @ moved[channel]
+            rest[channel][extent, 0] -= rows @ moved[channel][own]
     excess = {}
     for channel, rows in rest.items():
         expected = float(np.sum(problem.expected(channel)))
@@ -194,12 +208,17 @@ def _beyond_chance(squares: float, freedom: float) -> float:
 
 def width_of(rows: Columns) -> int:
     """Number of columns."""
-    return rows.width if isinstance(rows, LateRows) else next((values.shape[1] for values in rows.values()), 0)
+    if isinstance(rows, SparseRows | LateRows):
+        return rows.width
+    return next((values.shape[1] for values in rows.values()), 0)
 
 
-def rows_in(rows: Columns, stretch: int) -> Rows:
-    """Rows of one stretch; rows that are kept are those of the only one."""
-    return rows.of(stretch) if isinstance(rows, LateRows) else rows
+def rows_in(rows: Columns, stretch: int) -> _Placed:
+    """Which columns (k,) act on each channel, and their rows (m, k) of one stretch; kept rows are of the only one."""
+    made = rows.of(stretch) if isinstance(rows, LateRows) else rows
+    if isinstance(made, SparseRows):
+        return {channel: (made.acting[channel], values) for channel, values in made.rows.items()}
+    return {channel: (np.arange(values.shape[1]), values) for channel, values in made.items()}
 
 
 def combine(problem: Problem, columns: Sequence[Columns], amplitudes: Sequence[Array]) -> Rows:
@@ -208,10 +227,10 @@ def combine(problem: Problem, columns: Sequence[Columns], amplitudes: Sequence[A
     conditions = problem.conditions
     for stretch in range(conditions.stretches):
         for rows, amplitude in zip(columns, amplitudes, strict=True):
-            for channel, values in rows_in(rows, stretch).items():
+            for channel, (own, values) in rows_in(rows, stretch).items():
                 count = len(problem.times(channel))
                 whole = total.setdefault(channel, np.zeros((count, 1)))
-                whole[conditions.extent(channel, count, stretch)] += values @ amplitude.reshape(-1, 1)
+                whole[conditions.extent(channel, count, stretch)] += values @ amplitude[own].reshape(-1, 1)
     return total
 
 

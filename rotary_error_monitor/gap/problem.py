@@ -24,6 +24,21 @@ Rows = dict[str, Array]
 
 
 @dataclass(frozen=True)
+class SparseRows:
+    """White rows of columns of which few act on each channel, as the uncertain parameters of a twin.
+
+    Attributes:
+        width: number of columns.
+        rows: (m, k) rows of the columns that act, by channel.
+        acting: (k,) which columns those are, by channel.
+    """
+
+    width: int
+    rows: Rows
+    acting: Mapping[str, NDArray[np.intp]]
+
+
+@dataclass(frozen=True)
 class LateRows:
     """White rows of a long recording, made for one stretch at a time when they are needed: all would fill the memory.
 
@@ -33,11 +48,11 @@ class LateRows:
     """
 
     width: int
-    of: Callable[[int], Rows]
+    of: Callable[[int], Rows | SparseRows]
 
 
-Columns = Rows | LateRows
-"""White rows that are kept, or that are made stretch by stretch."""
+Columns = Rows | SparseRows | LateRows
+"""White rows that are kept, all or those of columns that act, or that are made stretch by stretch."""
 
 
 @dataclass(frozen=True)

@@ -218,7 +218,7 @@ def test_uncertain_parameters_are_seen_beside_the_causes(stage_problem):
     """Where a head stands hardly matters to a good ring; with a large graduation error it does."""
     problem, _ = stage_problem(25, "null", rough=True)
     coarse = Cause(effect("graduation_error"), "order_9", np.array([9.0, 5e-6, -5e-6]))
-    plain, beside = problem.nuisance(()), problem.nuisance((coarse,))
+    plain, beside = problem.nuisance(()).rows, problem.nuisance((coarse,)).rows
     assert set(plain) == set(beside)
     assert np.abs(beside["head_a"] - plain["head_a"]).max() > 0.05
     np.testing.assert_array_equal(beside["autocollimator.x"], plain["autocollimator.x"])

@@ -6,12 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.gap.admission import check_extent, check_stage
-from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter
@@ -84,7 +85,7 @@ class StageProblem:
         self._starts: dict[tuple[str, str], Array] = {}
         self.noise.with_jitter(*self._estimate_jitter(raw))
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
-        self._kept_nuisance: dict[str, Rows] = {}
+        self._kept_nuisance: dict[str, tuple[NDArray[np.intp], Rows]] = {}
         self._kept_signatures: dict[tuple[str, str, bytes, tuple[int, ...]], tuple[Rows, Array | None]] = {}
 
     @property
@@ -164,21 +165,29 @@ class StageProblem:
         """
         return self.own_nuisance(causes)
 
-    def own_nuisance(self, causes: Sequence[Cause]) -> Rows:
+    @property
+    def nuisances(self) -> int:
+        """Number of uncertain parameters."""
+        return len(self._uncertain) + len(self._warmings)
+
+    def own_nuisance(self, causes: Sequence[Cause]) -> SparseRows:
         """The same as rows that are kept."""
         moved = {kind for c in causes if isinstance(c.effect, StageEffect) for kind in c.effect.acts_on}
         rows: Rows = {}
+        acting: dict[str, NDArray[np.intp]] = {}
         for kind in dict.fromkeys(name.partition("_")[0] for name in self.twin.times):
             if kind in moved:
-                rows |= self._nuisance_of(kind, causes)
-                continue
-            if kind not in self._kept_nuisance:
-                self._kept_nuisance[kind] = self._nuisance_of(kind, ())
-            rows |= self._kept_nuisance[kind]
-        return rows
+                own, found = self._nuisance_of(kind, causes)
+            else:
+                if kind not in self._kept_nuisance:
+                    self._kept_nuisance[kind] = self._nuisance_of(kind, ())
+                own, found = self._kept_nuisance[kind]
+            rows |= found
+            acting |= dict.fromkeys(found, own)
+        return SparseRows(self.nuisances, rows, acting)
 
-    def _nuisance_of(self, kind: str, causes: Sequence[Cause]) -> Rows:
-        """White rows of all uncertain parameters on the streams of one kind."""
+    def _nuisance_of(self, kind: str, causes: Sequence[Cause]) -> tuple[NDArray[np.intp], Rows]:
+        """The uncertain parameters that act on the streams of one kind, and their white rows."""
         streams = [name for name in self.twin.times if name.partition("_")[0] == kind]
         base = self._prediction(causes, streams)
         acting = [i for i, parameter in enumerate(self._uncertain) if kind in parameter.seen_by]
@@ -189,15 +198,9 @@ class StageProblem:
         acting += range(len(self._uncertain), len(self._uncertain) + len(self._warmings))
         moved += [warmed.predict(causes, streams) for warmed in self._warmings]
         if not acting:
-            return {}
-        columns = {name: [signals[name] - base[name] for signals in moved] for name in streams}
-        width = len(self._uncertain) + len(self._warmings)
-        found: Rows = {}
-        stacked = {name: side_by_side(parts) for name, parts in columns.items()}
-        for channel, rows in self._white(stacked).items():
-            found[channel] = np.zeros((width, len(rows))).T
-            found[channel][:, acting] = rows
-        return found
+            return np.zeros(0, np.intp), {}
+        stacked = {name: side_by_side([signals[name] - base[name] for signals in moved]) for name in streams}
+        return np.asarray(acting, np.intp), self._white(stacked)
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
         """Every effect at every place, orders and moments as found in what is left."""

@@ -176,11 +176,6 @@ class _Stretch(StageProblem):
 
     keeps_signatures = False
 
-    @property
-    def nuisances(self) -> int:
-        """Number of uncertain parameters."""
-        return len(self._uncertain) + len(self._warmings)
-
     def forget(self) -> None:
         """Give back the memory of what can be computed again."""
         self.twin.forget()
