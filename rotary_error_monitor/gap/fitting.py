@@ -52,18 +52,21 @@ class Fit:
         return replace(self, data={})
 
 
-def fit_causes(problem: Problem, causes: Sequence[Cause], nuisance: Columns | None = None) -> Fit:
+def fit_causes(problem: Problem, causes: Sequence[Cause], near: Fit | None = None) -> Fit:
     """Size the causes from where they start.
 
     Args:
         problem: recording beside twin.
         causes: effects with first values.
-        nuisance: columns of the uncertain parameters if they are known already; they hardly depend on the causes.
+        near: a fit whose columns of the uncertain parameters are near enough; they hardly depend on the causes.
     """
     sized = tuple(causes)
-    uncertain = problem.nuisance(sized) if nuisance is None else nuisance
+    uncertain = problem.nuisance(sized) if near is None else near.nuisance
     count = width_of(uncertain)
-    leading = stack(problem, problem.residual(sized), [uncertain]) if count and sized else None
+    leading = None
+    if count and sized:
+        known = stack(problem, problem.residual(sized), [uncertain]) if near is None else near.blocks
+        leading = known.gram[:, :count, :count]
     for step in range(MOST_STEPS + 1):
         data = problem.residual(sized)
         columns = tuple(_columns(problem, sized))

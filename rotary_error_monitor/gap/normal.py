@@ -87,18 +87,18 @@ def stack(
     problem: Problem,
     data: Rows,
     columns: Sequence[Columns],
-    leading: BlockNormal | None = None,
+    leading: Array | None = None,
     conditions: Conditions | None = None,
 ) -> BlockNormal:
     """Normal equations of all `columns`, one after the other, for the data, in the problem's own blocks or in others.
 
-    Columns are absent from channels on which they do not act, which saves most of the work. So does `leading`: the
-    equations of the first columns if they were stacked before; only their products with the data are made again.
+    Columns are absent from channels on which they do not act, which saves most of the work. So does `leading`
+    (b, q, q): the products of the first `q` columns with one another, if they are known from before.
     """
     conditions = conditions or problem.conditions
     places = np.concatenate([[0], np.cumsum([width_of(rows) for rows in columns])]).astype(np.intp)
     blocks, size = len(conditions.labels), int(places[-1])
-    done = 0 if leading is None else leading.moment.shape[1]
+    done = 0 if leading is None else leading.shape[1]
     first = int(np.searchsorted(places, done))
     gram, moment = np.zeros((blocks, size, size)), np.zeros((blocks, size))
     power, count = np.zeros(blocks), np.zeros(blocks)
@@ -121,7 +121,7 @@ def stack(
                 count[block] += float(expected[part].sum())
     if leading is not None:
         gram[:, done:, :done] = gram[:, :done, done:].transpose(0, 2, 1)
-        gram[:, :done, :done] = leading.gram
+        gram[:, :done, :done] = leading
     return BlockNormal(gram, moment, power, count)
 
 

@@ -186,7 +186,7 @@ class _Search:
             pair = weighing.best_pair(sorted({*(w.members[0] for w in alone), *beside}))
             best = max((w for w in (best, pair) if w is not None), key=lambda w: w.log_evidence)
         best = weighing.exchange(best)
-        causes = fit_causes(self._problem, weighing.causes(best), stage.fit.nuisance).causes
+        causes = fit_causes(self._problem, weighing.causes(best), stage.fit).causes
         # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the causes.
         fit = fit_causes(self._problem, causes)
         return self.look(fit, best, stage.fit.squares)
@@ -237,9 +237,7 @@ class _Search:
         ]
         best = stage
         for weight in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
-            fit = fit_causes(
-                self._problem, fit_causes(self._problem, weighing.causes(weight), stage.fit.nuisance).causes
-            )
+            fit = fit_causes(self._problem, fit_causes(self._problem, weighing.causes(weight), stage.fit).causes)
             if fit.squares < best.fit.squares - 2 * max(full.log_evidence - weight.log_evidence, 0.0) - 2.0:
                 best = self.look(fit, weight, stage.fit.squares + stage.added)
         return best
