@@ -24,7 +24,12 @@ from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.problem import DiagnosableProblem
-from rotary_error_monitor.gap.trial import try_machine_effects, try_stage_effects
+from rotary_error_monitor.gap.trial import (
+    try_machine_effects,
+    try_mount_effects,
+    try_quadrature_effects,
+    try_stage_effects,
+)
 from rotary_error_monitor.twin.document import causes_from_rows, effect_rows, machine_mapping, stage_mapping
 from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
 from rotary_error_monitor.twin.recording import MOST_RATE, StageRecording, record_stage, stage_topic
@@ -193,7 +198,9 @@ def _mount_problem(path: Path, twin: TwinFile, mount: MountDescription) -> Diagn
     from rotary_error_monitor.gap.mount.problem import MountProblem
 
     effects = tuple(effect for effect in twin.effects if isinstance(effect, MountEffect))
-    return MountProblem(mount, read_pointings(path), effects, twin.known)
+    problem = MountProblem(mount, read_pointings(path), effects, twin.known)
+    try_mount_effects(effects, problem.twin)
+    return problem
 
 
 def _quadrature_problem(path: Path, twin: TwinFile, description: QuadratureDescription) -> DiagnosableProblem:
@@ -201,7 +208,9 @@ def _quadrature_problem(path: Path, twin: TwinFile, description: QuadratureDescr
     from rotary_error_monitor.gap.quadrature.signals import read_quadrature
 
     effects = tuple(effect for effect in twin.effects if isinstance(effect, QuadratureEffect))
-    return QuadratureProblem(description, read_quadrature(path), effects, twin.known)
+    problem = QuadratureProblem(description, read_quadrature(path), effects, twin.known)
+    try_quadrature_effects(effects, description, problem.phase, problem.amplitude(()))
+    return problem
 
 
 def record_poses(topics: Mapping[str, Sequence[Content]], machine: MachineDescription, origin: str) -> MachineRecording:

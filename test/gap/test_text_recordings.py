@@ -70,6 +70,48 @@ def test_an_effect_of_a_users_own_takes_part(pointings, tmp_path):
     assert ranking[0]["effect"] == "tube_flexure" and "wind" in {row["effect"] for row in ranking}
 
 
+MINE = """\
+import numpy as np
+from rotary_error_monitor.effects.effect import Parameter
+from rotary_error_monitor.effects.mount_effect import MountEffect
+from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
+
+
+class Mine(%s):
+    name = "mine"
+    parameters = (Parameter("size", "rad", 1e-4),)
+
+    def %s
+        return %s
+"""
+TURN = ("MountEffect", "turn(self, values, location, state):")
+AMEND = ("MountEffect", "amend(self, machine, values, location):")
+DISPLACE = ("QuadratureEffect", "displacement(self, values, location, state):")
+
+
+@pytest.mark.parametrize(
+    ("hook", "given", "message"),
+    [
+        (TURN, "values[0] * state.tube[:2]", "fails: ValueError: turn gets shape (2, "),
+        (TURN, "state.tube / 0.0", "fails: ValueError: turn gets values that are not finite"),
+        (TURN, "state.wind", "fails: AttributeError: 'PointingState' object has no attribute 'wind'"),
+        (AMEND, "None", "fails: TypeError: amend gives NoneType"),
+        (DISPLACE, "values[0]", "fails: ValueError: displacement gets shape ()"),
+        (DISPLACE, "state.signals * np.nan", "fails: ValueError: displacement gets values that are not finite"),
+    ],
+)
+def test_a_users_effect_with_a_mistake_is_named(hook, given, message, request, tmp_path, capsys):
+    own, mount = tmp_path / "mine.py", hook[0] == "MountEffect"
+    own.write_text(MINE % (*hook, given), encoding="utf-8")
+    file = request.getfixturevalue("pointings" if mount else "signals")
+    twin = MOUNTS[0] if mount else CONFIG / "quadrature.yaml"
+    with np.errstate(divide="ignore", invalid="ignore"):
+        code = main(["diagnose", str(file), "--twin", str(twin), "-o", str(tmp_path / "out"), "--effects", str(own)])
+    told = capsys.readouterr().err
+    assert code == 2 and "effect 'mine' of mine " in told and message in told
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
