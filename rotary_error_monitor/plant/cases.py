@@ -16,7 +16,7 @@ from rotary_error_monitor.plant.draws import ARCSEC, DURATION, draw_fault, draw_
 from rotary_error_monitor.plant.environment import Forces, Temperature, intermittent_forces
 from rotary_error_monitor.plant.faults import Named
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses
-from rotary_error_monitor.plant.motion import random_motion, reversing_motion
+from rotary_error_monitor.plant.motion import Motion, random_motion, reversing_motion
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.plant.roughness import (
     MACHINE_UNCERTAINTY,
@@ -97,6 +97,7 @@ def make_stage_case(
     snr: tuple[float, float] | None = None,
     rough: bool = False,
     duration: float = DURATION,
+    motion: Motion | None = None,
 ) -> StageCase:
     """Case of a stage from a seed.
 
@@ -108,6 +109,7 @@ def make_stage_case(
             takes 60 to 600, and 300 to 3000 where the uncertain twin hides more.
         rough: as on a shop floor: uncertain twin, spikes, lost blocks, turbulence, sometimes no LVDT or force.
         duration: s.
+        motion: what the controller commands; None reverses and changes speed, in rough cases at random.
 
     Raises:
         InputError: an effect is none of a stage, there are not as many as the kind says, or one does not show in so
@@ -123,11 +125,12 @@ def make_stage_case(
         )
         sensors -= {"force"} if draw.random() < 0.25 and not FORCED & set(names) else set()
     true = vary_stage(twin, twin.uncertainty, draw) if rough else twin
+    usual = random_motion(seed, duration, segments=max(4, round(duration / 7))) if rough else reversing_motion()
     plain = StagePlant(
         true,
         seed,
         EPOCH_NS,
-        random_motion(seed, duration, segments=max(4, round(duration / 7))) if rough else reversing_motion(),
+        motion or usual,
         intermittent_forces(seed, duration) if "force" in sensors else Forces(),
         Temperature(rise=float(draw.uniform(1.5, 4.0)), settling=float(draw.uniform(10, 20))),
     )

@@ -130,7 +130,7 @@ class StageNoise:
             LVDT: 0.0 if stage.lvdt is None else stage.lvdt.noise,
         }
         self.levels = dict.fromkeys(self.std, 1.0)
-        self._lines: Array | None = None
+        self._lines: Array = np.zeros(0)
         self._sensors = [name for name in residual if not name.startswith("head_")]
         self._streams = {name: recording.streams[name] for name in residual}
         lost = _input_gaps(recording)
@@ -157,8 +157,13 @@ class StageNoise:
         """Take another spectrum of the jitter, and frequencies (k,) in Hz at which it holds lines of its own."""
         self.jitter = jitter
         self._command_whitener = self._command_filter()
-        self._lines = lines
+        self._lines = np.zeros(0) if lines is None else lines
         self.forget()
+
+    @property
+    def lines(self) -> Array:
+        """(k,) frequencies, Hz, of the jitter's own lines."""
+        return self._lines
 
     def forget(self) -> None:
         """Give back the memory of what can be computed again."""
@@ -170,7 +175,7 @@ class StageNoise:
 
         Beside each wave stands the wave times time, which takes up a frequency that is a little off.
         """
-        if self._kept_line_basis is None and self._lines is not None and len(self._lines):
+        if self._kept_line_basis is None and len(self._lines):
             self._kept_line_basis = self._whitened_lines(self._lines)
         return self._kept_line_basis
 

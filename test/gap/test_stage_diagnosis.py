@@ -19,6 +19,7 @@ from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.plant.cases import make_stage_case
+from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.plant.stage import stage_clocks
 from rotary_error_monitor.report.diagnosis import write_report
 from rotary_error_monitor.scenario.gap_cases import write_case
@@ -264,3 +265,14 @@ def test_a_fast_recording_is_thinned_and_diagnosed_as_any_other(kind, names, tmp
         (name,) = found.parameters
         estimate = found.parameters[name]
         assert abs(estimate.value - fault.parameters[name]) < 4 * estimate.std < 0.1 * abs(estimate.value)
+
+
+@pytest.mark.parametrize(
+    ("seed", "speed", "rough"), [(1000, 1.1404, False), (1018, 0.5129, False), (2005, -0.5096, True)]
+)
+def test_at_one_speed_the_rotors_own_lines_are_no_gap(stage_problem, seed, speed, rough):
+    """Each of these has a line of the jitter at the frequency of a whole order."""
+    problem, _ = stage_problem(seed, "null", rough=rough, motion=Motion((Segment(1000.0, speed),)))
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.NO_GAP
+    assert any("it cannot be told from order" in remark for remark in diagnosis.remarks)

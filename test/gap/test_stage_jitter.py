@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt, welch
 
-from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter
+from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
 
 PERIOD, COUNT = 0.004, 10000
 TIME = PERIOD * np.arange(COUNT)
@@ -52,3 +52,25 @@ def test_drive_and_resonance_are_told_apart(noise):
     both = 1e-6 * np.cos(9 * COMMAND) + 9e-7 * np.cos(2 * np.pi * 11.11 * TIME)
     _, lines = estimate_jitter(motion(both + noise))
     np.testing.assert_allclose(lines, [11.11], atol=5e-4)
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.05])
+def test_at_one_speed_an_order_is_no_more_than_a_line(noise, ramp):
+    """Nothing says that a wave goes with the command if the command never changed its speed."""
+    command = 2.0 * TIME + ramp * np.exp(-TIME)
+    values = 1e-6 * np.cos(40 * command) + noise
+    smooth = np.ones((COUNT, 1))
+    steady = SharedMotion(TIME, command, values, np.ones(COUNT, bool), smooth, 2 * PERIOD * NOISE**2)
+    _, lines = estimate_jitter(steady)
+    if ramp:
+        assert len(lines) == 0
+        return
+    np.testing.assert_allclose(lines, [80 / (2 * np.pi)], atol=1e-4)
+    assert orders_at_one_speed(lines, TIME, command) == [(pytest.approx(12.732, abs=1e-3), 40)]
+
+
+def test_lines_are_told_from_orders_where_they_can_be():
+    apart = np.array([12.732 + 2 / TIME[-1]])
+    assert orders_at_one_speed(apart, TIME, 2.0 * TIME) == []
+    assert orders_at_one_speed(np.array([12.732]), TIME, COMMAND) == []
+    assert orders_at_one_speed(np.array([12.732]), TIME, np.zeros(COUNT)) == []

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.stage.search import LINES
@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 
 LINE = 40.0
 """A line is this many times the power of the spectrum around it: one in 10^17 by chance."""
+
+UNTOLD = 15.0
+"""An order is told from a frequency if it explains this many times the power around more: one in 2000 by chance."""
 
 HIGHEST = 25.0
 """Frequency, Hz, up to which lines are the rotor's own; above it inertia lets nothing through."""
@@ -79,7 +82,8 @@ def _separated(motion: SharedMotion) -> tuple[Array, Array]:
     """Frequencies of lines, and the shared motion without them, without orders and without slow functions.
 
     Lines in frequency and in order are taken in turn, the strongest first: where the speed is constant each looks like
-    the other, but only one of them fits the whole recording.
+    the other, but only one of them fits the whole recording. What was recorded at one speed only fits both: then it is
+    the rotor's own, since nothing says that it goes with the command.
     """
     frequencies: Array = np.zeros(0)
     orders: list[int] = []
@@ -88,9 +92,12 @@ def _separated(motion: SharedMotion) -> tuple[Array, Array]:
         frequency, by_frequency, stands_out = _strongest_line(motion, left)
         power = order_spectrum(motion.command[motion.known], left[motion.known], LINES)
         order = int(np.argmax(power)) + 1
-        if max(by_frequency, float(power[order - 1])) < LINE * stands_out:
+        by_order = float(power[order - 1])
+        if max(by_frequency, by_order) < LINE * stands_out:
             break
-        if by_frequency >= power[order - 1]:
+        if by_frequency < by_order:
+            frequency, by_frequency = _like_order(motion, left, order)
+        if by_frequency > by_order - UNTOLD * stands_out and _lowest(motion) < frequency < HIGHEST:
             frequencies = _refined(motion, np.append(frequencies, frequency), orders)
         else:
             orders.append(order)
@@ -104,13 +111,49 @@ def _strongest_line(motion: SharedMotion, left: Array) -> tuple[float, float, fl
     period = float(np.ptp(motion.time)) / (len(left) - 1)
     power = 2 * np.abs(np.fft.rfft(left, count)) ** 2 / np.count_nonzero(motion.known)
     frequency = np.fft.rfftfreq(count, period)
-    band = (frequency > 3 / np.ptp(motion.time)) & (frequency < 2 * HIGHEST)
+    band = (frequency > _lowest(motion)) & (frequency < 2 * HIGHEST)
     power, frequency = power[band], frequency[band]
     # Every eighth value keeps the median affordable; it is wide enough to pass over a line and its side lobes.
     around = np.repeat(median_filter(power[::8], 65, mode="nearest") / np.log(2.0), 8)[: len(power)]
-    ratio = np.where(frequency < HIGHEST, power / np.maximum(around, 1e-300), 0.0)
+    # What was taken out already leaves holes; the readings' noise is there nonetheless.
+    around = np.maximum(around, motion.floor / period)
+    ratio = np.where(frequency < HIGHEST, power / around, 0.0)
     best = int(np.argmax(ratio))
     return float(frequency[best]), float(power[best]), float(around[best])
+
+
+def _lowest(motion: SharedMotion) -> float:
+    """Frequency, Hz, above which a line is told from what drifts."""
+    return 3 / float(np.ptp(motion.time))
+
+
+def orders_at_one_speed(lines: Array, time: Array, command: Array) -> list[tuple[float, int]]:
+    """Lines (k,), Hz, that a recording made at one speed cannot tell from an order, with that order.
+
+    Args:
+        lines: frequencies.
+        time: (n,) s.
+        command: (n,) commanded rotation, rad.
+    """
+    speed, start = np.polyfit(time, command, 1)
+    uneven = float(np.max(np.abs(command - start - speed * time)))
+    turns = abs(float(speed)) / (2 * np.pi)
+    orders = [(float(line), round(line / turns)) for line in lines if turns * float(np.ptp(time)) > 1]
+    # Uneven turning by a radian of the order's own phase would smear it.
+    return [(f, k) for f, k in orders if k and uneven * k < 1 and abs(f - k * turns) < 0.5 / float(np.ptp(time))]
+
+
+def _like_order(motion: SharedMotion, left: Array, order: int) -> tuple[float, float]:
+    """Frequency at which a line looks most like an order, and its power: as much as the order's at one speed only."""
+    duration = float(np.ptp(motion.time))
+    like = order * float(np.ptp(motion.command)) / (2 * np.pi * duration)
+
+    def missing(frequency: float) -> float:
+        return -2 * float(np.abs(np.dot(np.exp(-2j * np.pi * frequency * motion.time), left)) ** 2)
+
+    reach = 0.5 / duration
+    found = minimize_scalar(missing, bounds=(max(like - reach, 0.0), like + reach), method="bounded")
+    return float(found.x), -float(found.fun) / np.count_nonzero(motion.known)
 
 
 def _table(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array:

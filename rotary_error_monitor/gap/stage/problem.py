@@ -15,7 +15,7 @@ from rotary_error_monitor.gap.admission import check_extent, check_stage
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.experiments import advise
-from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter
+from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
 from rotary_error_monitor.gap.stage.offset import offset_figures
 from rotary_error_monitor.gap.stage.search import StageSearch
 from rotary_error_monitor.gap.stage.warming import uncertain_warmings
@@ -305,6 +305,12 @@ class StageProblem:
         """What was left out of the recording, and sensors noisier than the twin says."""
         found = list(self.recording.remarks)
         found += [f"{name}: {count} spikes left out" for name, count in self.spikes().items() if count]
+        time = self.noise.grid.time
+        found += [
+            f"rotation: a wave at {line:.2f} Hz was taken for jitter of the rotor's own; recorded at one speed only, "
+            f"it cannot be told from order {order}: record at another speed too"
+            for line, order in orders_at_one_speed(self.noise.lines, time, self.twin.inputs.command(time))
+        ]
         for track in self.tracks(rest):
             # Neighbouring rows differ by noise alone, whatever slow thing is left in them.
             level = float(np.sqrt(0.5 * np.mean(np.square(np.diff(track.rows))))) * self._stated(track.channel)
