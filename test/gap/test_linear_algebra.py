@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.normal import combine, own_rest, stack, subtract
+from rotary_error_monitor.gap.problem import SparseRows
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import measure_gap
 from rotary_error_monitor.gap.weighing import Weighing
@@ -34,6 +37,61 @@ def test_blocks_sum_to_the_whole(linear):
     assert blocks.squares([0, 1, 2], amplitudes).sum() == pytest.approx(
         float(np.sum((data[:, 0] - whole @ amplitudes) ** 2))
     )
+
+
+def by_label(blocks, conditions):
+    return [blocks.total(conditions.labels == label) for label in range(len(conditions.names))]
+
+
+def test_neighbouring_blocks_of_one_label_are_joined(linear, monkeypatch):
+    labels = np.array([0, 0, 1, 1, 2, 0, 3, 3])
+    own = replace(linear.conditions, labels=labels)
+    monkeypatch.setattr(type(linear), "conditions", own)
+    joined = own.joined()
+    np.testing.assert_array_equal(joined.labels, [0, 1, 2, 0, 3])
+    assert (joined.edges[0], joined.edges[-1]) == (own.edges[0], own.edges[-1])
+    _, columns = table(linear)
+    few = stack(linear, linear.data, columns, conditions=joined)
+    assert few.gram.shape[0] == 5
+    for part, same in zip(by_label(stack(linear, linear.data, columns), own), by_label(few, joined), strict=True):
+        np.testing.assert_allclose(part.gram, same.gram, rtol=1e-12)
+        np.testing.assert_allclose(part.moment, same.moment, rtol=1e-12)
+        assert (part.power, part.count) == (pytest.approx(same.power), same.count)
+
+
+def test_columns_that_act_on_few_channels(linear, rng):
+    """Rows of the columns that act, and rows with zeros in the others' places, are the same."""
+    full = {"x": rng.normal(size=(800, 3)), "y": rng.normal(size=(800, 3))}
+    full["x"][:, 1], full["y"][:, [0, 2]] = 0.0, 0.0
+    acting = {"x": np.array([0, 2]), "y": np.array([1])}
+    sparse = SparseRows(3, {channel: full[channel][:, own] for channel, own in acting.items()}, acting)
+    _, columns = table(linear)
+    expected, found = (stack(linear, linear.data, [rows, *columns]) for rows in (full, sparse))
+    np.testing.assert_allclose(found.gram, expected.gram, atol=1e-9)
+    np.testing.assert_allclose(found.moment, expected.moment, atol=1e-9)
+    known = stack(linear, linear.data, [sparse, *columns], stack(linear, linear.data, [sparse]).gram)
+    np.testing.assert_allclose(known.gram, expected.gram, atol=1e-9)
+    amplitudes = np.array([0.3, -2.0, 0.7])
+    for channel, rows in combine(linear, [sparse], [amplitudes]).items():
+        np.testing.assert_allclose(rows[:, 0], full[channel] @ amplitudes, atol=1e-12)
+    for mine, theirs in zip(own_rest(linear, linear.data, sparse), own_rest(linear, linear.data, full), strict=True):
+        for channel in "xy":
+            np.testing.assert_allclose(mine[channel], theirs[channel], atol=1e-9)
+
+
+def test_many_sets_are_weighed_as_each_alone(linear):
+    candidates, columns = table(linear)
+    weighing = Weighing(linear, linear.data, {}, candidates, columns)
+    sets = [(0,), (1, 2), (), (2,), (2, 0), (0, 1, 2)]
+    together = weighing.weigh_all(sets)
+    assert [weight.members for weight in together] == sets
+    gram, moment = weighing.normal.gram, weighing.normal.moment
+    for weight, members in zip(together, sets, strict=True):
+        own = list(members)
+        best = np.linalg.solve(gram[np.ix_(own, own)], moment[own])
+        np.testing.assert_allclose(weight.amplitudes, best, rtol=1e-9)
+        assert weight.gain == pytest.approx(float(best @ moment[own]))
+        assert weight.log_evidence == pytest.approx(weighing.weigh(members).log_evidence)
 
 
 def test_nuisances_are_integrated_out(linear, rng):

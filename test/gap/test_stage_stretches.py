@@ -55,6 +55,18 @@ def test_equations_are_those_of_the_whole(both):
     assert np.std(shown["head_a"]) == pytest.approx(np.std(kept["head_a"]), rel=0.02)
 
 
+def test_joined_blocks_hold_the_sums_of_their_label(both):
+    _, long, _ = both(4, "null", rough=True)
+    joined, columns = long.conditions.joined(), [long.nuisance(())]
+    each = stack(long, long.residual(()), columns)
+    few = stack(long, long.residual(()), columns, conditions=joined)
+    assert len(few.power) == len(long.conditions.names) < len(each.power)
+    for label in range(len(long.conditions.names)):
+        own, same = each.total(long.conditions.labels == label), few.total(joined.labels == label)
+        np.testing.assert_allclose(same.gram, own.gram, atol=1e-9 * np.abs(own.gram).max())
+        assert (same.power, same.count) == (pytest.approx(own.power), pytest.approx(own.count))
+
+
 @pytest.mark.parametrize("rough", [False, True])
 def test_the_verdict_is_that_of_the_whole(both, rough):
     whole, long, truth = both(21, "single", ["mirror_wobble"], rough=rough)
