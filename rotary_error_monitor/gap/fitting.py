@@ -16,6 +16,9 @@ MOST_STEPS = 6
 _SETTLED = 1e-2
 """A step smaller than this part of a standard deviation changes nothing that anyone could see."""
 
+_NEARLY_SETTLED = 0.3
+"""The same for a fit that another one starts from."""
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -58,12 +61,13 @@ def fit_causes(problem: Problem, causes: Sequence[Cause], near: Fit | None = Non
     Args:
         problem: recording beside twin.
         causes: effects with first values.
-        near: a fit whose columns of the uncertain parameters are near enough; they hardly depend on the causes.
+        near: a fit whose columns of the uncertain parameters are near enough for a start; they hardly depend on the
+            causes.
     """
     sized = tuple(causes)
     uncertain = problem.nuisance(sized) if near is None else near.nuisance
     count = width_of(uncertain)
-    leading = None
+    leading, settled = None, _SETTLED if near is None else _NEARLY_SETTLED
     if count and sized:
         known = stack(problem, problem.residual(sized), [uncertain]) if near is None else near.blocks
         leading = known.gram[:, :count, :count]
@@ -78,7 +82,7 @@ def fit_causes(problem: Problem, causes: Sequence[Cause], near: Fit | None = Non
         change = scale * cho_solve(factor, scale * total.moment)
         covariance = np.outer(scale, scale) * cho_solve(factor, np.eye(len(gram)))
         std = np.sqrt(np.diag(covariance))[count:]
-        if step == MOST_STEPS or not sized or np.all(np.abs(change[count:]) < _SETTLED * std):
+        if step == MOST_STEPS or not sized or np.all(np.abs(change[count:]) < settled * std):
             break
         sized = _moved(sized, change[count:])
     rest = subtract(data, combine(problem, [uncertain], [change[:count]])) if count else data

@@ -206,13 +206,20 @@ class _Search:
 
     def exchange(self, stage: Stage) -> Stage:
         """The stage with a cause replaced where that is better now that causes and noise are known exactly."""
+        left: list[set[tuple[str, str]]] = []
         for _ in range(MOST_EXCHANGES):
             members = self._members(stage)
             full = stage.weighing.weigh(members)
             better = stage.weighing.exchange(full)
-            if set(better.members) == set(members) or better.log_evidence < full.log_evidence + 1.0:
+            wanted = {stage.weighing.candidates[i].key for i in better.members}
+            if set(better.members) == set(members) or better.log_evidence < full.log_evidence + 1.0 or wanted in left:
                 break
+            left.append({cause.key for cause in stage.fit.causes})
             fit = fit_causes(self._problem, stage.weighing.causes(better))
+            # What a set costs in freedom and places is known; what it explains only now that it is sized exactly.
+            cost = 2 * (full.log_evidence - better.log_evidence) + better.gain - full.gain
+            if fit.squares + cost >= stage.fit.squares:
+                break
             stage = self.look(fit, better, stage.fit.squares + stage.added)
         return self._rivals(stage) if stage.settled or self._nearly(stage) else stage
 
