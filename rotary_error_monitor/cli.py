@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 import threading
@@ -21,6 +22,8 @@ COMMANDS = ("run", "run-linuxcnc", "replay", "recover", "calibrate", "diagnose",
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; give its exit code: 0 for success, 2 for wrong input, others as the command's help says."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    # Matrices here are small: threads of linear algebra wait for one another longer than they work.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     parser = argparse.ArgumentParser(
         prog="rotary_error_monitor",
         description="Monitor, compensate and diagnose the error motion of a rotary stage and its machine.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -44,3 +45,19 @@ def test_wrong_words_end_with_code_2(arguments, capsys):
 def test_commands_that_need_no_ros_load_none():
     check = "import sys; from rotary_error_monitor.cli import main; main(['wire']); sys.exit('rclpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], capture_output=True).returncode == 0
+
+
+@pytest.mark.parametrize(("given", "used"), [(None, "1"), ("2", "2")])
+def test_linear_algebra_has_one_thread_unless_told_otherwise(given, used):
+    """It is told before numpy is loaded, which asks once."""
+    code = (
+        "import os, sys\n"
+        "from rotary_error_monitor import cli\n"
+        "assert 'numpy' not in sys.modules\n"
+        "try:\n    cli.main(['--version'])\n"
+        "except SystemExit:\n    print(os.environ['OMP_NUM_THREADS'])"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
+    environment |= {} if given is None else {"OMP_NUM_THREADS": given}
+    ended = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert ended.stdout.split()[-1] == used
