@@ -15,7 +15,13 @@ from rotary_error_monitor.gap.held_out import OpenProblem, dispersion, predicts
 from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, LandingProblem, Share
 from rotary_error_monitor.gap.selection import MOST_CAUSES, Selection, Stage, select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
-from rotary_error_monitor.gap.verdict import CHANCE_OF_RESEMBLANCE, Verdict, chance_of_unknown, trusted_causes
+from rotary_error_monitor.gap.verdict import (
+    CHANCE_OF_RESEMBLANCE,
+    Verdict,
+    cancelled_in,
+    chance_of_unknown,
+    trusted_causes,
+)
 
 SCHEMA = 1
 
@@ -144,7 +150,7 @@ def diagnose(
         tuple(problem.where(stage.fit.causes, stage.fit.rest, verdict is Verdict.EXPLAINED)),
         gap,
         () if stage.settled else tuple(f for f in stage.findings if f.log_chance < stage.log_alarm)[:12],
-        problem.remarks(stage.fit.rest),
+        (*problem.remarks(stage.fit.rest), *_disbelieved(problem, selection.chosen)),
         _figures(problem, stage.fit.causes),
         selection,
     )
@@ -160,12 +166,25 @@ def _figures(problem: DiagnosableProblem, causes: Sequence[Cause]) -> Mapping[st
 def _judge(problem: DiagnosableProblem, selection: Selection) -> tuple[Verdict, Stage]:
     if selection.null.settled:
         return Verdict.NO_GAP, selection.null
-    if selection.chosen.settled:
-        return Verdict.EXPLAINED, selection.chosen
     for stage in selection.stages[:0:-1]:
+        if _disbelieved(problem, stage):
+            continue
+        if stage is selection.chosen and stage.settled:
+            return Verdict.EXPLAINED, stage
         if trusted_causes(problem, stage) or (isinstance(problem, OpenProblem) and predicts(problem, stage.fit)):
             return Verdict.PARTLY_EXPLAINED, stage
     return Verdict.UNKNOWN, selection.null
+
+
+def _disbelieved(problem: DiagnosableProblem, stage: Stage) -> tuple[str, ...]:
+    """Why causes are not believed however well they fit; on open problems many effects share every channel."""
+    channel = "" if isinstance(problem, OpenProblem) else cancelled_in(problem, stage)
+    if not channel:
+        return ()
+    names = " and ".join(" at ".join(filter(None, cause.key)) for cause in stage.fit.causes)
+    return (
+        f"{names} fit, but cancel one another on {channel}: something that is not seen there is the likelier cause",
+    )
 
 
 def _floor(problem: DiagnosableProblem, stage: Stage) -> float | None:

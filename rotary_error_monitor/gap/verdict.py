@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Role
 from rotary_error_monitor.gap.normal import combine
-from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.problem import Finding, Problem, Rows
 from rotary_error_monitor.gap.selection import Stage
 
 PRIOR_OF_UNKNOWN = 0.02
@@ -23,6 +23,14 @@ OWN_CHANNEL = 0.05
 
 CLEAN = 0.01
 """A cause is trusted in spite of a remainder if in its own channels less than this part of its power remains."""
+
+
+LARGE = 1000.0
+"""Power of an effect in a channel, in variances of the noise, from which nothing is left of it by no chance."""
+
+CANCELLED = 0.01
+"""Part of the weaker of two effects that is left of both together: of two real ones so little comes once in 300 pairs
+that move the same channel in the same way."""
 
 
 class Verdict(enum.Enum):
@@ -63,11 +71,7 @@ def trusted_causes(problem: Problem, stage: Stage) -> bool:
     """
     if any(f.channel not in stage.fit.rest and f.log_chance < stage.log_alarm for f in stage.findings):
         return False
-    for cause, columns in zip(stage.fit.causes, stage.fit.columns, strict=True):
-        free = cause.effect.indices(Role.LINEAR, Role.SHAPE)
-        shapes = set(cause.effect.indices(Role.SHAPE))
-        amplitude = np.array([0.0 if i in shapes else cause.values[i] for i in free])
-        shown = combine(problem, [columns], [amplitude])
+    for shown in _shown(problem, stage):
         power = {channel: float(np.sum(rows**2)) for channel, rows in shown.items()}
         total = sum(power.values())
         own = [channel for channel, value in power.items() if value > OWN_CHANNEL * total]
@@ -76,3 +80,30 @@ def trusted_causes(problem: Problem, stage: Stage) -> bool:
         if structured or left > CLEAN * total + 3 * np.sqrt(2 * sum(float(np.sum(problem.expected(c))) for c in own)):
             return False
     return bool(stage.fit.causes)
+
+
+def cancelled_in(problem: Problem, stage: Stage) -> str:
+    """Channel in which the causes of a stage cancel one another, or nothing.
+
+    Effects know nothing of each other. Two large ones whose sum is nothing in a channel stand for a third that does not
+    act on that channel: what only the probe does, say, looks like a tilt of the spindle less a wobble of the mirror.
+    """
+    parts = _shown(problem, stage)
+    for channel in stage.fit.rest:
+        seen = [shown[channel] for shown in parts if channel in shown]
+        weakest = min((float(np.sum(rows**2)) for rows in seen), default=0.0)
+        together = float(np.sum(np.square(sum(seen)))) if seen else 0.0
+        if len(seen) > 1 and weakest > LARGE and together < CANCELLED * weakest:
+            return channel
+    return ""
+
+
+def _shown(problem: Problem, stage: Stage) -> list[Rows]:
+    """White rows (m, 1) of what each cause does."""
+    found = []
+    for cause, columns in zip(stage.fit.causes, stage.fit.columns, strict=True):
+        free = cause.effect.indices(Role.LINEAR, Role.SHAPE)
+        shapes = set(cause.effect.indices(Role.SHAPE))
+        amplitude = np.array([0.0 if i in shapes else cause.values[i] for i in free])
+        found.append(combine(problem, [columns], [amplitude]))
+    return found

@@ -276,3 +276,22 @@ def test_at_one_speed_the_rotors_own_lines_are_no_gap(stage_problem, seed, speed
     diagnosis = diagnose(problem)
     assert diagnosis.verdict is Verdict.NO_GAP
     assert any("it cannot be told from order" in remark for remark in diagnosis.remarks)
+
+
+def test_two_effects_that_cancel_one_another_are_not_believed(stage_problem):
+    """What only the LVDT sees is a tilt of the spindle less a wobble of the mirror, if nothing else is known."""
+    lacking = [effect for effect in EFFECTS if effect.name not in ("lvdt_artefact", "spindle_radial")]
+    problem, _ = stage_problem(28, "single", ["lvdt_artefact"], snr=(300.0, 320.0), stage_effects=lacking)
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.UNKNOWN and diagnosis.causes == ()
+    assert diagnosis.where[0].channel.startswith("/stage/lvdt/samples")
+    told = diagnosis.remarks[-1]
+    assert "mirror_wobble" in told and "spindle_tilt" in told and "cancel one another on autocollimator" in told
+
+
+def test_two_effects_on_the_same_channel_are_believed(stage_problem):
+    problem, truth = stage_problem(29, "pair", ["mirror_wobble", "spindle_tilt"], snr=(300.0, 320.0))
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.EXPLAINED
+    assert {found.cause.key for found in diagnosis.causes} == {(fault.name, fault.location) for fault in truth.faults}
+    assert not any("cancel" in remark for remark in diagnosis.remarks)
