@@ -18,6 +18,7 @@ from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
 from rotary_error_monitor.gap.stage.offset import offset_figures
 from rotary_error_monitor.gap.stage.search import StageSearch
+from rotary_error_monitor.gap.stage.signatures import KeptSignatures, kind_of
 from rotary_error_monitor.gap.stage.warming import uncertain_warmings
 from rotary_error_monitor.gap.stage.where import stage_where
 from rotary_error_monitor.gap.structure import Track, find_structure
@@ -86,7 +87,7 @@ class StageProblem:
         self.noise.with_jitter(*self._estimate_jitter(raw))
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
         self._kept_nuisance: dict[str, tuple[NDArray[np.intp], Rows]] = {}
-        self._kept_signatures: dict[tuple[str, str, bytes, tuple[int, ...]], tuple[Rows, Array | None]] = {}
+        self._signatures = KeptSignatures()
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -132,13 +133,14 @@ class StageProblem:
         """
         key = (*cause.key, cause.values.tobytes(), tuple(indices))
         idle = not others and not np.any(cause.values[cause.effect.indices(Role.LINEAR)])
-        if idle and key in self._kept_signatures:
-            return self._kept_signatures[key][0]
+        kept = self._signatures.get(key) if idle else None
+        if kept is not None:
+            return kept
         stacked = self._derivatives(cause, indices, others)
         rows = self._white(stacked)
         if idle and self.keeps_signatures:
             shared = self.noise.shared(stacked)[0] if COMMAND in rows else None
-            self._kept_signatures[key] = rows, shared
+            self._signatures.keep(key, rows, shared)
         return rows
 
     def _derivatives(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause]) -> Signals:
@@ -244,8 +246,7 @@ class StageProblem:
         apart: dict[str, list[Array]] = {}
         for track in self.tracks(self.residual(causes)):
             if track.channel != COMMAND:
-                kind = track.channel.partition(".")[0].partition("_")[0]
-                apart.setdefault(kind, []).append(np.abs(np.diff(track.rows)))
+                apart.setdefault(kind_of(track.channel), []).append(np.abs(np.diff(track.rows)))
         found = {}
         for kind, parts in apart.items():
             count = sum(len(part) for part in parts)
@@ -256,9 +257,11 @@ class StageProblem:
                 found[kind] = level
         if not found:
             return False
+        louder = {kind: level / self.noise.levels[kind] for kind, level in found.items()}
         self.noise.with_levels(found)
-        for kept in (self._expected, self._kept_nuisance, self._kept_signatures):
-            kept.clear()
+        self._expected.clear()
+        self._kept_nuisance.clear()
+        self._signatures.follow_levels(self.noise, louder)
         return True
 
     def _learn_jitter(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
@@ -274,9 +277,7 @@ class StageProblem:
         self.noise.with_jitter(jitter, lines)
         self._expected = {}
         self._kept_nuisance.pop(HEAD, None)
-        for key, (rows, shared) in self._kept_signatures.items():
-            if shared is not None:
-                self._kept_signatures[key] = {**rows, COMMAND: self.noise.command_rows(shared)}, shared
+        self._signatures.follow_command(self.noise)
         return True
 
     def check_plausible(self) -> None:
@@ -320,7 +321,7 @@ class StageProblem:
 
     def _stated(self, channel: str) -> float:
         """How many times the noise that the stage states a channel is taken to have."""
-        return 1.0 if channel == COMMAND else self.noise.levels[channel.partition(".")[0].partition("_")[0]]
+        return 1.0 if channel == COMMAND else self.noise.levels[kind_of(channel)]
 
     def spikes(self) -> dict[str, int]:
         """Number of samples of each sensor that are spikes."""

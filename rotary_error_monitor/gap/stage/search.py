@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 from rotary_error_monitor.effects.effect import AnyEffect, order_location
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Rows
+from rotary_error_monitor.gap.stage.signatures import kind_of
 
 if TYPE_CHECKING:
     from rotary_error_monitor.gap.stage.problem import StageProblem
@@ -86,7 +87,7 @@ class StageSearch:
         most = max((effect.orders for effect in self._problem.effects), default=0)
         groups: dict[str, Array] = {}
         for channel, rows in rest.items():
-            group = channel.partition(".")[0].partition("_")[0]
+            group = kind_of(channel)
             power = order_spectrum(self._angle(channel), rows[:, 0], most)
             groups[group] = groups.get(group, 0.0) + power
         return {

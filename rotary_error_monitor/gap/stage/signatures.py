@@ -1,0 +1,53 @@
+"""White signatures of effects without size, kept between steps and made new where the noise is known better.
+
+What an effect does is predicted once; a better known noise changes only how that is whitened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD
+from rotary_error_monitor.gap.problem import Array, Rows
+from rotary_error_monitor.twin.stage_noise import COMMAND, StageNoise
+
+SignatureKey = tuple[str, str, bytes, tuple[int, ...]]
+"""Name and location of an effect, its values, and which of them are asked for."""
+
+
+class KeptSignatures:
+    """Rows (m, p) by channel, with what the heads share of them (n, p) before whitening."""
+
+    def __init__(self) -> None:
+        self._kept: dict[SignatureKey, tuple[Rows, Array | None]] = {}
+
+    def get(self, key: SignatureKey) -> Rows | None:
+        """White rows, or None where they are not kept."""
+        found = self._kept.get(key)
+        return None if found is None else found[0]
+
+    def keep(self, key: SignatureKey, rows: Rows, shared: Array | None) -> None:
+        """Keep white rows; `shared` is what the heads share, if anything."""
+        self._kept[key] = rows, shared
+
+    def follow_command(self, noise: StageNoise) -> None:
+        """Whiten what the heads share again: the jitter, or the noise of the readings beside it, has changed."""
+        for key, (rows, shared) in self._kept.items():
+            if shared is not None:
+                self._kept[key] = {**rows, COMMAND: noise.command_rows(shared)}, shared
+
+    def follow_levels(self, noise: StageNoise, louder: Mapping[str, float]) -> None:
+        """Take the noise of some kinds of sensor for so many times what it was."""
+        if AUTOCOLLIMATOR in louder:
+            # Beside the turbulence the filter has another shape: these are predicted again.
+            self._kept = {key: kept for key, kept in self._kept.items() if f"{AUTOCOLLIMATOR}.x" not in kept[0]}
+        for key, (rows, shared) in self._kept.items():
+            quieter = {c: values / louder[k] for c, values in rows.items() if (k := kind_of(c)) in louder}
+            self._kept[key] = {**rows, **quieter}, shared
+        if HEAD in louder:
+            self.follow_command(noise)
+
+
+def kind_of(channel: str) -> str:
+    """Kind of sensor of a channel: `head_a` is a `head`, `lvdt.x` is of the `lvdt`."""
+    return channel.partition(".")[0].partition("_")[0]
