@@ -26,6 +26,9 @@ HIGHEST = 25.0
 
 MOST_LINES = 24
 
+SAME = 1e-10
+"""Part of the squares of columns of length one below which a sum of them is rounding."""
+
 STRETCH = 2000
 """Samples of one stretch of the averaged periodogram."""
 
@@ -164,10 +167,23 @@ def _table(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array
 
 def _without(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array:
     table = _table(motion, frequencies, orders)[motion.known]
-    fitted, *_ = np.linalg.lstsq(table, motion.values[motion.known], rcond=None)
+    fitted = _fitted(table, motion.values[motion.known])
     left = np.zeros(len(motion.values))
     left[motion.known] = motion.values[motion.known] - table @ fitted
     return left
+
+
+def _fitted(table: Array, values: Array) -> Array:
+    """(p,) least squares of columns (n, p), by their products: four times as fast here as by their singular values.
+
+    At one speed some of the slow functions are the same: what columns share to the last digits counts once.
+    """
+    length = np.sqrt(np.einsum("np,np->p", table, table))
+    unit = 1 / np.where(length > 0, length, np.inf)
+    size, vectors = np.linalg.eigh((table.T @ table) * np.outer(unit, unit))
+    seen = size > SAME * size[-1]
+    shown = vectors[:, seen].T @ (unit * (table.T @ values))
+    return np.asarray(unit * (vectors[:, seen] @ (shown / size[seen])), np.float64)
 
 
 def _refined(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array:
@@ -177,7 +193,7 @@ def _refined(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Arr
     for _ in range(3):
         table = _table(motion, frequencies, orders)[motion.known]
         slopes = middle[:, None] * table[:, : 2 * count]
-        fitted, *_ = np.linalg.lstsq(np.concatenate([table, slopes], axis=1), motion.values[motion.known], rcond=None)
+        fitted = _fitted(np.concatenate([table, slopes], axis=1), motion.values[motion.known])
         a, b = fitted[:count], fitted[count : 2 * count]
         da, db = fitted[-2 * count : -count], fitted[-count:]
         # a cos + b sin with the frequency off by d: the slopes are 2 pi d (b, -a).
