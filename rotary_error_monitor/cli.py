@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import select
 import signal
 import sys
 import threading
@@ -36,12 +37,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     try:
         with _unwinding():
-            return int(chosen.run(chosen))
+            code = int(chosen.run(chosen))
+            sys.stdout.flush()
+            return code
     except InputError as error:
         print(f"rotary_error_monitor: {error}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         return 130
+    except BrokenPipeError:
+        if not _output_is_closed():
+            raise
+        return 128 + signal.SIGPIPE
+
+
+def _output_is_closed() -> bool:
+    """Whether who reads the output has read enough, as `head` has; Python then does not write to it at its end."""
+    try:
+        output = sys.stdout.fileno()
+    except OSError:  # kept in memory, as tests do
+        return False
+    polled = select.poll()
+    polled.register(output, select.POLLOUT)
+    closed = any(event & select.POLLERR for _, event in polled.poll(0))
+    if closed:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), output)
+    return closed
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -61,3 +62,21 @@ def test_linear_algebra_has_one_thread_unless_told_otherwise(given, used):
     environment |= {} if given is None else {"OMP_NUM_THREADS": given}
     ended = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert ended.stdout.split()[-1] == used
+
+
+def test_output_that_nobody_reads_any_more_is_no_mistake():
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-m", "rotary_error_monitor.cli", "wire"]
+    ended = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert (ended.returncode, ended.stderr) == (128 + signal.SIGPIPE, "")
+
+
+def test_another_pipe_that_breaks_is_told(monkeypatch):
+    def run(arguments):
+        raise BrokenPipeError("of a process that died")
+
+    monkeypatch.setattr("rotary_error_monitor.commands.wire.run", run)
+    with pytest.raises(BrokenPipeError, match="of a process that died"):
+        main(["wire"])
