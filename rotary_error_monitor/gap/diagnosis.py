@@ -150,7 +150,8 @@ def diagnose(
         tuple(problem.where(stage.fit.causes, stage.fit.rest, verdict is Verdict.EXPLAINED)),
         gap,
         () if stage.settled else tuple(f for f in stage.findings if f.log_chance < stage.log_alarm)[:12],
-        (*problem.remarks(stage.fit.rest), *_disbelieved(problem, selection.chosen)),
+        problem.remarks(stage.fit.rest)
+        + (() if stage is selection.chosen else _disbelieved(problem, selection.chosen)),
         _figures(problem, stage.fit.causes),
         selection,
     )

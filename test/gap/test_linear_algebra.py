@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 
+from rotary_error_monitor.gap import selection
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.normal import combine, own_rest, stack, subtract
 from rotary_error_monitor.gap.problem import SparseRows
@@ -92,6 +93,22 @@ def test_many_sets_are_weighed_as_each_alone(linear):
         np.testing.assert_allclose(weight.amplitudes, best, rtol=1e-9)
         assert weight.gain == pytest.approx(float(best @ moment[own]))
         assert weight.log_evidence == pytest.approx(weighing.weigh(members).log_evidence)
+
+
+@pytest.mark.parametrize(("worse", "kept"), [(1.0, {("first", "")}), (2.0, {("third", "")})])
+def test_an_exchange_stays_only_if_it_explains_more(linear, monkeypatch, worse, kept):
+    """On the table `first` does better than `third`, which is nearly the same; sized exactly it may not."""
+    search = selection._Search(linear, 0.01)
+    null = search.look(fit_causes(linear, ()), None)
+    third = next(c for c in linear.candidates({}, ()) if c.key == ("third", ""))
+    stage = search.look(fit_causes(linear, [third.cause(np.zeros(1))]), None, null.fit.squares)
+
+    def sized(*args):
+        fit = fit_causes(*args)
+        return replace(fit, rest={channel: worse * rows for channel, rows in fit.rest.items()})
+
+    monkeypatch.setattr(selection, "fit_causes", sized)
+    assert {cause.key for cause in search.exchange(stage).fit.causes} == kept
 
 
 def test_nuisances_are_integrated_out(linear, rng):
