@@ -13,7 +13,7 @@ from jsonschema.exceptions import ValidationError, best_match
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """The safe loader, in C where PyYAML was built with libyaml: ten times as fast, felt at the start of every node."""
 
 
@@ -29,8 +29,8 @@ def load(path: Path | str, schema: str) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error}); give the path of a YAML file") from error
     try:
-        node = yaml.compose(text, _LOADER)
-        content = yaml.load(text, _LOADER)
+        node = yaml.compose(text, LOADER)
+        content = yaml.load(text, LOADER)
     except yaml.YAMLError as error:
         raise InputError(f"{path}: no valid YAML: {error}") from error
     if node is None:
@@ -66,14 +66,14 @@ def section(content: dict[str, Any], name: str, origin: str) -> dict[str, Any]:
 
 def locate(path: Path | str, place: list[str | int]) -> str:
     """`file:line: key.key` of a `place` in the YAML file `path`, to begin a message about its value with."""
-    node = yaml.compose(Path(path).read_text(encoding="utf-8"), _LOADER)
+    node = yaml.compose(Path(path).read_text(encoding="utf-8"), LOADER)
     return f"{path}:{_line(node, place)}: {'.'.join(map(str, place))}"
 
 
 @functools.cache
 def _validator(schema: str) -> Draft202012Validator:
     with config(f"schema/{schema}.yaml").open(encoding="utf-8") as file:
-        return Draft202012Validator(yaml.load(file, _LOADER))
+        return Draft202012Validator(yaml.load(file, LOADER))
 
 
 def _message(error: ValidationError, origin: str, node: yaml.Node | None) -> str:

@@ -88,9 +88,15 @@ class RotorState:
                 cos, sin = before.harmonic(order)
                 small = order * (self.theta - before.theta)
                 shrunk = 1 - 0.5 * np.square(small)
-                return np.stack([shrunk * cos - small * sin, shrunk * sin + small * cos])
+                waves = shrunk * before._wave(order)
+                waves[0] -= small * sin
+                waves[1] += small * cos
+                return waves
         angle = order * self.theta
-        return np.stack([np.cos(angle), np.sin(angle)])
+        waves = np.empty((2, len(angle)))
+        np.cos(angle, out=waves[0])
+        np.sin(angle, out=waves[1])
+        return waves
 
     def planar(self, coefficients: Mapping[int, tuple[float, float, float, float]]) -> Array:
         """(n, 2) sum of plane harmonics given as order: (x cos, x sin, y cos, y sin)."""
@@ -117,11 +123,11 @@ class RotorState:
         return self.planar({1: (x, -y, y, x)})
 
     def keep(self, what: str, of: object, make: Callable[[], Array]) -> Array:
-        """What `make` gives; kept for the first object that it is asked `of`, which is the description's own part."""
+        """What `make` gives; kept for the first that it is asked `of`, which is the description's own part."""
         if what not in self._kept:
             self._kept[what] = of, make()
         owner, found = self._kept[what]
-        return found if owner is of else make()
+        return found if owner is of or owner == of else make()
 
     def rotated(self, by: Array) -> RotorState:
         """The same instants with the true rotation ahead of this one by `by` (n,) rad."""

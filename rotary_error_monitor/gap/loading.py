@@ -15,6 +15,7 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.mount import MountDescription, load_mount
 from rotary_error_monitor.description.quadrature import QuadratureDescription, load_quadrature
+from rotary_error_monitor.description.schema import LOADER
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import load_effects
@@ -141,7 +142,7 @@ def improved_twin(twin: TwinFile, causes: Sequence[Cause]) -> dict[str, Any]:
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.load(path.read_text(encoding="utf-8"), LOADER)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error}); give the path of a twin's YAML file") from error
     except yaml.YAMLError as error:

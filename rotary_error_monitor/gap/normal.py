@@ -100,9 +100,8 @@ def stack(
     blocks, size = len(conditions.labels), int(places[-1])
     done = 0 if leading is None else leading.shape[1]
     first = int(np.searchsorted(places, done))
-    gram, moment = np.zeros((blocks, size, size)), np.zeros((blocks, size))
-    power, count = np.zeros(blocks), np.zeros(blocks)
-    sheet = _Sheet()
+    count = np.zeros(blocks)
+    sheet, sums = _Sheet(), _Sums()
     for stretch in range(conditions.stretches):
         made = [rows_in(rows, stretch) for rows in columns]
         for channel, values in data.items():
@@ -112,13 +111,11 @@ def stack(
             pieces = conditions.pieces(channel, problem.times(channel), stretch)
             inner = [(block, slice(part.start - extent.start, part.stop - extent.start)) for block, part in pieces]
             products = _products([*(rows for _, rows in known), table], inner, blocks)
-            across = np.concatenate([*(own for own, _ in known), index])
-            gram[:, across[:, None], index] += products[:, :-1, :-1]
-            moment[:, across] += products[:, :-1, -1]
-            power += products[:, -1, -1]
+            sums.add(np.concatenate([*(own for own, _ in known), index]), index, products)
             expected = problem.expected(channel)
             for block, part in pieces:
                 count[block] += float(expected[part].sum())
+    gram, moment, power = sums.spread(blocks, size)
     if leading is not None:
         gram[:, done:, :done] = gram[:, :done, done:].transpose(0, 2, 1)
         gram[:, :done, :done] = leading
@@ -141,6 +138,30 @@ def _products(parts: Sequence[Array], pieces: Sequence[tuple[int, slice]], block
             products[block, place : place + part.shape[1]] += part[piece].T @ rows
             place += part.shape[1]
     return products
+
+
+class _Sums:
+    """Products summed over channels; channels on which the same columns act are summed before they are spread out."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[bytes, bytes], tuple[NDArray[np.intp], NDArray[np.intp], Array]] = {}
+
+    def add(self, across: NDArray[np.intp], index: NDArray[np.intp], products: Array) -> None:
+        """Take in products (b, p + 1, q + 1) of columns at positions `across` (p,) with those at `index` (q,)."""
+        key = across.tobytes(), index.tobytes()
+        if key in self._found:
+            self._found[key][2][...] += products
+        else:
+            self._found[key] = across, index, products
+
+    def spread(self, blocks: int, size: int) -> tuple[Array, Array, Array]:
+        """Gram (b, size, size), moment (b, size) and power (b,)."""
+        gram, moment, power = np.zeros((blocks, size, size)), np.zeros((blocks, size)), np.zeros(blocks)
+        for across, index, products in self._found.values():
+            gram[:, across[:, None], index] += products[:, :-1, :-1]
+            moment[:, across] += products[:, :-1, -1]
+            power += products[:, -1, -1]
+        return gram, moment, power
 
 
 class _Sheet:

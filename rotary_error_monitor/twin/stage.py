@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, make_smoothing_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Array, RotorState, StageEffect
 from rotary_error_monitor.twin.recording import StageRecording, Stream
@@ -28,6 +28,9 @@ Signals = dict[str, Array]
 
 _NEIGHBOURS = 25
 """Samples of a load cell that are judged together."""
+
+_STEADY = 0.5
+"""Time, s, in which a stage's temperature stays what it is: samples of the sensor are averaged over it."""
 
 _BEYOND_NOISE = 6.0
 """Standard deviations of their mean from which a force acts: chance does not get there in hours."""
@@ -72,9 +75,12 @@ def stage_inputs(recording: StageRecording, reference_temperature: float) -> Sta
 
 
 def _smooth(stream: Stream) -> Callable[[Array], Array]:
-    if len(stream.time) < 8:
+    groups = np.flatnonzero(np.diff(np.floor(stream.time / _STEADY), prepend=-np.inf))
+    if len(groups) < 8:
         return lambda time: np.interp(time, stream.time, stream.values[:, 0])
-    smooth: Callable[[Array], Array] = make_smoothing_spline(stream.time, stream.values[:, 0])
+    count = np.diff(groups, append=len(stream.time))
+    time, value = (np.add.reduceat(values, groups) / count for values in (stream.time, stream.values[:, 0]))
+    smooth: Callable[[Array], Array] = make_smoothing_spline(time, value, count)
     return smooth
 
 
@@ -254,23 +260,38 @@ def _tilt(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
 
 
 def _head(name: str, stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
-    azimuth = stage.encoder.azimuths[name.removeprefix(f"{HEAD}_")]
+    encoder = stage.encoder
+    azimuth = encoder.azimuths[name.removeprefix(f"{HEAD}_")]
+    reading = _sight_line(stage, azimuth, state, acting) + state.theta
+    if encoder.graduation:
+        reading += state.keep(
+            "graduation", (encoder.graduation, azimuth), lambda: _graduation(encoder.graduation, azimuth, state)
+        )
+    return reading
+
+
+def _sight_line(stage: StageDescription, azimuth: float, state: RotorState, acting: _Acting) -> Array:
+    """(m,) angle by which a head's sight line cuts the displaced ring beside where it would cut a centred one."""
     sideways = np.array([-np.sin(azimuth), np.cos(azimuth)]) / stage.encoder.disc_radius
-    across = _radial(stage, state, acting) @ sideways
     # The eccentricity turns with the ring: its sideways part is a wave of order 1.
     x, y = stage.encoder.eccentricity
     cos, sin = state.harmonic(1)
+    across = _radial(stage, state, acting) @ sideways
     across += (x * sideways[0] + y * sideways[1]) * cos
     across += (x * sideways[1] - y * sideways[0]) * sin
-    reading: NDArray[np.float64] = np.arcsin(across, out=across)
-    reading += state.theta
-    for row in stage.encoder.graduation:
+    return np.asarray(np.arcsin(across, out=across), np.float64)
+
+
+def _graduation(rows: Sequence[AngularHarmonic], azimuth: float, state: RotorState) -> Array:
+    """(m,) error of the graduation that a head sees."""
+    total = np.zeros(len(state.theta))
+    for row in rows:
         # psi = azimuth - theta, so cos(k psi) and sin(k psi) follow from the kept harmonics of theta.
         cos, sin = state.harmonic(row.order)
         at_cos, at_sin = np.cos(row.order * azimuth), np.sin(row.order * azimuth)
-        reading += (row.cos * at_cos + row.sin * at_sin) * cos
-        reading += (row.cos * at_sin - row.sin * at_cos) * sin
-    return reading
+        total += (row.cos * at_cos + row.sin * at_sin) * cos
+        total += (row.cos * at_sin - row.sin * at_cos) * sin
+    return total
 
 
 def _autocollimator(name: str, stage: StageDescription, state: RotorState, acting: _Acting) -> Array:

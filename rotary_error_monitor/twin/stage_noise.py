@@ -275,7 +275,8 @@ class StageNoise:
                 # Nothing lost: as one piece, which is much faster than row by row.
                 whole = int(rows[-1]) - int(rows[0]) == len(rows) - 1
                 place = slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
-                head[:, place] = signals[name][:, 0].T * self._kept[name]
+                head[:, place] = signals[name][:, 0].T
+                head[:, rows[~self._kept[name]]] = 0.0
         return table
 
     def _mean(self, table: Array) -> Array:

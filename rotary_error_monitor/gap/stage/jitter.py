@@ -160,29 +160,33 @@ def _like_order(motion: SharedMotion, left: Array, order: int) -> tuple[float, f
 
 
 def _table(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array:
-    phase = 2 * np.pi * np.outer(motion.time - motion.time.mean(), frequencies)
-    turns = np.outer(motion.command, np.asarray(orders, np.float64))
-    return np.concatenate([np.cos(phase), np.sin(phase), np.cos(turns), np.sin(turns), motion.smooth], axis=1)
+    """(p, m) waves and slow functions, each contiguous in time, where enough heads were present."""
+    phase = 2 * np.pi * np.outer(frequencies, (motion.time - motion.time.mean())[motion.known])
+    turns = np.outer(np.asarray(orders, np.float64), motion.command[motion.known])
+    return np.concatenate(
+        [np.cos(phase), np.sin(phase), np.cos(turns), np.sin(turns), motion.smooth.T[:, motion.known]]
+    )
 
 
 def _without(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array:
-    table = _table(motion, frequencies, orders)[motion.known]
+    table = _table(motion, frequencies, orders)
     fitted = _fitted(table, motion.values[motion.known])
     left = np.zeros(len(motion.values))
-    left[motion.known] = motion.values[motion.known] - table @ fitted
+    left[motion.known] = motion.values[motion.known] - fitted @ table
     return left
 
 
 def _fitted(table: Array, values: Array) -> Array:
-    """(p,) least squares of columns (n, p), by their products: four times as fast here as by their singular values.
+    """(p,) least squares of rows (p, m), by their products: four times as fast here as by their singular values.
 
-    At one speed some of the slow functions are the same: what columns share to the last digits counts once.
+    At one speed some of the slow functions are the same: what rows share to the last digits counts once.
     """
-    length = np.sqrt(np.einsum("np,np->p", table, table))
+    products = table @ table.T
+    length = np.sqrt(np.diag(products))
     unit = 1 / np.where(length > 0, length, np.inf)
-    size, vectors = np.linalg.eigh((table.T @ table) * np.outer(unit, unit))
+    size, vectors = np.linalg.eigh(products * np.outer(unit, unit))
     seen = size > SAME * size[-1]
-    shown = vectors[:, seen].T @ (unit * (table.T @ values))
+    shown = vectors[:, seen].T @ (unit * (table @ values))
     return np.asarray(unit * (vectors[:, seen] @ (shown / size[seen])), np.float64)
 
 
@@ -191,9 +195,9 @@ def _refined(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Arr
     middle = (motion.time - motion.time.mean())[motion.known]
     count = len(frequencies)
     for _ in range(3):
-        table = _table(motion, frequencies, orders)[motion.known]
-        slopes = middle[:, None] * table[:, : 2 * count]
-        fitted = _fitted(np.concatenate([table, slopes], axis=1), motion.values[motion.known])
+        table = _table(motion, frequencies, orders)
+        slopes = middle * table[: 2 * count]
+        fitted = _fitted(np.concatenate([table, slopes]), motion.values[motion.known])
         a, b = fitted[:count], fitted[count : 2 * count]
         da, db = fitted[-2 * count : -count], fitted[-count:]
         # a cos + b sin with the frequency off by d: the slopes are 2 pi d (b, -a).

@@ -153,10 +153,11 @@ def find_wave(angle: dict[str, Array], rows: dict[str, Array], highest: float = 
     cells = int(turns * arcs) + 1
     length = int(2 ** np.ceil(np.log2(4 * cells)))
     power = np.zeros(length // 2 + 1)
+    over_arcs = []
     for channel, values in rows.items():
         cell = ((angle[channel] - low) / (2 * np.pi) * arcs).astype(np.intp)
-        sums = np.bincount(cell, values, minlength=cells)
-        power += np.abs(np.fft.rfft(sums, length)) ** 2 / max(len(values), 1)
+        over_arcs.append(np.bincount(cell, values, minlength=cells) / np.sqrt(max(len(values), 1)))
+        power += np.abs(np.fft.rfft(over_arcs[-1], length)) ** 2
     order = np.arange(len(power)) * arcs / length
     apart = np.abs(order - np.round(order)) > np.maximum(WHOLE, 0.6 / turns)
     allowed: NDArray[np.bool_] = apart & (order > max(0.1, 1 / turns)) & (order < highest)
@@ -164,11 +165,10 @@ def find_wave(angle: dict[str, Array], rows: dict[str, Array], highest: float = 
         return 0.5, 1
     best = float(order[int(np.argmax(np.where(allowed, power, -1.0)))])
 
+    sums, middles = np.stack(over_arcs), (np.arange(cells) + 0.5) * 2 * np.pi / arcs
+
     def missing(value: float) -> float:
-        return -sum(
-            float(np.abs(np.dot(np.exp(-1j * value * angle[channel]), values)) ** 2) / max(len(values), 1)
-            for channel, values in rows.items()
-        )
+        return -float(np.sum(np.abs(sums @ np.exp(-1j * value * middles)) ** 2))
 
     reach = 1.5 * arcs / length
     refined = minimize_scalar(missing, bounds=(best - reach, best + reach), method="bounded", options={"xatol": 1e-6})
