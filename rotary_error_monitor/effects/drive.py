@@ -51,4 +51,10 @@ class DriveCyclicError(StageEffect):
     def rotation(self, values: Values, state: RotorState) -> Array:
         """One wave of the commanded angle."""
         angle = values[0] * state.command
-        return np.asarray(values[1] * np.cos(angle) + values[2] * np.sin(angle), np.float64)
+        turned = np.zeros(len(angle))
+        # A signature takes one of the two at a time.
+        if values[1]:
+            turned += values[1] * np.cos(angle)
+        if values[2]:
+            turned += values[2] * np.sin(angle)
+        return turned

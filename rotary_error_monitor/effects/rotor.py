@@ -66,6 +66,11 @@ class RotorState:
     _kept: dict[str, tuple[object, Array]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
+    def unturned(self) -> RotorState | None:
+        """The state that this one was turned from."""
+        return None if self._unturned is None else self._unturned[0]
+
+    @property
     def direction(self) -> Array:
         """(n,) direction of travel: 1, -1, or 0 at rest, where interpolation leaves the speed a little off zero."""
         return np.sign(np.where(np.abs(self.omega) > _AT_REST, self.omega, 0.0))

@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, make_smoothing_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
@@ -136,7 +135,7 @@ class StageTwin:
         described = self.stage if stage is None else stage
         return {name: self._stream(name, (*self.known, *causes), described) for name in wanted}
 
-    def _moved_state(self, stream: str, acting: _Acting) -> RotorState:
+    def _moved_state(self, stream: str, acting: Acting) -> RotorState:
         """The rotor at the sample times of a stream as the effects delay it and turn it; the last one is kept.
 
         Many predictions in a row differ in other things than these.
@@ -149,10 +148,9 @@ class StageTwin:
         if kept is not None and kept[0] == key:
             return kept[1]
         state = self.state(stream, sum(effect.delay(cause.values, cause.location) for cause, effect in moving))
-        ahead = [effect.rotation(cause.values, state) for cause, effect in moving]
-        turned = [part for part in ahead if part is not None]
-        if turned:
-            state = state.rotated(np.sum(turned, axis=0))
+        ahead = turned_by(moving, state)
+        if np.any(ahead):
+            state = state.rotated(ahead)
         if self.keeps_states:
             self._moved[stream] = key, state
         return state
@@ -191,9 +189,9 @@ class StageTwin:
         """True rotation (m,), radial error motion at the ring (m, 2) and tilt error motion (m, 2) at times (m,)."""
         acting = [(c, c.effect) for c in (*self.known, *causes) if isinstance(c.effect, StageEffect)]
         state, stage = self.state_at(time), self.stage
-        turned = [effect.rotation(cause.values, state) for cause, effect in acting]
-        if any(part is not None for part in turned):
-            state = state.rotated(np.sum([part for part in turned if part is not None], axis=0))
+        ahead = turned_by(acting, state)
+        if np.any(ahead):
+            state = state.rotated(ahead)
         for cause, effect in acting:
             stage = effect.amend(stage, cause.values, cause.location)
         return state.theta, _radial(stage, state, acting), _tilt(stage, state, acting)
@@ -212,7 +210,14 @@ class StageTwin:
         return ideal[:, None] if ideal.ndim == 1 else ideal
 
 
-_Acting = Sequence[tuple[Cause, StageEffect]]
+Acting = Sequence[tuple[Cause, StageEffect]]
+"""Causes with their effects, known to be of a stage."""
+
+
+def turned_by(acting: Acting, state: RotorState) -> Array:
+    """(m,) rad by which effects turn the rotor ahead of that state."""
+    ahead = (effect.rotation(cause.values, state) for cause, effect in acting)
+    return sum((part for part in ahead if part is not None), np.zeros(len(state.theta)))
 
 
 def _harmonics(rows: Sequence[PlanarHarmonic], state: RotorState) -> Array:
@@ -225,7 +230,7 @@ def _harmonics(rows: Sequence[PlanarHarmonic], state: RotorState) -> Array:
     return state.planar(sums)
 
 
-def _radial(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
+def _radial(stage: StageDescription, state: RotorState, acting: Acting) -> Array:
     spindle = stage.spindle
 
     def own() -> Array:
@@ -243,7 +248,7 @@ def _radial(stage: StageDescription, state: RotorState, acting: _Acting) -> Arra
     return total
 
 
-def _tilt(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
+def _tilt(stage: StageDescription, state: RotorState, acting: Acting) -> Array:
     spindle = stage.spindle
 
     def own() -> Array:
@@ -259,7 +264,7 @@ def _tilt(stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
     return total
 
 
-def _head(name: str, stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
+def _head(name: str, stage: StageDescription, state: RotorState, acting: Acting) -> Array:
     encoder = stage.encoder
     azimuth = encoder.azimuths[name.removeprefix(f"{HEAD}_")]
     reading = _sight_line(stage, azimuth, state, acting) + state.theta
@@ -270,7 +275,7 @@ def _head(name: str, stage: StageDescription, state: RotorState, acting: _Acting
     return reading
 
 
-def _sight_line(stage: StageDescription, azimuth: float, state: RotorState, acting: _Acting) -> Array:
+def _sight_line(stage: StageDescription, azimuth: float, state: RotorState, acting: Acting) -> Array:
     """(m,) angle by which a head's sight line cuts the displaced ring beside where it would cut a centred one."""
     sideways = np.array([-np.sin(azimuth), np.cos(azimuth)]) / stage.encoder.disc_radius
     # The eccentricity turns with the ring: its sideways part is a wave of order 1.
@@ -294,18 +299,18 @@ def _graduation(rows: Sequence[AngularHarmonic], azimuth: float, state: RotorSta
     return total
 
 
-def _autocollimator(name: str, stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
+def _autocollimator(name: str, stage: StageDescription, state: RotorState, acting: Acting) -> Array:
     return state.turned(stage.mirror.tilt) + _tilt(stage, state, acting) + _harmonics(stage.mirror.flatness, state)
 
 
-def _lvdt(name: str, stage: StageDescription, state: RotorState, acting: _Acting) -> Array:
+def _lvdt(name: str, stage: StageDescription, state: RotorState, acting: Acting) -> Array:
     assert stage.lvdt is not None
     tilt = _tilt(stage, state, acting)
     leaned = stage.lvdt.height * np.stack([tilt[:, 1], -tilt[:, 0]]).T
     return _radial(stage, state, acting) + leaned + state.turned(stage.lvdt.artefact_eccentricity)
 
 
-_SENSORS: dict[str, Callable[[str, StageDescription, RotorState, _Acting], Array]] = {
+_SENSORS: dict[str, Callable[[str, StageDescription, RotorState, Acting], Array]] = {
     HEAD: _head,
     AUTOCOLLIMATOR: _autocollimator,
     LVDT: _lvdt,

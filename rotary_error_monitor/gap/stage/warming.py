@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.effects.rotor import Array, RotorState
 from rotary_error_monitor.twin.recording import StageRecording, Stream
-from rotary_error_monitor.twin.stage import MEDIAN_OF_DIFFERENCES, StageTwin
+from rotary_error_monitor.twin.stage import MEDIAN_OF_DIFFERENCES, Acting, StageTwin, turned_by
 
 TEMPERATURE = "temperature"
 
@@ -71,5 +71,16 @@ class _WarmedTwin(StageTwin):
 
     def state(self, stream: str, delay: float = 0.0) -> RotorState:
         """The rotor at the sample times of a stream, `delay` seconds earlier."""
-        state = self._cool.state(stream, delay)
-        return replace(state, warming=state.warming + self._course(state.time - delay), _kept={})
+        return self._warm(self._cool.state(stream, delay))
+
+    def _moved_state(self, stream: str, acting: Acting) -> RotorState:
+        cool = self._cool._moved_state(stream, acting)
+        if cool.unturned is None:
+            return self._warm(cool)
+        # The first one's waves hold unless an effect turns the rotor by its temperature.
+        before = self._warm(cool.unturned)
+        turned = before.theta + turned_by(acting, before)
+        return self._warm(cool) if np.array_equal(turned, cool.theta) else super()._moved_state(stream, acting)
+
+    def _warm(self, state: RotorState) -> RotorState:
+        return replace(state, warming=state.warming + self._course(state.time - state.age), _kept={})
