@@ -13,10 +13,10 @@ from rotary_error_monitor.gap.normal import BlockNormal, combine, stack, subtrac
 from rotary_error_monitor.gap.problem import Array, Columns, Problem, Rows
 
 MOST_STEPS = 6
-_SETTLED = 1e-2
-"""A step smaller than this part of a standard deviation changes nothing that anyone could see."""
+_SETTLED = 0.05
+"""A step smaller than this part of a standard deviation moves the sum of squares by less than 0.003."""
 
-_NEARLY_SETTLED = 0.3
+_NEARLY_SETTLED = 1.0
 """The same for a fit that another one starts from."""
 
 
