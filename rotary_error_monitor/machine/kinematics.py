@@ -134,9 +134,9 @@ def arrange_machine(machine: MachineDescription) -> MachineModel:
         turn=turn,
         turn_twice=compose(turn, turn),
         monitored=numbers[machine.monitored] if machine.monitored else None,
-        ideal=_fixtures(tool, workpiece, numbers, with_errors=False),
-        actual=_fixtures(tool, workpiece, numbers, with_errors=True),
-        small=_small_fixtures(tool, workpiece, numbers),
+        ideal=_fixtures(tool, workpiece, machine.letters, with_errors=False),
+        actual=_fixtures(tool, workpiece, machine.letters, with_errors=True),
+        small=_small_fixtures(tool, workpiece, machine.letters),
         components=arrange_components(machine),
         uncertainty=dict(machine.uncertainty),
     )
@@ -206,10 +206,12 @@ def _follow(moved: list[Array], end: Array) -> Branch:
     return Branch(tuple(steps), chain(steps[-1], end))
 
 
+# Kept, here and below, because a fit arranges a machine for each parameter moved: most of them move no body.
+@functools.lru_cache(maxsize=256)
 def _fixtures(
-    tool: tuple[Body, ...], workpiece: tuple[Body, ...], numbers: dict[str, int], *, with_errors: bool
+    tool: tuple[Body, ...], workpiece: tuple[Body, ...], letters: tuple[str, ...], *, with_errors: bool
 ) -> Fixtures:
-    axes = np.tile(STILL[:, :, None], (1, 1, len(numbers), 1))
+    axes = np.tile(STILL[:, :, None], (1, 1, len(letters), 1))
     ends = []
     for branch in (tool, workpiece):
         still = STILL
@@ -218,22 +220,21 @@ def _fixtures(
             if with_errors:
                 still = chain(still, _fixed(body.location_error))
             if body.axis:
-                axes[:, :, numbers[body.axis]] = still
+                axes[:, :, letters.index(body.axis)] = still
                 still = STILL
         ends.append(still)
-    return Fixtures(axes, *ends)
+    return Fixtures(*(_read_only(part) for part in (axes, *ends)))
 
 
 @functools.lru_cache(maxsize=256)
 def _fixed(displacement: Displacement) -> Array:
-    """(3, 4, 1) transform of a displacement; kept, because a fit arranges a machine for each parameter moved."""
-    fixed = transform(rotation_by(_column(displacement.rotation)), _column(displacement.shift))
-    fixed.flags.writeable = False
-    return fixed
+    """(3, 4, 1) transform of a displacement."""
+    return _read_only(transform(rotation_by(_column(displacement.rotation)), _column(displacement.shift)))
 
 
-def _small_fixtures(tool: tuple[Body, ...], workpiece: tuple[Body, ...], numbers: dict[str, int]) -> SmallFixtures:
-    axes = np.zeros((6, len(numbers), 1))
+@functools.lru_cache(maxsize=256)
+def _small_fixtures(tool: tuple[Body, ...], workpiece: tuple[Body, ...], letters: tuple[str, ...]) -> SmallFixtures:
+    axes = np.zeros((6, len(letters), 1))
     ends = []
     for branch in (tool, workpiece):
         small = np.zeros((6, 1))
@@ -242,10 +243,17 @@ def _small_fixtures(tool: tuple[Body, ...], workpiece: tuple[Body, ...], numbers
             small[:3] += _column(body.location_error.shift)
             small[3:] += _column(body.location_error.rotation)
             if body.axis:
-                axes[:, numbers[body.axis]] = small
+                axes[:, letters.index(body.axis)] = small
                 small = np.zeros((6, 1))
         ends.append(small)
-    return SmallFixtures(axes, *ends)
+    return SmallFixtures(*(_read_only(part) for part in (axes, *ends)))
+
+
+def _read_only(array: Array) -> Array:
+    """A copy that nobody can change: it is shared."""
+    kept = array.copy()
+    kept.flags.writeable = False
+    return kept
 
 
 def _seen_from(pose: Displacement, small: Array) -> Array:
