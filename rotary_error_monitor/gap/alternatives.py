@@ -45,11 +45,17 @@ def weigh_alternatives(stage: Stage, unknown: float, dispersion: float = 1.0) ->
     causes = tuple(i for i in (weighing.position(c.key) for c in stage.fit.causes) if i is not None)
     chosen = weighing.weigh(causes)
     rows: list[Weight] = [chosen]
+    found = [chosen.log_evidence] if not causes else [0.0]
     for k in range(len(causes)):
-        rows += weighing.replacements(causes, k, weighing.free(causes))
+        rest = weighing.weigh((*causes[:k], *causes[k + 1 :]))
+        others = weighing.replacements(causes, k, weighing.free(causes))
+        own = _log_odds(weighing, chosen, rest, causes[k])
+        found += [_log_odds(weighing, other, rest, other.members[k]) - own for other in others]
+        rows += others
     if not causes:
         rows += weighing.singles()
-    logs = np.array([row.log_evidence for row in rows]) / dispersion
+        found += [row.log_evidence for row in rows[1:]]
+    logs = np.array(found) / dispersion
     weights = np.exp(logs - logsumexp(logs)) * (1 - unknown)
     share = np.zeros(len(weighing.candidates))
     for row, weight in zip(rows, weights, strict=True):
@@ -65,6 +71,17 @@ def weigh_alternatives(stage: Stage, unknown: float, dispersion: float = 1.0) ->
         for i in order[:RANKED]
     )
     return Alternatives(ranking, _groups(weighing, causes, chosen, dispersion))
+
+
+def _log_odds(weighing: Weighing, whole: Weight, rest: Weight, member: int) -> float:
+    """Logarithm of the evidence of one member beside the rest, whatever the size that such an effect usually has.
+
+    With a prior as wide as the effect is seen to be (the local empirical Bayes prior of George and Foster, Biometrika
+    87, 2000) a gain G for f amplitudes counts `(G - f ln(G / f) - f) / 2`: effects that look the same count the same.
+    """
+    freedom = max(whole.freedom - rest.freedom, 1)
+    gain = max(whole.gain - rest.gain, freedom)
+    return 0.5 * (gain - freedom * float(np.log(gain / freedom)) - freedom) + weighing.log_prior(member)
 
 
 def _distinct(weighing: Weighing, order: list[int]) -> list[int]:
