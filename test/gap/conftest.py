@@ -35,6 +35,10 @@ class LinearProblem:
     nuisances: dict = field(default_factory=dict)
     blocks: int = 8
 
+    def offer(self, columns):
+        """Make columns the effects that are known, whatever was known before."""
+        self.effects = {name: Shape(name, column) for name, column in columns.items()}
+
     @property
     def channels(self):
         return tuple(self.data)

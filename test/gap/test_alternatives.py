@@ -1,0 +1,53 @@
+"""Probabilities of what else could have been the cause."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.gap.alternatives import weigh_alternatives
+from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.selection import select_causes
+from rotary_error_monitor.plant.motion import Motion, Segment
+
+
+@pytest.mark.parametrize("usual", [1e-3, 1.0, 1e3])
+def test_what_looks_the_same_is_equally_probable(linear, usual):
+    """The column of `twin` is that of `first` in another unit: how large such an effect usually is says nothing."""
+    column = linear.effects["first"].column["x"]
+    linear.offer({"first": {"x": column}, "twin": {"x": usual * column}})
+    found = weigh_alternatives(select_causes(linear).chosen, 0.0)
+    assert found.probability(("first", "")) == pytest.approx(found.probability(("twin", "")), abs=1e-6)
+    assert {("first", ""), ("twin", "")} <= set(found.groups[0])
+
+
+def test_probabilities_are_as_often_right_as_they_say(linear, rng):
+    """Two effects of very unequal usual sizes, so much alike that the data often prefer the wrong one."""
+    base = rng.normal(size=(800, 1))
+    alike = {name: 0.999 * base + 0.045 * rng.normal(size=(800, 1)) for name in ("small", "large")}
+    linear.offer({"small": {"x": alike["small"]}, "large": {"x": 1e3 * alike["large"]}})
+    said, right = [], 0
+    for trial in range(200):
+        true = ("small", "large")[trial % 2]
+        linear.data = {"x": 0.8 * alike[true] + rng.normal(size=(800, 1)), "y": rng.normal(size=(800, 1))}
+        found = weigh_alternatives(select_causes(linear).chosen, 0.0)
+        best = max(found.ranking, key=lambda row: row[2])
+        said.append(best[2])
+        right += best[0] == true
+    # Three standard deviations of a count of so many.
+    assert right == pytest.approx(sum(said), abs=3 * np.sqrt(np.sum(np.array(said) * (1 - np.array(said)))))
+    assert 0.5 < np.mean(said) < 0.95
+
+
+def test_at_one_speed_a_late_encoder_is_as_probable_as_backlash(stage_problem):
+    """Whatever shifts the rotation alike at the only speed that was driven is one group of equal chances."""
+    problem, _ = stage_problem(
+        18, "single", ["encoder_latency"], snr=(150.0, 200.0), motion=Motion((Segment(1000.0, 1.5),))
+    )
+    diagnosis = diagnose(problem)
+    (group,) = diagnosis.indistinguishable
+    keys = {("encoder_latency", ""), ("following_error", ""), ("reversal_backlash", "")}
+    assert keys <= set(group.effects)
+    assert "speed" in group.advice
+    chances = [row.probability for row in diagnosis.ranking if (row.effect, row.location) in keys]
+    assert chances == pytest.approx([1 / 3] * 3, abs=0.05)
