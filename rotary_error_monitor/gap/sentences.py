@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rotary_error_monitor.effects.effect import Estimate
-from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause
+from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, Group
 from rotary_error_monitor.gap.verdict import Verdict
 
 
@@ -18,7 +18,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     causes = " and ".join(describe_cause(found) for found in diagnosis.causes)
     shrink = f"the gap shrinks from {gap.before:.3g} to {gap.after:.3g} times the noise ({gap.shrink:.1%})"
     if diagnosis.verdict is Verdict.EXPLAINED:
-        alike = " Other effects look the same in this recording." if diagnosis.indistinguishable else ""
+        alike = "".join(f" This recording does not tell {_told_from(group)}." for group in diagnosis.indistinguishable)
         return f"Explained by {causes}: {shrink}.{alike}"
     return f"Partly explained by {causes}: {shrink}. {_left(diagnosis)}"
 
@@ -36,6 +36,11 @@ def describe_estimate(estimate: Estimate) -> str:
     stds = estimate.std if isinstance(estimate.std, tuple) else (estimate.std,)
     parts = [f"{value:.4g} ± {std:.1g}" if std > 0 else f"{value:.6g}" for value, std in zip(values, stds, strict=True)]
     return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
+
+
+def _told_from(group: Group) -> str:
+    named, *others = (" at ".join(filter(None, key)) for key in group.effects)
+    return f"{named} from {' or '.join(others)}"
 
 
 def _left(diagnosis: Diagnosis) -> str:

@@ -8,6 +8,7 @@ import pytest
 from rotary_error_monitor.gap.alternatives import weigh_alternatives
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.selection import select_causes
+from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.plant.motion import Motion, Segment
 
 
@@ -49,5 +50,7 @@ def test_at_one_speed_a_late_encoder_is_as_probable_as_backlash(stage_problem):
     keys = {("encoder_latency", ""), ("following_error", ""), ("reversal_backlash", "")}
     assert keys <= set(group.effects)
     assert "speed" in group.advice
+    named, *others = (name for name, _ in group.effects)
+    assert f"does not tell {named} from {' or '.join(others)}." in verdict_sentence(diagnosis)
     chances = [row.probability for row in diagnosis.ranking if (row.effect, row.location) in keys]
     assert chances == pytest.approx([1 / 3] * 3, abs=0.05)
