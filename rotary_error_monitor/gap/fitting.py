@@ -13,8 +13,8 @@ from rotary_error_monitor.gap.normal import BlockNormal, combine, stack, subtrac
 from rotary_error_monitor.gap.problem import Array, Columns, Problem, Rows
 
 MOST_STEPS = 6
-_SETTLED = 0.05
-"""A step smaller than this part of a standard deviation moves the sum of squares by less than 0.003."""
+_SETTLED = 1e-2
+"""A step that takes less than this off the sum of squares changes nothing that anyone could see."""
 
 _NEARLY_SETTLED = 1.0
 """The same for a fit that another one starts from."""
@@ -81,14 +81,20 @@ def fit_causes(problem: Problem, causes: Sequence[Cause], near: Fit | None = Non
         factor = cho_factor(gram * np.outer(scale, scale) + 1e-12 * np.eye(len(gram)))
         change = scale * cho_solve(factor, scale * total.moment)
         covariance = np.outer(scale, scale) * cho_solve(factor, np.eye(len(gram)))
-        std = np.sqrt(np.diag(covariance))[count:]
-        if step == MOST_STEPS or not sized or np.all(np.abs(change[count:]) < settled * std):
+        if step == MOST_STEPS or not sized or _gain(change[count:], covariance[count:, count:]) < settled:
             break
         sized = _moved(sized, change[count:])
     rest = subtract(data, combine(problem, [uncertain], [change[:count]])) if count else data
     return Fit(
         sized, _spread(sized, covariance[count:, count:]), data, uncertain, change[:count], columns, rest, blocks
     )
+
+
+def _gain(step: Array, covariance: Array) -> float:
+    """What a step takes off the sum of squares, to second order: its square in standard deviations."""
+    scale = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(scale, scale)
+    return float(step / scale @ np.linalg.lstsq(correlation, step / scale, rcond=1e-10)[0])
 
 
 def _free(cause: Cause) -> list[int]:
