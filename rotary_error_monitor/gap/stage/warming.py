@@ -75,10 +75,8 @@ class _WarmedTwin(StageTwin):
 
     def _moved_state(self, stream: str, acting: Acting) -> RotorState:
         cool = self._cool._moved_state(stream, acting)
-        if cool.unturned is None:
-            return self._warm(cool)
         # The first one's waves hold unless an effect turns the rotor by its temperature.
-        before = self._warm(cool.unturned)
+        before = self._warm(cool.unturned or cool)
         turned = before.theta + turned_by(acting, before)
         return self._warm(cool) if np.array_equal(turned, cool.theta) else super()._moved_state(stream, acting)
 
