@@ -7,7 +7,7 @@ is kept however the tests overlap.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +56,33 @@ def find_structure(track: Track) -> list[Finding]:
     """All tests of one channel."""
     tests: list[Callable[[Track], Finding]] = [_orders, _line, _frequency, _place, _time]
     return [test(track) for test in tests]
+
+
+def find_shared(spectra: Mapping[str, Array], independent: int) -> list[Finding]:
+    """Orders that several channels hold, too weak to be seen in any one of them.
+
+    Args:
+        spectra: (orders,) power of each order in white rows by channel, as `order_spectrum` gives it.
+        independent: how many of the channels' rows are independent: of heads against their mean one less than all.
+    """
+    channels, each = list(spectra), np.stack(list(spectra.values()))
+    power = each.sum(axis=0) * independent / len(channels)
+    freedom = 2 * independent
+    low = power[:MODELLED_ORDERS]
+    noise = float(np.median(power[MODELLED_ORDERS : 3 * MODELLED_ORDERS]) / chi_square_median(freedom))
+
+    def finding(kind: str, order: int, gain: float, freedom: int, trials: int) -> Finding:
+        loudest = channels[int(np.argmax(each[:, order]))]
+        chance = _log_any(log_chi_square_tail(gain, freedom), trials)
+        return Finding(
+            loudest, kind, chance, max(0.0, gain - freedom), f"angle: order {order + 1} in {len(channels)} channels"
+        )
+
+    best = int(np.argmax(power))
+    return [
+        finding("shared line", best, float(power[best]), freedom, len(power)),
+        finding("shared orders", int(np.argmax(low)), float(low.sum()) / max(1.0, noise), len(low) * freedom, 1),
+    ]
 
 
 def _log_any(log_chance: float, trials: int) -> float:

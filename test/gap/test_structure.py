@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.gap.stage.search import find_step, find_wave
-from rotary_error_monitor.gap.structure import Track, find_structure
+from rotary_error_monitor.gap.structure import LINE_ORDERS, Track, find_shared, find_structure
 from rotary_error_monitor.gap.verdict import PRIOR_OF_UNKNOWN, Verdict, chance_of_unknown
 
 COUNT, PERIOD = 6000, 0.004
@@ -55,6 +57,40 @@ def test_structure_is_found_and_described(track, kind, added, words):
     finding = found(with_rows(track, added(track)), kind)
     assert finding.log_chance < -12
     assert words in finding.pattern
+
+
+@pytest.fixture
+def heads(track):
+    """Function that gives four heads, each against the mean of all, scaled to variance one."""
+
+    def make(rng, added=0.0):
+        rows = rng.normal(size=(4, COUNT)) + added
+        rows = (rows - rows.mean(axis=0)) / np.sqrt(0.75)
+        return {f"head_{letter}": row for letter, row in zip("abcd", rows, strict=True)}
+
+    return make
+
+
+def shared(track, rows):
+    spectra = {name: order_spectrum(track.angle, row, LINE_ORDERS) for name, row in rows.items()}
+    return find_shared(spectra, len(rows) - 1)
+
+
+def test_noise_of_heads_against_their_mean_keeps_the_rate(track, heads):
+    rng = np.random.default_rng(10)
+    chances = np.array([[f.log_chance for f in shared(track, heads(rng))] for _ in range(400)])
+    # At a level of 5 % twenty of 400 are expected, with a standard deviation of 4.4.
+    for column in chances.T:
+        assert 6 < np.count_nonzero(column < np.log(0.05)) < 35
+
+
+def test_an_order_that_is_weak_in_each_head_stands_out_of_all(track, heads):
+    wave = 0.05 * np.array([1.0, -1.0, 1.0, -1.0])[:, None] * np.cos(3 * track.angle)
+    rows = heads(np.random.default_rng(12), wave)
+    alone = [found(replace(track, rows=row), "line").log_chance for row in rows.values()]
+    line, orders = shared(track, rows)
+    assert line.log_chance < min(alone) - 8
+    assert line.channel in rows and line.pattern == orders.pattern == "angle: order 3 in 4 channels"
 
 
 def test_order_spectrum_is_chi_square_and_tells_amplitude(track):

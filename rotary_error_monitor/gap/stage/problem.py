@@ -12,6 +12,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.gap.admission import check_extent, check_stage
+from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.experiments import advise
@@ -21,7 +22,7 @@ from rotary_error_monitor.gap.stage.search import StageSearch
 from rotary_error_monitor.gap.stage.signatures import KeptSignatures, kind_of
 from rotary_error_monitor.gap.stage.warming import uncertain_warmings
 from rotary_error_monitor.gap.stage.where import stage_where
-from rotary_error_monitor.gap.structure import Track, find_structure
+from rotary_error_monitor.gap.structure import LINE_ORDERS, Track, find_shared, find_structure
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
@@ -230,8 +231,18 @@ class StageProblem:
             yield Track(channel, white, time[used], angle, labels[used], self.conditions.names)
 
     def structure(self, rest: Rows) -> list[Finding]:
-        """Tests of each channel against orders, lines, places and times."""
-        return [finding for track in self.tracks(rest) for finding in find_structure(track)]
+        """Tests of each channel against orders, lines, places and times; of those of one kind of sensor together."""
+        findings: list[Finding] = []
+        spectra: dict[str, dict[str, Array]] = {}
+        for track in self.tracks(rest):
+            findings += find_structure(track)
+            found = spectra.setdefault(kind_of(track.channel), {})
+            found[track.channel] = order_spectrum(track.angle, track.rows, LINE_ORDERS)
+        for kind, found in spectra.items():
+            if len(found) > 1:
+                # What each head shows beyond their mean: those of one instant sum to zero.
+                findings += find_shared(found, len(found) - (kind == HEAD))
+        return findings
 
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
         """Estimate level of the noise and spectrum of the jitter again with the causes taken out.
