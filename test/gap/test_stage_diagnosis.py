@@ -141,6 +141,19 @@ def test_a_known_cause_beside_something_unknown_is_partly_explained(stage_proble
         assert "Partly" in verdict_sentence(diagnosis)
 
 
+def test_a_series_of_orders_is_no_cause(stage_problem):
+    """What a turned autocollimator shows resembles one order of the mirror's flatness after another."""
+    without = tuple(e for e in EFFECTS if e.name != "autocollimator_roll")
+    case = {"seed": 422626506, "kind": "single", "effects": ["autocollimator_roll"], "rough": True, "duration": 40.0}
+    problem, _ = stage_problem(**case, stage_effects=without)
+    diagnosis = diagnose(problem)
+    assert [cause.effect.name for cause in diagnosis.selection.chosen.fit.causes] == ["mirror_flatness"] * 2
+    assert diagnosis.verdict is Verdict.UNKNOWN and not diagnosis.causes
+    problem, _ = stage_problem(**case)
+    (cause,) = diagnose(problem).causes
+    assert cause.cause.effect.name == "autocollimator_roll"
+
+
 def test_effects_that_look_alike_are_a_group_with_advice(stage_problem):
     problem, _ = stage_problem(16, "single", ["disc_eccentricity"], snr=(150.0, 200.0))
     diagnosis = diagnose(problem)
