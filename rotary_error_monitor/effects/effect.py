@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -181,6 +181,16 @@ class Cause:
     def with_values(self, values: Values) -> Cause:
         """The same cause of another size."""
         return Cause(self.effect, self.location, values)
+
+
+def among(cause: Cause, others: Sequence[Cause]) -> tuple[Cause, ...]:
+    """The others with the cause in the place of that of its name and location, else behind them.
+
+    The place matters where one effect distorts what another adds.
+    """
+    if all(other.key != cause.key for other in others):
+        return (*others, cause)
+    return tuple(cause if other.key == cause.key else other for other in others)
 
 
 def order_location(order: int) -> str:

@@ -102,7 +102,7 @@ def _free(cause: Cause) -> list[int]:
 
 
 def _columns(problem: Problem, causes: Sequence[Cause]) -> list[Columns]:
-    return [problem.signature(c, _free(c), (*causes[:i], *causes[i + 1 :])) for i, c in enumerate(causes)]
+    return [problem.signature(cause, _free(cause), causes) for cause in causes]
 
 
 def _moved(causes: Sequence[Cause], change: Array) -> tuple[Cause, ...]:

@@ -220,7 +220,10 @@ class Problem(Protocol):
         """White rows (m, 1) of measured minus predicted with these causes in the twin."""
 
     def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Columns:
-        """White rows (m, len(indices)): change of the prediction with each of those values of the cause."""
+        """White rows (m, len(indices)): change of the prediction with each of those values of the cause.
+
+        It acts beside the others: in its own place where it is one of them, else after them.
+        """
 
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows (m, q): change of the prediction by one standard uncertainty of each parameter of the twin."""

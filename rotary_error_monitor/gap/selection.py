@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.chances import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.normal import combine
@@ -32,6 +33,9 @@ NEARLY_ALL = 1e-2
 """Part of what the causes explain that may be left for rivals to be tried: two that look alike differ by little."""
 
 MOST_RIVALS = 2
+
+NOTICEABLE = 1.0
+"""Sum of squares by which predictions must differ for the order in which causes act to be looked at."""
 
 SHORTLIST = 12
 """Candidates from which every pair is weighed with every other candidate."""
@@ -188,8 +192,18 @@ class _Search:
         best = weighing.exchange(best)
         causes = fit_causes(self._problem, weighing.causes(best), stage.fit).causes
         # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the causes.
+        return self.look(self._fit_in_order(causes), best, stage.fit.squares)
+
+    def _fit_in_order(self, causes: Sequence[Cause]) -> Fit:
+        """The causes sized, neighbours swapped where that explains more: what one adds the next one may distort."""
         fit = fit_causes(self._problem, causes)
-        return self.look(fit, best, stage.fit.squares)
+        for k in range(len(causes) - 1):
+            given = fit.causes
+            swapped = (*given[:k], given[k + 1], given[k], *given[k + 2 :])
+            now, other = self._problem.residual(given), self._problem.residual(swapped)
+            if sum(float(np.sum(np.square(other[channel] - rows))) for channel, rows in now.items()) > NOTICEABLE:
+                fit = min(fit, fit_causes(self._problem, swapped), key=lambda fit: fit.squares)
+        return fit
 
     def _keep_promising(self, weighing: Weighing, newcomers: Sequence[Weight]) -> None:
         """Remember the best candidates: the next table holds them whatever the next search proposes."""
@@ -215,7 +229,7 @@ class _Search:
             if set(better.members) == set(members) or better.log_evidence < full.log_evidence + 1.0 or wanted in left:
                 break
             left.append({cause.key for cause in stage.fit.causes})
-            fit = fit_causes(self._problem, stage.weighing.causes(better))
+            fit = self._fit_in_order(stage.weighing.causes(better))
             # What a set costs in freedom and places is known; what it explains only now that it is sized exactly.
             cost = 2 * (full.log_evidence - better.log_evidence) + better.gain - full.gain
             if fit.squares + cost >= stage.fit.squares:
@@ -327,8 +341,7 @@ class _Search:
         cause = fit.causes[index]
         known = next(candidate for candidate in self._known.values() if candidate.key == cause.key)
         candidate = dataclasses.replace(known, start=cause.values)
-        others = (*fit.causes[:index], *fit.causes[index + 1 :])
-        columns = self._problem.signature(cause, candidate.linear, others)
+        columns = self._problem.signature(cause, candidate.linear, fit.causes)
         return candidate, columns, cause.values[candidate.linear]
 
 

@@ -154,6 +154,37 @@ def test_a_series_of_orders_is_no_cause(stage_problem):
     assert cause.cause.effect.name == "autocollimator_roll"
 
 
+def test_what_one_effect_adds_another_distorts(stage_problem):
+    """A drift that a strongly curved scale reads: which of the two acts first is found as well."""
+    case = {"effects": ["autocollimator_drift", "autocollimator_nonlinearity"], "rough": True, "duration": 40.0}
+    problem, truth = stage_problem(1448207445, "pair", **case)
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.EXPLAINED
+    assert [found.cause.effect.name for found in diagnosis.causes] == case["effects"]
+    for found, fault in zip(diagnosis.causes, truth.faults, strict=True):
+        (name,) = fault.parameters
+        off = np.atleast_1d(found.parameters[name].value) - np.atleast_1d(fault.parameters[name])
+        assert np.all(np.abs(off) < 3 * np.atleast_1d(found.parameters[name].std))
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_signature_is_taken_where_the_cause_acts(stage_problem, order):
+    problem, _ = stage_problem(19, "null", duration=12.0)
+    both = (
+        Cause(effect("autocollimator_drift"), "", np.array([3e-6, -2e-6])),
+        Cause(effect("autocollimator_nonlinearity"), "", np.array([4e7])),
+    )
+    causes = tuple(both[i] for i in order)
+    drift = both[0]
+    columns = problem.signature(drift, [0, 1], causes)
+    step = np.array([1e-9, 2e-9])
+    moved = tuple(drift.with_values(drift.values + step) if c is drift else c for c in causes)
+    before, after = problem.residual(causes), problem.residual(moved)
+    for channel in ("autocollimator.x", "autocollimator.y"):
+        change = (before[channel] - after[channel])[:, 0]
+        np.testing.assert_allclose(columns[channel] @ step, change, atol=2e-3 * np.max(np.abs(change)))
+
+
 def test_effects_that_look_alike_are_a_group_with_advice(stage_problem):
     problem, _ = stage_problem(16, "single", ["disc_eccentricity"], snr=(150.0, 200.0))
     diagnosis = diagnose(problem)

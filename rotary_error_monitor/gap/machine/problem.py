@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import Axis, MachineDescription
-from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect, positioning_error
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.chances import chi_square_median, log_chi_square_tail
@@ -95,14 +95,14 @@ class MachineProblem:
     def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
         """White rows of the derivative of the prediction with respect to values of `cause`, beside `others`."""
         effect, columns = cause.effect, []
-        base = self._prediction((*others, cause))
+        base = self._prediction(among(cause, others))
         for index in indices:
             # A wave that is moved along bends at once: the step in its period is far smaller.
             shape = index in effect.indices(Role.SHAPE)
             step = _SHAPE_STEP * float(cause.values[index]) if shape else _STEP * effect.scales()[index]
             values = cause.values.copy()
             values[index] += step
-            columns.append((self._prediction((*others, cause.with_values(values))) - base) / step)
+            columns.append((self._prediction(among(cause.with_values(values), others)) - base) / step)
         return self._rows(np.stack(columns, axis=2))
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:

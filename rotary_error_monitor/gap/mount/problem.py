@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from rotary_error_monitor.description.mount import MountDescription, MountGeometry
-from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.effects.effect import Cause, Role, among
 from rotary_error_monitor.effects.mount_effect import MountEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.mount.noise import estimate_repeatability
@@ -109,13 +109,13 @@ class MountProblem:
 
     def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
         """White rows of the derivative of the pointing with respect to values of `cause`, beside `others`."""
-        geometry = self.geometry((*others, cause))
-        base, columns = self.twin.error(geometry, (*others, cause)), []
+        geometry = self.geometry(among(cause, others))
+        base, columns = self.twin.error(geometry, among(cause, others)), []
         for index in indices:
             step = _STEP * cause.effect.scales()[index]
             values = cause.values.copy()
             values[index] += step
-            columns.append((base - self.twin.error(geometry, (*others, cause.with_values(values)))) / step)
+            columns.append((base - self.twin.error(geometry, among(cause.with_values(values), others))) / step)
         return self._rows(np.stack(columns, axis=2))
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:

@@ -151,7 +151,7 @@ def mount_figures(problem: MountProblem, causes: Sequence[Cause]) -> Mapping[str
     Sums of squares of both ways, as pointing analysis gives its `sky RMS`; outliers are left out.
     """
     table = _geometry_columns(problem, causes)
-    own = [problem.signature(c, c.effect.indices(Role.LINEAR), _others(causes, i)) for i, c in enumerate(causes)]
+    own = [problem.signature(cause, cause.effect.indices(Role.LINEAR), causes) for cause in causes]
     effects = [
         np.concatenate([rows[c] * std for c, std in zip(problem.channels, problem.std, strict=True)]) for rows in own
     ]
@@ -172,10 +172,6 @@ def mount_figures(problem: MountProblem, causes: Sequence[Cause]) -> Mapping[str
     names = ("hour_index", "declination_index", "orthogonality", "collimation", "polar_tilt_x", "polar_tilt_y")
     angles = np.array(problem.geometry(causes).as_tuple()) * ARCSEC
     return found | {f"{name}_arcsec": float(angle) for name, angle in zip(names, angles, strict=True)}
-
-
-def _others(causes: Sequence[Cause], index: int) -> tuple[Cause, ...]:
-    return (*causes[:index], *causes[index + 1 :])
 
 
 def _held_out(problem: MountProblem, values: Array, columns: Array) -> float:

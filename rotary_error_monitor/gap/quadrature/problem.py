@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.quadrature import QuadratureDescription
-from rotary_error_monitor.effects.effect import Cause, Role, order_location
+from rotary_error_monitor.effects.effect import Cause, Role, among, order_location
 from rotary_error_monitor.effects.quadrature_effect import Complex, QuadratureEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.chances import log_chi_square_tail, log_normal_tail
@@ -118,14 +118,14 @@ class QuadratureProblem:
 
     def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
         """White rows of the derivative of the radius with respect to values of `cause`, beside `others`."""
-        amplitude = self.amplitude((*others, cause))
-        base, columns = self._predicted((*others, cause), amplitude), []
+        amplitude = self.amplitude(among(cause, others))
+        base, columns = self._predicted(among(cause, others), amplitude), []
         for index in indices:
             shape = index in cause.effect.indices(Role.SHAPE)
             step = 1e-4 * float(cause.values[index]) if shape else _STEP * cause.effect.scales()[index]
             values = cause.values.copy()
             values[index] += step
-            columns.append((self._predicted((*others, cause.with_values(values)), amplitude) - base) / step)
+            columns.append((self._predicted(among(cause.with_values(values), others), amplitude) - base) / step)
         return self._rows(np.stack(columns, axis=1))
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:

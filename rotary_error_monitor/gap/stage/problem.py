@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.effects.effect import Cause, Role, among
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.gap.admission import check_extent, check_stage
 from rotary_error_monitor.gap.orders import order_spectrum
@@ -133,7 +133,8 @@ class StageProblem:
         Those of effects without size are wanted again when the jitter is known better, which changes one channel.
         """
         key = (*cause.key, cause.values.tobytes(), tuple(indices))
-        idle = not others and not np.any(cause.values[cause.effect.indices(Role.LINEAR)])
+        alone = all(other.key == cause.key for other in others)
+        idle = alone and not np.any(cause.values[cause.effect.indices(Role.LINEAR)])
         kept = self._signatures.get(key) if idle else None
         if kept is not None:
             return kept
@@ -150,12 +151,12 @@ class StageProblem:
         assert isinstance(effect, StageEffect)
         streams = [name for name in self.twin.times if effect.touches(cause.location, name)]
         steps = effect.scales()[list(indices)] * _DERIVATIVE_STEP
-        base = self._prediction((*others, cause), streams)
+        base = self._prediction(among(cause, others), streams)
         columns: dict[str, list[Array]] = {name: [] for name in streams}
         for index, step in zip(indices, steps, strict=True):
             values = cause.values.copy()
             values[index] += step
-            moved = self.twin.predict((*others, cause.with_values(values)), streams)
+            moved = self.twin.predict(among(cause.with_values(values), others), streams)
             for name in streams:
                 columns[name].append((moved[name] - base[name]) / step)
         return {name: side_by_side(parts) for name, parts in columns.items()}
