@@ -68,11 +68,12 @@ def trusted_causes(problem: Problem, stage: Stage) -> bool:
     An effect that merely resembles an unknown one leaves part of it where it took the rest away; a real cause beside an
     unknown one leaves its own channels clean. What is found in no single channel (uncertain parameters that are moved
     too far, poses that scatter) may be left of the causes themselves: then they are not trusted. Nor are they where
-    another order or place of the same effect stands out beside them: a series resembles anything that repeats.
+    orders or places of one effect follow one another: such a series resembles anything that repeats.
     """
     if any(f.channel not in stage.fit.rest and f.log_chance < stage.log_alarm for f in stage.findings):
         return False
-    if stage.improvable and _newcomer(stage) in {cause.effect.name for cause in stage.fit.causes}:
+    names = [cause.effect.name for cause in stage.fit.causes] + ([_newcomer(stage)] if stage.improvable else [])
+    if len(set(names)) < len(names):
         return False
     for shown in _shown(problem, stage):
         power = {channel: float(np.sum(rows**2)) for channel, rows in shown.items()}
