@@ -64,6 +64,9 @@ def find_shared(spectra: Mapping[str, Array], independent: int) -> list[Finding]
     Args:
         spectra: (orders,) power of each order in white rows by channel, as `order_spectrum` gives it.
         independent: how many of the channels' rows are independent: of heads against their mean one less than all.
+
+    Returns:
+        That of one order, the strongest, and that of the modelled ones together.
     """
     channels, each = list(spectra), np.stack(list(spectra.values()))
     power = each.sum(axis=0) * independent / len(channels)
