@@ -109,8 +109,9 @@ class MountProblem:
 
     def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
         """White rows of the derivative of the pointing with respect to values of `cause`, beside `others`."""
-        geometry = self.geometry(among(cause, others))
-        base, columns = self.twin.error(geometry, among(cause, others)), []
+        causes, columns = among(cause, others), []
+        geometry = self.geometry(causes)
+        base = self.twin.error(geometry, causes)
         for index in indices:
             step = _STEP * cause.effect.scales()[index]
             values = cause.values.copy()

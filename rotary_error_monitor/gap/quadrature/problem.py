@@ -118,8 +118,9 @@ class QuadratureProblem:
 
     def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
         """White rows of the derivative of the radius with respect to values of `cause`, beside `others`."""
-        amplitude = self.amplitude(among(cause, others))
-        base, columns = self._predicted(among(cause, others), amplitude), []
+        causes, columns = among(cause, others), []
+        amplitude = self.amplitude(causes)
+        base = self._predicted(causes, amplitude)
         for index in indices:
             shape = index in cause.effect.indices(Role.SHAPE)
             step = 1e-4 * float(cause.values[index]) if shape else _STEP * cause.effect.scales()[index]
