@@ -79,7 +79,8 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
         elsewhere=_elsewhere(diagnosis.get("elsewhere")),
         where_right=_where_right(snr, diagnosis),
         shrink=float(diagnosis["gap"]["shrink"]),
-        probabilities=tuple(zip(probabilities, hits, strict=True)),
+        # One of a group with the truth in it is not the truth: half of those told at 50 % must be wrong.
+        probabilities=tuple(zip(probabilities, (key in wanted for key in named), strict=True)),
         within=_within(truth, diagnosis),
         seconds=seconds,
     )

@@ -125,3 +125,22 @@ def test_effects_too_small_to_be_found_are_counted_on_their_own():
     head, _, rows = format_scores([small, large, large]).partition("kind")
     assert rows.splitlines()[1].split()[:3] == ["new", "speed", "0/2"]
     assert rows.splitlines()[1].split()[3:5] == ["0/2", "0/1"]
+
+
+def test_probabilities_count_only_the_cause_itself():
+    (plan,) = (p for p in plan_cases(11, 6, ("stage",), (False,)) if p.group == "new speed")
+    case = make_stage_case(12, "single", ["encoder_latency"], duration=DURATION)
+    truth = {**case.truth.as_mapping(), "sizes": [50.0]}
+    alike = [{"effect": name, "location": ""} for name in ("following_error", "encoder_latency")]
+    named = {
+        "verdict": "explained",
+        "causes": [{**alike[0], "probability": 0.5, "parameters": {}}],
+        "indistinguishable": [{"effects": alike}],
+        "where": [],
+        "gap": {"shrink": 1.0},
+        "schema": 1,
+    }
+    outcome = score_case(plan, truth, named, 1.0)
+    assert outcome.right and outcome.probabilities == ((0.5, False),)
+    named["causes"][0]["effect"] = "encoder_latency"
+    assert score_case(plan, truth, named, 1.0).probabilities == ((0.5, True),)
