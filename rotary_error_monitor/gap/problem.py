@@ -225,6 +225,9 @@ class Problem(Protocol):
         It acts beside the others: in its own place where it is one of them, else after them.
         """
 
+    def distortions(self, candidates: Sequence[Candidate], causes: Sequence[Cause]) -> Sequence[float]:
+        """For each candidate the part of its signature that is another beside these causes than alone."""
+
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows (m, q): change of the prediction by one standard uncertainty of each parameter of the twin."""
 

@@ -37,6 +37,12 @@ MOST_RIVALS = 2
 NOTICEABLE = 1.0
 """Sum of squares by which predictions must differ for the order in which causes act to be looked at."""
 
+DISTORTED = 5e-3
+"""Part of a signature that may be another beside the causes: what is missed of a gain is the square of that part."""
+
+BADLY_DISTORTED = 3e-2
+"""The same for candidates that were not among the best so far."""
+
 SHORTLIST = 12
 """Candidates from which every pair is weighed with every other candidate."""
 
@@ -307,25 +313,33 @@ class _Search:
     def _table(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:
         """All candidates so far and those that the remainder proposes, weighed on data with the causes put back."""
         proposed = [(*c.key, c.start.tobytes()) for c in self._remember(self._problem.candidates(fit.rest, fit.causes))]
-        wanted = dict.fromkeys([*proposed, *self._promising])
-        for key in wanted:
-            candidate = self._known[key]
-            # What rescales a signal shows otherwise once a cause has changed that signal.
-            renewed = bool(fit.causes) and bool(getattr(candidate.effect, "rescales", False))
-            if renewed or key not in self._columns:
-                idle = candidate.cause(np.zeros(len(candidate.linear)))
-                self._columns[key] = self._problem.signature(idle, candidate.linear, fit.causes if renewed else ())
-        return self._weigh(fit, list(wanted))
+        included = {cause.key for cause in fit.causes}
+        wanted = [key for key in dict.fromkeys([*proposed, *self._promising]) if self._known[key].key not in included]
+        candidates = [self._known[key] for key in wanted]
+        distortions = self._problem.distortions(candidates, fit.causes)
+        others = []
+        for key, candidate, distortion in zip(wanted, candidates, distortions, strict=True):
+            distorted = distortion > (DISTORTED if key in self._promising else BADLY_DISTORTED)
+            others.append((candidate, self._columns_of(key, fit.causes if distorted else ())))
+        return self._weigh(fit, others)
+
+    def _columns_of(self, key: tuple[str, str, bytes], beside: Sequence[Cause]) -> Columns:
+        """Signature of a candidate, kept if it is that of it alone."""
+        if not beside and key in self._columns:
+            return self._columns[key]
+        candidate = self._known[key]
+        idle = candidate.cause(np.zeros(len(candidate.linear)))
+        columns = self._problem.signature(idle, candidate.linear, beside)
+        if not beside:
+            self._columns[key] = columns
+        return columns
 
     def _remember(self, candidates: Sequence[Candidate]) -> Sequence[Candidate]:
         for candidate in candidates:
             self._known[(*candidate.key, candidate.start.tobytes())] = candidate
         return candidates
 
-    def _weigh(self, fit: Fit, wanted: Sequence[tuple[str, str, bytes]]) -> tuple[Weighing, tuple[int, ...]]:
-        included = {cause.key for cause in fit.causes}
-        keys = [key for key in wanted if self._known[key].key not in included]
-        others = [(self._known[key], self._columns[key]) for key in keys]
+    def _weigh(self, fit: Fit, others: Sequence[tuple[Candidate, Columns]]) -> tuple[Weighing, tuple[int, ...]]:
         own = [self._sized(fit, i) for i in range(len(fit.causes))]
         candidates = [c for c, _, _ in own] + [c for c, _ in others]
         columns = [rows for _, rows, _ in own] + [rows for _, rows in others]

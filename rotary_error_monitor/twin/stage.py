@@ -135,6 +135,11 @@ class StageTwin:
         described = self.stage if stage is None else stage
         return {name: self._stream(name, (*self.known, *causes), described) for name in wanted}
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last sample time of all streams, s."""
+        return min(float(t[0]) for t in self.times.values()), max(float(t[-1]) for t in self.times.values())
+
     def _moved_state(self, stream: str, acting: Acting) -> RotorState:
         """The rotor at the sample times of a stream as the effects delay it and turn it; the last one is kept.
 

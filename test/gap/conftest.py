@@ -65,6 +65,9 @@ class LinearProblem:
     def signature(self, cause, indices, others=()):
         return dict(cause.effect.column)
 
+    def distortions(self, candidates, causes):
+        return [0.0] * len(candidates)
+
     def nuisance(self, causes):
         return self.nuisances
 
@@ -99,7 +102,7 @@ def linear(rng):
     return LinearProblem(data, effects)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def stage_problem():
     """Function that gives the problem and the truth of a case of the plant."""
 

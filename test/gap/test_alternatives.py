@@ -54,3 +54,17 @@ def test_at_one_speed_a_late_encoder_is_as_probable_as_backlash(stage_problem):
     assert f"does not tell {named} from {' or '.join(others)}." in verdict_sentence(diagnosis)
     chances = [row.probability for row in diagnosis.ranking if (row.effect, row.location) in keys]
     assert chances == pytest.approx([1 / 3] * 3, abs=0.05)
+
+
+def test_beside_a_late_sensor_what_looks_the_same_stays_a_group(stage_problem):
+    """The autocollimator's lateness turns the waves of every effect alike; without an LVDT it alone sees tilt."""
+    problem, _ = stage_problem(3, "pair", ["autocollimator_latency", "spindle_tilt"], snr=(1000.0, 2000.0), rough=True)
+    assert "lvdt" not in problem.twin.times
+    diagnosis = diagnose(problem)
+    keys = {("spindle_tilt", "order_9"), ("mirror_flatness", "order_9")}
+    (group,) = diagnosis.indistinguishable
+    assert set(group.effects) == keys
+    assert group.advice.startswith("add an LVDT 100 mm above the ring")
+    chances = {(row.effect, row.location): row.probability for row in diagnosis.ranking}
+    assert chances["autocollimator_latency", ""] > 0.9
+    assert [chances[key] for key in keys] == pytest.approx([0.5, 0.5], abs=0.05)

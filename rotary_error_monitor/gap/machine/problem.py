@@ -105,6 +105,10 @@ class MachineProblem:
             columns.append((self._prediction(among(cause.with_values(values), others)) - base) / step)
         return self._rows(np.stack(columns, axis=2))
 
+    def distortions(self, candidates: Sequence[Candidate], causes: Sequence[Cause]) -> Sequence[float]:
+        """None: errors this small add up, whatever else is wrong."""
+        return [0.0] * len(candidates)
+
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows of one standard uncertainty of each uncertain parameter.
 

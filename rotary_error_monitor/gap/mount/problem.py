@@ -119,6 +119,10 @@ class MountProblem:
             columns.append((base - self.twin.error(geometry, among(cause.with_values(values), others))) / step)
         return self._rows(np.stack(columns, axis=2))
 
+    def distortions(self, candidates: Sequence[Candidate], causes: Sequence[Cause]) -> Sequence[float]:
+        """None: errors this small add up, whatever else is wrong."""
+        return [0.0] * len(candidates)
+
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows of one standard uncertainty of each angle of the geometry."""
         geometry, uncertainty = self.geometry(causes), self.mount.geometry_uncertainty()

@@ -129,6 +129,12 @@ class QuadratureProblem:
             columns.append((self._predicted(among(cause.with_values(values), others), amplitude) - base) / step)
         return self._rows(np.stack(columns, axis=1))
 
+    def distortions(self, candidates: Sequence[Candidate], causes: Sequence[Cause]) -> Sequence[float]:
+        """Where signals are cut off, a gain shows all otherwise."""
+        effects = [candidate.effect for candidate in candidates]
+        beside = [bool(causes) and isinstance(effect, QuadratureEffect) and effect.rescales for effect in effects]
+        return [np.inf if renewed else 0.0 for renewed in beside]
+
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows (m, 1) of one standard uncertainty of the amplitude."""
         column = self._grown(self.amplitude(causes), causes)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage import Lvdt, StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.rotor import LVDT
 from rotary_error_monitor.gap.problem import Array
@@ -26,6 +26,9 @@ Key = tuple[str, str]
 
 SAMPLES = 2000
 """Instants at which a planned measurement is predicted; distances are scaled to the recording's number of samples."""
+
+PROBE = Lvdt(height=0.1, noise=5e-8)
+"""What a stage without an LVDT could be measured with."""
 
 DECISIVE = 5.0
 """Distance, in standard deviations, from which a measurement is worth the work."""
@@ -77,7 +80,11 @@ def _experiments(problem: StageProblem) -> Iterable[Experiment]:
     yield Experiment("record again with a force of 100 N on the shaft from changing sides", loaded, stage, lvdt)
     warming = replace(plain, warming=lambda time: 5.0 * np.asarray(time) / duration)
     yield Experiment("record again while the stage warms by 5 K", warming, stage, lvdt)
-    if stage.lvdt is not None:
+    if stage.lvdt is None:
+        probed = replace(stage, lvdt=PROBE)
+        words = f"add an LVDT {PROBE.height * 1e3:.0f} mm above the ring and record again"
+        yield Experiment(words, plain, probed, True)
+    else:
         if not lvdt:
             yield Experiment("record again with the LVDT", plain, stage, True)
         moved = replace(stage, lvdt=replace(stage.lvdt, height=2 * stage.lvdt.height + 0.05))
@@ -123,6 +130,9 @@ class _Measurement:
         time = np.linspace(0.0, problem.recording.duration, SAMPLES)
         streams = [*problem.recording.heads, "autocollimator", *([LVDT] if lvdt else [])]
         self._twin = StageTwin(stage, inputs, dict.fromkeys(streams, time))
+        self._std = dict(problem.noise.std)
+        if problem.stage.lvdt is None and stage.lvdt is not None:
+            self._std[LVDT] = stage.lvdt.noise
         self._base = self._rows(())
 
     def shown(self, cause: Cause) -> Array:
@@ -146,11 +156,10 @@ class _Measurement:
         jitter = problem.noise.jitter
         # The jitter is one independent value in each of its correlation times.
         independent = np.sqrt(min(1.0, 2 * jitter.bandwidth * problem.recording.duration / SAMPLES))
-        white = problem.noise.std["head"] / np.sqrt(len(heads)) / gain
+        white = self._std["head"] / np.sqrt(len(heads)) / gain
         parts = [shared / np.hypot(jitter.std / independent, white)]
-        parts += [(signals[name][:, 0] - shared) / problem.noise.std["head"] * gain for name in heads]
+        parts += [(signals[name][:, 0] - shared) / self._std["head"] * gain for name in heads]
         for name, values in signals.items():
             if name not in heads:
-                std = problem.noise.std[name] or 1.0
-                parts.append(values.ravel() / std * gain)
+                parts.append(values.ravel() / (self._std[name] or 1.0) * gain)
         return np.concatenate(parts)

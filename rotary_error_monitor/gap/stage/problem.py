@@ -15,6 +15,7 @@ from rotary_error_monitor.gap.admission import check_extent, check_stage
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.stage.conditions import stage_conditions
+from rotary_error_monitor.gap.stage.distortion import distortions
 from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
 from rotary_error_monitor.gap.stage.offset import offset_figures
@@ -144,6 +145,10 @@ class StageProblem:
             shared = self.noise.shared(stacked)[0] if COMMAND in rows else None
             self._signatures.keep(key, rows, shared)
         return rows
+
+    def distortions(self, candidates: Sequence[Candidate], causes: Sequence[Cause]) -> Sequence[float]:
+        """How far causes scale, delay or turn what each candidate shows."""
+        return distortions(self.twin, candidates, causes)
 
     def _derivatives(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause]) -> Signals:
         """Derivatives (n, k, len(indices)) of the signals that the cause moves."""
