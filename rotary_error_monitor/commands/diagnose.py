@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import yaml
-from tqdm import tqdm
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
@@ -74,12 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"--most-rate is {arguments.most_rate} Hz; at least {LEAST_RATE:g} are needed to tell the rotor's jitter"
         )
-    with tqdm(total=_STEPS, desc="diagnose", unit="step", disable=None, leave=False, file=sys.stderr) as bar:
-
-        def progress(step: str) -> None:
-            bar.set_postfix_str(step)
-            bar.update()
-
+    with _progress_bar() as progress:
         progress("reading")
         twin = load_twin(arguments.twin, arguments.effects)
         problem = load_problem(arguments.bag, twin, arguments.most_rate)
@@ -90,6 +86,23 @@ def run(arguments: argparse.Namespace) -> int:
     for remark in diagnosis.remarks:
         print(f"note: {remark}", file=sys.stderr)
     return diagnosis.verdict.exit_code
+
+
+@contextmanager
+def _progress_bar() -> Iterator[Callable[[str], None]]:
+    """Function that says what is done next; the bar's library is loaded where somebody watches."""
+    if not sys.stderr.isatty():
+        yield lambda step: None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=_STEPS, desc="diagnose", unit="step", leave=False, file=sys.stderr) as bar:
+
+        def progress(step: str) -> None:
+            bar.set_postfix_str(step)
+            bar.update()
+
+        yield progress
 
 
 def _write(arguments: argparse.Namespace, twin: TwinFile, problem: DiagnosableProblem, diagnosis: Diagnosis) -> None:

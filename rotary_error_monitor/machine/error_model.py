@@ -38,6 +38,7 @@ def predict_tool_offset(
     temperature: ArrayLike | None = None,
     monitored: ArrayLike | None = None,
     exact: bool = True,
+    ideal: Array | None = None,
 ) -> Array:
     """(n, 6) offset of the machine as it is against the ideal machine, m and rad.
 
@@ -50,6 +51,7 @@ def predict_tool_offset(
         temperature: (n,) or one number, °C; none: the reference temperature.
         monitored: (n, 6) live error components of the monitored axis in its stator's frame: along, then about x, y, z.
         exact: product of exact transforms; else the sum of the errors' first-order effects.
+        ideal: (3, 4, n) tool in workpiece of the ideal machine at these positions, where it is known from before.
 
     Raises:
         InputError: a shape does not fit the machine, or a number is not finite.
@@ -58,8 +60,9 @@ def predict_tool_offset(
     errors = actual_errors(model, poses)
     if not exact:
         return first_order_offset(model, poses.positions, errors)
-    actual, ideal = stand(model, poses.positions, errors), stand(model, poses.positions, None)
-    return offset_between(actual.tool_in_workpiece(), ideal.tool_in_workpiece())
+    if ideal is None:
+        ideal = stand(model, poses.positions, None).tool_in_workpiece()
+    return offset_between(stand(model, poses.positions, errors).tool_in_workpiece(), ideal)
 
 
 def monitored_jacobian(model: MachineModel, positions: ArrayLike) -> Array:

@@ -4,23 +4,13 @@ from __future__ import annotations
 
 import base64
 import html
-import io
 from pathlib import Path
-
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from rotary_error_monitor.effects.effect import Estimate
 from rotary_error_monitor.gap.diagnosis import Diagnosis
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.sentences import describe_estimate, verdict_sentence
-from rotary_error_monitor.gap.views import View
-
-CHANNELS_SHOWN = 3
-MOST_RANKED = 8
-MOST_POINTS = 4000
-"""Samples of a channel that are drawn; a picture holds no more."""
+from rotary_error_monitor.report.diagnosis_figure import draw_diagnosis
 
 _STYLE = """
 body { font: 16px/1.45 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
@@ -59,65 +49,6 @@ def page(diagnosis: Diagnosis, picture: bytes, title: str) -> str:
         f"<title>Diagnosis: {html.escape(title)}</title><style>{_STYLE}</style>"
         f"<h1>{html.escape(title)}</h1>{''.join(sections)}</html>\n"
     )
-
-
-def draw_diagnosis(problem: DiagnosableProblem, diagnosis: Diagnosis) -> bytes:
-    """PNG: the gap, where it lies, the ranking, and the residuals of the channels that matter before and after."""
-    shown = [share.channel for share in diagnosis.where if share.share > 0.01][:CHANNELS_SHOWN]
-    views = problem.views(shown, [found.cause for found in diagnosis.causes]) if shown else []
-    columns = max((sum(view.channel == channel for view in views) for channel in shown), default=1)
-    figure = Figure(figsize=(max(13, 3.6 * columns), 3.6 + 2.8 * len(shown)), dpi=100, layout="constrained")
-    rows = figure.subfigures(1 + len(shown), 1, height_ratios=[1.3, *[1.0] * len(shown)], squeeze=False)[:, 0]
-    for ax, draw in zip(rows[0].subplots(1, 3), (_draw_gap, _draw_where, _draw_ranking), strict=True):
-        draw(ax, diagnosis)
-    for row, channel in zip(rows[1:], shown, strict=True):
-        own = [view for view in views if view.channel == channel]
-        for ax, view in zip(row.subplots(1, len(own), squeeze=False)[0], own, strict=True):
-            _draw_view(ax, view, bool(diagnosis.causes))
-    buffer = io.BytesIO()
-    # `savefig` would lay everything out and draw it twice
-    FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]  # matplotlib has no types here
-    return buffer.getvalue()
-
-
-def _draw_gap(ax: Axes, diagnosis: Diagnosis) -> None:
-    gap = diagnosis.gap
-    ax.bar(
-        ["before", "after", "noise floor"],
-        [gap.before, gap.after, gap.noise_floor],
-        color=["#a3312a", "#1f5fa8", "#999"],
-    )
-    ax.set_ylabel("gap, standard deviations of noise")
-    ax.set_title(f"Gap, held out: shrink {gap.shrink:.1%}" if diagnosis.causes else "Gap")
-
-
-def _draw_where(ax: Axes, diagnosis: Diagnosis) -> None:
-    shares = diagnosis.where[:8][::-1]
-    ax.barh([_short(share.channel) for share in shares], [share.share for share in shares], color="#1f5fa8")
-    ax.set_xlim(0, 1)
-    ax.set_title("Where: share of the excess over noise")
-
-
-def _draw_ranking(ax: Axes, diagnosis: Diagnosis) -> None:
-    rows = diagnosis.ranking[:MOST_RANKED][::-1]
-    names = [f"{row.effect} {row.location}".strip() for row in rows]
-    ax.barh(names, [row.probability for row in rows], color="#2a7f3f")
-    ax.set_xlim(0, 1)
-    ax.set_title("Which: probability")
-
-
-def _draw_view(ax: Axes, view: View, with_after: bool) -> None:
-    step = max(1, len(view.x) // MOST_POINTS)
-    ax.plot(view.x[::step], view.before[::step], ".", ms=1.5, color="#a3312a", label="before")
-    if with_after:
-        ax.plot(view.x[::step], view.after[::step], ".", ms=1.5, color="#1f5fa8", label="after")
-    ax.set_xlabel(view.quantity)
-    ax.set_ylabel(f"{_short(view.channel)}, {view.unit}", fontsize="small")
-    ax.legend(markerscale=6, fontsize="x-small", loc="upper right")
-
-
-def _short(channel: str) -> str:
-    return channel.replace("/stage/", "").replace("/machine/", "").replace("/samples", "")
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:

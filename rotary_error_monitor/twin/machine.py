@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
-from rotary_error_monitor.machine.kinematics import arrange_machine
+from rotary_error_monitor.machine.kinematics import MachineModel, arrange_machine, stand
 
 Array = NDArray[np.float64]
 
@@ -43,6 +43,15 @@ class MachineRecording:
     temperature: Array
     probe: Array
     remarks: tuple[str, ...] = ()
+    _ideal: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
+
+    def ideal_tool(self, model: MachineModel) -> Array:
+        """(3, 4, n) tool in workpiece of the ideal machine at the poses, kept: hardly an error changes that machine."""
+        parts = model.ideal.axes, model.ideal.tool, model.ideal.workpiece, model.direction, model.rotary
+        key = b"".join(part.tobytes() for part in parts)
+        if key not in self._ideal:
+            self._ideal[key] = stand(model, np.ascontiguousarray(self.positions.T), None).tool_in_workpiece()
+        return self._ideal[key]
 
 
 def predict_probe(machine: MachineDescription, recording: MachineRecording, causes: Sequence[Cause] = ()) -> Array:
@@ -50,11 +59,13 @@ def predict_probe(machine: MachineDescription, recording: MachineRecording, caus
     for cause in causes:
         assert isinstance(cause.effect, MachineEffect)
         machine = cause.effect.amend(machine, cause.values, cause.location)
+    model = arrange_machine(machine)
     offset = predict_tool_offset(
-        arrange_machine(machine),
+        model,
         recording.positions,
         direction=recording.direction,
         temperature=recording.temperature,
+        ideal=recording.ideal_tool(model),
     )
     return offset[:, :3]
 

@@ -36,6 +36,9 @@ _LEVER = 1e-5
 _STEP = 0.1
 """Step of numerical derivatives in usual sizes, µm or µrad: the machine is linear in its errors to one part in 10^5."""
 
+MOST_STEPS, SETTLED = 12, 1e-3
+"""Steps of a robust fit, and the change of a weight from which on another one changes nothing."""
+
 _SHAPE_STEP = 1e-8
 """Relative step of derivatives with respect to a period: small beside one turn in all turns over the travel."""
 
@@ -146,6 +149,8 @@ class MachineProblem:
 
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
         """Look for outliers again with the causes taken out; whether the rows have changed by it."""
+        if not causes:
+            return False
         white = (self.recording.probe - self._prediction(causes)) / self.probe_std
         kept = self._inliers(white)
         if np.array_equal(kept, self.kept):
@@ -303,14 +308,16 @@ class MachineProblem:
         table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-12) * np.sqrt(len(table))
         rows = white.T.ravel()
         weight = np.ones(len(self.index))
-        for _ in range(12):
+        for _ in range(MOST_STEPS):
             tripled = np.tile(weight, 3)
             gram = table.T @ (tripled[:, None] * table) + np.eye(table.shape[1])
             left = rows - table @ np.linalg.solve(gram, table.T @ (tripled * rows))
             distance = np.sqrt(np.mean(np.square(left.reshape(3, -1)), axis=0))
             spread = max(1.0, float(np.median(distance)) / np.sqrt(chi_square_median(3) / 3))
             # Weights of Student's t, three degrees of freedom: a distant pose counts with the inverse of its square.
-            weight = np.minimum(4.0 / (3.0 + np.square(distance / spread)), 1.0)
+            before, weight = weight, np.minimum(4.0 / (3.0 + np.square(distance / spread)), 1.0)
+            if np.max(np.abs(weight - before)) < SETTLED:
+                break
         outlying: NDArray[np.bool_] = np.asarray(distance > OUTLIER * spread, bool)
         if outlying.mean() > MOST_OUTLIERS:
             outlying &= distance >= np.quantile(distance, 1 - MOST_OUTLIERS)
