@@ -26,16 +26,20 @@ def stamp_of(data: bytes | memoryview) -> int:
 class Decoder:
     """Turns the messages of one topic into dataclasses.
 
+    Args:
+        msgtype: their type.
+        definition: of that type, as the bag holds it; none: that of ROS 2 Jazzy.
+
     Raises:
         InputError: the type is none of those that can be read.
     """
 
-    def __init__(self, msgtype: str) -> None:
+    def __init__(self, msgtype: str, definition: str = "") -> None:
         if msgtype not in TYPES.values():
             raise InputError(
                 f"cannot read messages of type {msgtype}; readable are {', '.join(sorted(TYPES.values()))}"
             )
-        self._msgtype = msgtype
+        self._msgtype, self._definition = msgtype, definition
         self._blocks = BlockDecoder()
 
     def decode(self, data: bytes) -> Content:
@@ -46,14 +50,14 @@ class Decoder:
         """
         if self._msgtype == SAMPLE_BLOCK:
             return self._blocks.decode(data)
-        # Definitions of every ROS message take 0.2 s to load; a bag of sample blocks alone needs none.
-        from rotary_error_monitor.bags import conversion
+        # What reads definitions takes time to load; a bag of sample blocks alone needs none.
+        from rotary_error_monitor.bags.decoding import content_from_cdr
 
-        return conversion.content_from_cdr(data, self._msgtype)
+        return content_from_cdr(data, self._msgtype, self._definition)
 
 
 def encode(content: Content, frame: str = "") -> bytes:
     """CDR bytes of a message; `frame` is the frame_id of a sample block, which knows none of its own."""
-    from rotary_error_monitor.bags import conversion
+    from rotary_error_monitor.bags.encoding import cdr_from_content
 
-    return conversion.cdr_from_content(content, frame)
+    return cdr_from_content(content, frame)

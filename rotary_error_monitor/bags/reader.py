@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from mcap.records import Channel, Schema
+from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader, ReaderError
 
 from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, Content
@@ -31,10 +32,11 @@ class RawMessage(NamedTuple):
 
 @dataclass(frozen=True)
 class TopicContent:
-    """Type of a topic and how many messages the bag holds of it."""
+    """Type of a topic, how many messages the bag holds of it, and the type's definition where the bag has it."""
 
     type: str
     count: int
+    definition: str = ""
 
 
 class _Source(Protocol):
@@ -102,7 +104,7 @@ class BagReader:
             InputError: a topic or its type cannot be read, or a message is broken; the message says topic and stamp.
         """
         chosen = self._chosen(names)
-        decoders = {name: Decoder(self.topics[name].type) for name in chosen}
+        decoders = {name: self._decoder(name) for name in chosen}
         ranks = self._ranks(chosen)
         waiting: list[tuple[int, RawMessage]] = []
         turn = 0
@@ -119,7 +121,7 @@ class BagReader:
         Args and errors as in `replay`.
         """
         chosen = self._chosen(names)
-        decoders = {name: Decoder(self.topics[name].type) for name in chosen}
+        decoders = {name: self._decoder(name) for name in chosen}
         contents: dict[str, list[Content]] = {name: [] for name in chosen}
         for message in self.messages(chosen):
             contents[message.topic].append(self._decode(decoders[message.topic], message))
@@ -143,6 +145,10 @@ class BagReader:
             name: [content for content in contents if isinstance(content, SampleBlock)]
             for name, contents in self.read(names).items()
         }
+
+    def _decoder(self, name: str) -> Decoder:
+        topic = self.topics[name]
+        return Decoder(topic.type, topic.definition)
 
     def _chosen(self, names: Collection[str] | None) -> list[str]:
         if names is None:
@@ -207,10 +213,12 @@ class _WholeBag:
         types = {}
         with Reader(path) as reader:
             for connection in reader.connections:
-                types[connection.topic] = connection.msgtype
+                definition = connection.msgdef
+                readable = definition.data if definition.format == MessageDefinitionFormat.MSG else ""
+                types[connection.topic] = connection.msgtype, readable
                 counts[connection.topic] += connection.msgcount
         self.topics: Mapping[str, TopicContent] = {
-            name: TopicContent(msgtype, counts[name]) for name, msgtype in types.items()
+            name: TopicContent(msgtype, counts[name], definition) for name, (msgtype, definition) in types.items()
         }
 
     def messages(self, names: Collection[str]) -> Iterator[RawMessage]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.stores import ros2_jazzy as ros
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
@@ -44,6 +44,38 @@ def test_every_kind_survives_the_way_through_bytes(contents: dict[str, list[Cont
             data = encode(value)
             assert_same(decoder.decode(data), value)
             assert stamp_of(data) == value.stamp_ns
+
+
+DEFINITION = TYPESTORE.generate_msgdef(TYPES[JointState], ros_version=2)[0]
+STATE = JointState(START, ("X", "C"), np.array([0.1, 2.0]), np.array([1.0, -1.0]), np.array([]), "machine")
+
+
+@pytest.mark.parametrize(
+    "definition",
+    [DEFINITION, DEFINITION.partition("=====")[0], "no definition @ all", ""],
+    ids=["whole", "without its parts", "unreadable", "none"],
+)
+def test_messages_are_read_with_the_definition_of_their_bag_or_without(definition: str) -> None:
+    assert_same(Decoder(TYPES[JointState], definition).decode(encode(STATE)), STATE)
+
+
+def test_the_definition_of_the_bag_counts() -> None:
+    # As another version of the message might order its fields.
+    moved = DEFINITION.replace("float64[] position\n", "").replace("[] effort\n", "[] effort\nfloat64[] position\n")
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(moved, TYPES[JointState]))
+    plain = TYPESTORE.deserialize_cdr(encode(STATE), TYPES[JointState])
+    data = bytes(store.serialize_cdr(plain, TYPES[JointState]))
+    assert data != encode(STATE)
+    assert_same(Decoder(TYPES[JointState], moved).decode(data), STATE)
+
+
+def test_a_definition_without_a_field_is_said() -> None:
+    other = DEFINITION.replace("float64[] effort", "float64[] torque")
+    with pytest.raises(
+        InputError, match="JointState as the bag defines it is not that of ROS 2 Jazzy: it has no effort"
+    ):
+        Decoder(TYPES[JointState], other).decode(encode(STATE))
 
 
 @settings(max_examples=60, deadline=None)

@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
-from rotary_error_monitor.bags.conversion import typestore
+from rotary_error_monitor.bags.encoding import typestore
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.signals.blocks import SampleBlock

@@ -1,15 +1,13 @@
-"""Standard ROS messages as CDR bytes, from and to the dataclasses of this package."""
+"""Dataclasses of this package as CDR bytes of standard ROS messages."""
 
 from __future__ import annotations
 
 import functools
-import struct
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 from rosbags.typesys.stores import ros2_jazzy as ros
@@ -24,7 +22,6 @@ from rotary_error_monitor.bags.contents import (
     PoseWithCovariance,
     Temperature,
 )
-from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 
@@ -32,19 +29,6 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 def typestore() -> Typestore:
     """Definitions of the standard messages of ROS 2 Jazzy."""
     return get_typestore(Stores.ROS2_JAZZY)
-
-
-def content_from_cdr(data: bytes, msgtype: str) -> Content:
-    """Content of one message of a type that is no sample block.
-
-    Raises:
-        InputError: the bytes are no such message.
-    """
-    try:
-        message = typestore().deserialize_cdr(data, msgtype)
-    except (SerdeError, AssertionError, IndexError, ValueError, struct.error) as error:
-        raise InputError(f"{len(data)} bytes are no {msgtype}: {error or type(error).__name__}") from error
-    return _FROM_MESSAGE[msgtype](message)
 
 
 def cdr_from_content(content: Content, frame: str) -> bytes:
@@ -57,10 +41,6 @@ def cdr_from_content(content: Content, frame: str) -> bytes:
 
 def _time(stamp_ns: int) -> ros.builtin_interfaces__msg__Time:
     return ros.builtin_interfaces__msg__Time(*divmod(stamp_ns, NANOSECONDS))
-
-
-def _nanoseconds(time: ros.builtin_interfaces__msg__Time) -> int:
-    return time.sec * NANOSECONDS + time.nanosec
 
 
 def _header(stamp_ns: int, frame: str) -> ros.std_msgs__msg__Header:
@@ -76,35 +56,14 @@ def _joint_state(state: JointState, frame: str) -> ros.sensor_msgs__msg__JointSt
     return ros.sensor_msgs__msg__JointState(_header(state.stamp_ns, frame), list(state.names), *values)
 
 
-def _joint_state_content(message: ros.sensor_msgs__msg__JointState) -> JointState:
-    return JointState(
-        stamp_ns=_nanoseconds(message.header.stamp),
-        names=tuple(message.name),
-        position=_array(message.position),
-        velocity=_array(message.velocity),
-        effort=_array(message.effort),
-        frame=message.header.frame_id,
-    )
-
-
 def _point(point: PointStamped, frame: str) -> ros.geometry_msgs__msg__PointStamped:
     xyz = ros.geometry_msgs__msg__Point(*map(float, point.point))
     return ros.geometry_msgs__msg__PointStamped(_header(point.stamp_ns, frame), xyz)
 
 
-def _point_content(message: ros.geometry_msgs__msg__PointStamped) -> PointStamped:
-    xyz = _array([message.point.x, message.point.y, message.point.z])
-    return PointStamped(_nanoseconds(message.header.stamp), xyz, message.header.frame_id)
-
-
 def _temperature(temperature: Temperature, frame: str) -> ros.sensor_msgs__msg__Temperature:
     header = _header(temperature.stamp_ns, frame)
     return ros.sensor_msgs__msg__Temperature(header, float(temperature.temperature), float(temperature.variance))
-
-
-def _temperature_content(message: ros.sensor_msgs__msg__Temperature) -> Temperature:
-    stamp = _nanoseconds(message.header.stamp)
-    return Temperature(stamp, message.temperature, message.variance, message.header.frame_id)
 
 
 def _pose(pose: PoseWithCovariance, frame: str) -> ros.geometry_msgs__msg__PoseWithCovarianceStamped:
@@ -115,27 +74,10 @@ def _pose(pose: PoseWithCovariance, frame: str) -> ros.geometry_msgs__msg__PoseW
     return ros.geometry_msgs__msg__PoseWithCovarianceStamped(_header(pose.stamp_ns, frame), uncertain)
 
 
-def _pose_content(message: ros.geometry_msgs__msg__PoseWithCovarianceStamped) -> PoseWithCovariance:
-    p, q = message.pose.pose.position, message.pose.pose.orientation
-    return PoseWithCovariance(
-        stamp_ns=_nanoseconds(message.header.stamp),
-        position=_array([p.x, p.y, p.z]),
-        orientation=_array([q.x, q.y, q.z, q.w]),
-        covariance=_array(message.pose.covariance).reshape(6, 6),
-        frame=message.header.frame_id,
-    )
-
-
 # Each function takes the one type that stands beside it.
 _TO_MESSAGE: Mapping[type, Callable[[Any, str], object]] = {
     JointState: _joint_state,
     PointStamped: _point,
     Temperature: _temperature,
     PoseWithCovariance: _pose,
-}
-_FROM_MESSAGE: Mapping[str, Callable[[Any], Content]] = {
-    TYPES[JointState]: _joint_state_content,
-    TYPES[PointStamped]: _point_content,
-    TYPES[Temperature]: _temperature_content,
-    TYPES[PoseWithCovariance]: _pose_content,
 }

@@ -1,0 +1,116 @@
+"""CDR bytes of standard ROS messages as dataclasses of this package."""
+
+from __future__ import annotations
+
+import functools
+import struct
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from rotary_error_monitor.bags.contents import (
+    TYPES,
+    Array,
+    Content,
+    JointState,
+    PointStamped,
+    PoseWithCovariance,
+    Temperature,
+)
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.blocks import NANOSECONDS
+
+if TYPE_CHECKING:
+    from rosbags.typesys.stores import ros2_jazzy as ros
+
+
+@functools.cache
+def _typestore(msgtype: str, definition: str) -> Typestore:
+    """Definitions that a message needs: as the bag holds them, which takes a tenth of loading all of ROS 2 Jazzy."""
+    if definition:
+        store = get_typestore(Stores.EMPTY)
+        try:
+            store.register(get_types_from_msg(definition, msgtype))
+            store.generate_msgdef(msgtype, ros_version=2)  # which needs those of all its parts
+        except (TypesysError, KeyError):
+            pass  # half a definition is no reason not to read the messages
+        else:
+            return store
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def content_from_cdr(data: bytes, msgtype: str, definition: str = "") -> Content:
+    """Content of one message of a type that is no sample block.
+
+    Args:
+        data: the bytes.
+        msgtype: type of the message.
+        definition: of that type and those that it needs, as the bag holds it; none: that of ROS 2 Jazzy.
+
+    Raises:
+        InputError: the bytes are no such message.
+    """
+    try:
+        message = _typestore(msgtype, definition).deserialize_cdr(data, msgtype)
+    except (SerdeError, AssertionError, IndexError, ValueError, struct.error) as error:
+        raise InputError(f"{len(data)} bytes are no {msgtype}: {error or type(error).__name__}") from error
+    try:
+        return _FROM_MESSAGE[msgtype](message)
+    except AttributeError as error:
+        raise InputError(
+            f"{msgtype} as the bag defines it is not that of ROS 2 Jazzy: it has no {error.name}"
+        ) from error
+
+
+def _nanoseconds(time: ros.builtin_interfaces__msg__Time) -> int:
+    return time.sec * NANOSECONDS + time.nanosec
+
+
+def _array(values: ArrayLike) -> Array:
+    return np.array(values, dtype=np.float64)
+
+
+def _joint_state_content(message: ros.sensor_msgs__msg__JointState) -> JointState:
+    return JointState(
+        stamp_ns=_nanoseconds(message.header.stamp),
+        names=tuple(message.name),
+        position=_array(message.position),
+        velocity=_array(message.velocity),
+        effort=_array(message.effort),
+        frame=message.header.frame_id,
+    )
+
+
+def _point_content(message: ros.geometry_msgs__msg__PointStamped) -> PointStamped:
+    xyz = _array([message.point.x, message.point.y, message.point.z])
+    return PointStamped(_nanoseconds(message.header.stamp), xyz, message.header.frame_id)
+
+
+def _temperature_content(message: ros.sensor_msgs__msg__Temperature) -> Temperature:
+    stamp = _nanoseconds(message.header.stamp)
+    return Temperature(stamp, message.temperature, message.variance, message.header.frame_id)
+
+
+def _pose_content(message: ros.geometry_msgs__msg__PoseWithCovarianceStamped) -> PoseWithCovariance:
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    return PoseWithCovariance(
+        stamp_ns=_nanoseconds(message.header.stamp),
+        position=_array([p.x, p.y, p.z]),
+        orientation=_array([q.x, q.y, q.z, q.w]),
+        covariance=_array(message.pose.covariance).reshape(6, 6),
+        frame=message.header.frame_id,
+    )
+
+
+# Each function takes the one type that stands beside it.
+_FROM_MESSAGE: Mapping[str, Callable[[Any], Content]] = {
+    TYPES[JointState]: _joint_state_content,
+    TYPES[PointStamped]: _point_content,
+    TYPES[Temperature]: _temperature_content,
+    TYPES[PoseWithCovariance]: _pose_content,
+}
