@@ -220,8 +220,8 @@ def _rough_twin(stage: StageDescription) -> StageDescription:
     return replace(stage, autocollimator=air, uncertainty=STAGE_UNCERTAINTY)
 
 
-_SMALLER = 0.1
-_MOST_TRIALS = 50
+_SMALLER, _LARGER = 0.1, 1e3
+_MOST_TRIALS, _MOST_GROWN = 50, 4
 
 
 def _sized(
@@ -229,12 +229,15 @@ def _sized(
 ) -> Named:
     """The fault as large as a number drawn from `snr`."""
     target = float(np.exp(draw.uniform(*np.log(snr))))
-    steps = 2  # not quite in proportion
+    steps, grown = 2, 0  # not quite in proportion
     for _ in range(_MOST_TRIALS):
         with np.errstate(invalid="ignore"):
             moved = response(fault)
         if not np.isfinite(moved):  # so large that a head looks past the ring
             fault = fault.scaled(_SMALLER)
+            continue
+        if moved == 0 and grown < _MOST_GROWN:  # it may have been drawn so small that rounding hides it
+            fault, grown = fault.scaled(_LARGER), grown + 1
             continue
         if moved == 0:
             raise InputError(f"{fault} does not show in this recording; make it longer or take another seed")

@@ -9,8 +9,10 @@ import pytest
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant import cases
 from rotary_error_monitor.plant.cases import AMOUNT, Kind, make_machine_case, make_stage_case
 from rotary_error_monitor.plant.draws import draw_machine, machine_faults, stage_faults
+from rotary_error_monitor.plant.faults import make_fault
 
 
 @pytest.mark.parametrize("kind", AMOUNT)
@@ -122,6 +124,13 @@ def test_effect_that_cannot_show_is_refused() -> None:
     stuck = replace(machine, axes=tuple(replace(axis, travel=(-1e-300, 1e-300)) for axis in machine.axes))
     with pytest.raises(InputError, match="does not show in this recording"):
         make_machine_case(stuck, 1, "single", ["axis_scale"])
+
+
+def test_a_fault_drawn_so_small_that_rounding_hides_it_is_made_larger(monkeypatch: pytest.MonkeyPatch) -> None:
+    hidden = make_fault("autocollimator_nonlinearity", cubic=1e-12)
+    monkeypatch.setattr(cases, "draw_fault", lambda *given: hidden)
+    truth = make_stage_case(5, "single", ["autocollimator_nonlinearity"], snr=(100.0, 100.0), duration=5.0).truth
+    assert np.linalg.norm(list(truth.snr.values())) == pytest.approx(100.0, rel=0.05)
 
 
 def test_a_fault_drawn_so_large_that_a_head_looks_past_the_ring_is_made_smaller() -> None:
