@@ -129,7 +129,7 @@ def test_effect_that_cannot_show_is_refused() -> None:
 def test_a_fault_drawn_so_small_that_rounding_hides_it_is_made_larger(monkeypatch: pytest.MonkeyPatch) -> None:
     hidden = make_fault("autocollimator_nonlinearity", cubic=1e-12)
     monkeypatch.setattr(cases, "draw_fault", lambda *given: hidden)
-    truth = make_stage_case(5, "single", ["autocollimator_nonlinearity"], snr=(100.0, 100.0), duration=5.0).truth
+    truth = make_stage_case(5, "single", ["autocollimator_nonlinearity"], snr=(100.0, 100.0)).truth
     assert np.linalg.norm(list(truth.snr.values())) == pytest.approx(100.0, rel=0.05)
 
 
