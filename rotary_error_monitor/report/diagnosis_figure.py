@@ -125,4 +125,4 @@ def _draw_view(ax: Axes, view: View, with_after: bool) -> None:
 
 
 def _short(channel: str) -> str:
-    return channel.replace("/stage/", "").replace("/machine/", "").replace("/samples", "")
+    return channel.split("/", 2)[-1].replace("/samples", "")
