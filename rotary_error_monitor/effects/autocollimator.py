@@ -41,7 +41,7 @@ class AutocollimatorRoll(StageEffect):
     name = "autocollimator_roll"
     title = "autocollimator turned about its line of sight"
     source = "rotation of the measuring axes"
-    parameters = (Parameter("angle", "rad", 1e-2, bound=0.5),)
+    parameters = (Parameter("angle", "rad", 1e-2, bound=math.pi),)
     rescales = True
     acts_on = (AUTOCOLLIMATOR,)
 

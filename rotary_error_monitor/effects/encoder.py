@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -93,7 +94,7 @@ class HeadMisplacement(StageEffect):
     name = "head_misplacement"
     title = "head at another azimuth"
     source = _CONTRACT
-    parameters = (Parameter("azimuth", "rad", 1e-2, bound=0.5),)
+    parameters = (Parameter("azimuth", "rad", 1e-2, bound=math.pi),)
     rescales = True
     acts_on = (HEAD,)
 

@@ -185,6 +185,18 @@ def test_a_signature_is_taken_where_the_cause_acts(stage_problem, order):
         np.testing.assert_allclose(columns[channel] @ step, change, atol=2e-3 * np.max(np.abs(change)))
 
 
+def test_a_head_in_the_wrong_hole_is_found_and_measured(stage_problem):
+    """Three quarters of a radian off: a ring that runs so true that even that shows little."""
+    problem, truth = stage_problem(794351322, "single", ["head_misplacement"], rough=True, duration=40.0)
+    (fault,) = truth.faults
+    assert abs(fault.azimuth) > 0.7
+    (found,) = diagnose(problem).causes
+    assert found.cause.key == ("head_misplacement", fault.location)
+    azimuth = found.parameters["azimuth"]
+    assert azimuth.value == pytest.approx(fault.azimuth, abs=3 * azimuth.std)
+    assert azimuth.std < 0.01
+
+
 def test_effects_that_look_alike_are_a_group_with_advice(stage_problem):
     problem, _ = stage_problem(16, "single", ["disc_eccentricity"], snr=(150.0, 200.0))
     diagnosis = diagnose(problem)

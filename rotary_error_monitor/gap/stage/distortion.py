@@ -52,10 +52,9 @@ def _scaled(twin: StageTwin, time: Array, causes: Sequence[Cause]) -> Mapping[st
     found = {}
     for name, values in before.items():
         signal = values - command if values.shape[1] == 1 else values
-        change = np.linalg.norm(after[name] - values)
-        found[name] = (
-            float(change / max(float(np.linalg.norm(signal - signal.mean(axis=0))), 1e-300)) if change else 0.0
-        )
+        swing = float(np.linalg.norm(signal - signal.mean(axis=0)))
+        change = float(np.linalg.norm(after[name] - values))
+        found[name] = change / swing if swing else np.inf if change else 0.0
     return found
 
 

@@ -29,6 +29,9 @@ MOST_LINES = 24
 SAME = 1e-10
 """Part of the squares of columns of length one below which a sum of them is rounding."""
 
+SETTLED = 1e-3
+"""Turns, over the whole recording, by which a line's phase may still be off."""
+
 STRETCH = 2000
 """Samples of one stretch of the averaged periodogram."""
 
@@ -202,7 +205,10 @@ def _refined(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Arr
         da, db = fitted[-2 * count : -count], fitted[-count:]
         # a cos + b sin with the frequency off by d: the slopes are 2 pi d (b, -a).
         step = (da * b - db * a) / (2 * np.pi * np.maximum(a**2 + b**2, 1e-300))
-        frequencies = frequencies + np.clip(step, -0.5 / np.ptp(middle), 0.5 / np.ptp(middle))
+        step = np.clip(step, -0.5 / np.ptp(middle), 0.5 / np.ptp(middle))
+        frequencies = frequencies + step
+        if np.max(np.abs(step)) * np.ptp(middle) < SETTLED:
+            break
     return frequencies
 
 
