@@ -67,10 +67,12 @@ def trusted_causes(problem: Problem, stage: Stage) -> bool:
 
     An effect that merely resembles an unknown one leaves part of it where it took the rest away; a real cause beside an
     unknown one leaves its own channels clean. What is found in no single channel (uncertain parameters that are moved
-    too far, poses that scatter) may be left of the causes themselves: then they are not trusted. Nor are they where
-    orders or places of one effect follow one another: such a series resembles anything that repeats.
+    too far, poses that scatter, an effect that stands out where no channel shows anything) may be left of the causes
+    themselves: then they are not trusted. Nor are they where orders or places of one effect follow one another: such a
+    series resembles anything that repeats.
     """
-    if any(f.channel not in stage.fit.rest and f.log_chance < stage.log_alarm for f in stage.findings):
+    channels = [f.channel for f in stage.findings if f.log_chance < stage.log_alarm]
+    if any(channel not in stage.fit.rest for channel in channels) or (stage.improvable and not channels):
         return False
     names = [cause.effect.name for cause in stage.fit.causes] + ([_newcomer(stage)] if stage.improvable else [])
     if len(set(names)) < len(names):

@@ -154,6 +154,19 @@ def test_a_series_of_orders_is_no_cause(stage_problem):
     assert cause.cause.effect.name == "autocollimator_roll"
 
 
+def test_what_stands_out_in_no_channel_is_left_of_the_cause(stage_problem):
+    """A ring of another radius, unknown here, shows what the axis does too large: so do orders of the graduation."""
+    without = tuple(e for e in EFFECTS if e.name != "disc_scale")
+    case = {"seed": 901920956, "kind": "single", "effects": ["disc_scale"], "rough": True, "duration": 40.0}
+    problem, _ = stage_problem(**case, stage_effects=without)
+    diagnosis = diagnose(problem)
+    assert not any(stage.settled for stage in diagnosis.selection.stages)
+    assert diagnosis.verdict is Verdict.UNKNOWN and not diagnosis.causes
+    problem, _ = stage_problem(**case)
+    (cause,) = diagnose(problem).causes
+    assert cause.cause.effect.name == "disc_scale"
+
+
 def test_what_one_effect_adds_another_distorts(stage_problem):
     """A drift that a strongly curved scale reads: which of the two acts first is found as well."""
     case = {"effects": ["autocollimator_drift", "autocollimator_nonlinearity"], "rough": True, "duration": 40.0}
