@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -45,6 +46,16 @@ def test_an_explained_gap_is_written_and_its_twin_has_none(case, request, tmp_pa
     shutil.copy(improved, tmp_path / "again" / "twin.yaml")
     assert run(tmp_path / "again", tmp_path / "out2", "--no-report") == 0
     assert json.loads((tmp_path / "out2" / "diagnosis.json").read_text())["verdict"] == "no_gap"
+
+
+def test_where_somebody_watches_a_bar_says_what_is_done(machine_case, tmp_path, capsys, monkeypatch):
+    assert run(machine_case, tmp_path / "out", "--no-report") == 10
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert run(machine_case, tmp_path / "out", "--no-report") == 10
+    drawn = capsys.readouterr().err
+    assert "diagnose:" in drawn
+    assert [words for words in ("reading", "residual", "1 effect", "verdict", "writing") if words not in drawn] == []
 
 
 def test_an_effect_without_a_parameter_of_its_own_is_kept_in_the_twin(tmp_path):
