@@ -195,7 +195,11 @@ class _Search:
             beside = [w.members[-1] for w in singles[:SHORTLIST]]
             pair = weighing.best_pair(sorted({*(w.members[0] for w in alone), *beside}))
             best = max((w for w in (best, pair) if w is not None), key=lambda w: w.log_evidence)
-        best = weighing.exchange(best)
+        if stage.newcomer is not None and best.log_evidence <= weighing.weigh(included).log_evidence:
+            # So small for its kind that its size alone speaks against it: it stands out nonetheless.
+            best = stage.newcomer
+        else:
+            best = weighing.exchange(best)
         causes = fit_causes(self._problem, weighing.causes(best), stage.fit).causes
         # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the causes.
         return self.look(self._fit_in_order(causes), best, stage.fit.squares)
@@ -230,6 +234,8 @@ class _Search:
         for _ in range(MOST_EXCHANGES):
             members = self._members(stage)
             full = stage.weighing.weigh(members)
+            if full.log_evidence <= stage.weighing.weigh(members[:-1]).log_evidence:
+                break  # chosen because it stands out, not by its evidence
             better = stage.weighing.exchange(full)
             wanted = {stage.weighing.candidates[i].key for i in better.members}
             if set(better.members) == set(members) or better.log_evidence < full.log_evidence + 1.0 or wanted in left:

@@ -88,6 +88,17 @@ def test_a_single_effect_is_named_sized_and_placed(seed, name, first, stage_prob
     assert sum(share.share for share in diagnosis.where) == pytest.approx(1.0)
 
 
+def test_what_stands_out_is_named_however_small_for_its_kind(stage_problem):
+    """Nanometres of radial error motion, where micrometres are usual: improbable beforehand, but there."""
+    problem, truth = stage_problem(982266967, "single", ["spindle_radial"], snr=(4.0, 40.0), duration=40.0)
+    (fault,) = truth.faults
+    diagnosis = diagnose(problem)
+    assert np.linalg.norm([*fault.parameters["x"], *fault.parameters["y"]]) < 5e-9
+    assert diagnosis.verdict is Verdict.EXPLAINED
+    (found,) = diagnosis.causes
+    assert found.cause.key == ("spindle_radial", fault.location)
+
+
 def test_a_pair_as_on_a_shop_floor(stage_problem):
     problem, truth = stage_problem(12, "pair", ["unbalance", "autocollimator_gain"], rough=True, duration=30.0)
     diagnosis = diagnose(problem)
