@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 from rotary_error_monitor.gap.chances import chi_square_median, log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.orders import order_spectrum, order_sums, wave_products
@@ -146,7 +147,8 @@ def _frequency(track: Track) -> Finding:
     """
     period = float(np.median(np.diff(track.time)))
     index = np.rint((track.time - track.time[0]) / period).astype(np.intp)
-    even = np.bincount(index, track.rows)
+    # A few zeros at the end: with a large prime as its length the transform takes ten times as long.
+    even = np.bincount(index, track.rows, minlength=next_fast_len(int(index[-1]) + 1, real=True))
     power = 2 * np.abs(np.fft.rfft(even)[1:]) ** 2 / len(track.rows)
     power /= np.clip(_level_around(power), 1.0, HIGHEST_LEVEL)
     best = int(np.argmax(power))

@@ -43,7 +43,7 @@ class MachineRecording:
     temperature: Array
     probe: Array
     remarks: tuple[str, ...] = ()
-    _ideal: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
+    _ideal: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def ideal_tool(self, model: MachineModel) -> Array:
         """(3, 4, n) tool in workpiece of the ideal machine at the poses, kept: hardly an error changes that machine."""

@@ -28,7 +28,8 @@ def distortions(twin: StageTwin, candidates: Sequence[Candidate], causes: Sequen
         return [0.0] * len(candidates)
     acting = [(cause, cause.effect) for cause in causes if isinstance(cause.effect, StageEffect)]
     time = np.linspace(*twin.span, _LOOKS)
-    scaled = _scaled(twin, time, [cause for cause, effect in acting if effect.rescales])
+    scaling = [cause for cause, effect in acting if effect.rescales]
+    scaled = changes(twin, tuple(twin.times), (), scaling) if scaling else {}
     turned = {name: _turned(twin, time, acting, name) for name in twin.times}
     found = []
     for candidate in candidates:
@@ -42,18 +43,18 @@ def distortions(twin: StageTwin, candidates: Sequence[Candidate], causes: Sequen
     return found
 
 
-def _scaled(twin: StageTwin, time: Array, causes: Sequence[Cause]) -> Mapping[str, float]:
-    """Part by which causes change each signal, beside the command."""
-    if not causes:
-        return {}
-    thin = StageTwin(twin.stage, twin.inputs, dict.fromkeys(twin.times, time), known=twin.known)
-    before, after = thin.predict(), thin.predict(causes)
+def changes(
+    twin: StageTwin, streams: Sequence[str], before: Sequence[Cause], after: Sequence[Cause]
+) -> Mapping[str, float]:
+    """Part of each signal, beside the command, that is another with the one set of causes than with the other."""
+    time = np.linspace(*twin.span, _LOOKS)
+    thin = StageTwin(twin.stage, twin.inputs, dict.fromkeys(streams, time), known=twin.known)
     command = np.asarray(twin.inputs.command(time), np.float64)[:, None]
-    found = {}
-    for name, values in before.items():
+    old, new, found = thin.predict(before), thin.predict(after), {}
+    for name, values in old.items():
         signal = values - command if values.shape[1] == 1 else values
         swing = float(np.linalg.norm(signal - signal.mean(axis=0)))
-        change = float(np.linalg.norm(after[name] - values))
+        change = float(np.linalg.norm(new[name] - values))
         found[name] = change / swing if swing else np.inf if change else 0.0
     return found
 

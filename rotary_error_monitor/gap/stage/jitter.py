@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize, minimize_scalar
 
@@ -55,6 +57,36 @@ class SharedMotion:
     known: NDArray[np.bool_]
     smooth: Array
     floor: float
+    _waves: dict[tuple[str, float], Array] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @cached_property
+    def seen(self) -> Array:
+        """(m,) s from the middle of the recording, where enough heads were present."""
+        return np.asarray((self.time - self.time.mean())[self.known], np.float64)
+
+    @cached_property
+    def turned(self) -> Array:
+        """(m,) commanded rotation there, rad."""
+        return np.asarray(self.command[self.known], np.float64)
+
+    @cached_property
+    def slow(self) -> Array:
+        """(p, m) slow functions there, each contiguous in time."""
+        return np.ascontiguousarray(self.smooth[self.known].T)
+
+    def line(self, frequency: float) -> Array:
+        """(2, m) cosine and sine of a frequency, Hz, there; kept: lines are taken in turn, with all before them."""
+        return self._wave(("Hz", frequency), 2 * np.pi * frequency, self.seen)
+
+    def order(self, order: int) -> Array:
+        """(2, m) the same of an order of the command."""
+        return self._wave(("order", order), order, self.turned)
+
+    def _wave(self, name: tuple[str, float], rate: float, along: Array) -> Array:
+        if name not in self._waves:
+            angle = rate * along
+            self._waves[name] = np.stack([np.cos(angle), np.sin(angle)])
+        return self._waves[name]
 
 
 def estimate_jitter(motion: SharedMotion) -> tuple[Jitter, Array]:
@@ -113,7 +145,7 @@ def _separated(motion: SharedMotion) -> tuple[Array, Array]:
 
 def _strongest_line(motion: SharedMotion, left: Array) -> tuple[float, float, float]:
     """Frequency and power of the line that stands out most, and the power around it."""
-    count = 4 * len(left)
+    count = next_fast_len(4 * len(left), real=True)
     period = float(np.ptp(motion.time)) / (len(left) - 1)
     power = 2 * np.abs(np.fft.rfft(left, count)) ** 2 / np.count_nonzero(motion.known)
     frequency = np.fft.rfftfreq(count, period)
@@ -163,19 +195,15 @@ def _like_order(motion: SharedMotion, left: Array, order: int) -> tuple[float, f
 
 
 def _table(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array:
-    """(p, m) waves and slow functions, each contiguous in time, where enough heads were present."""
-    phase = 2 * np.pi * np.outer(frequencies, (motion.time - motion.time.mean())[motion.known])
-    turns = np.outer(np.asarray(orders, np.float64), motion.command[motion.known])
-    return np.concatenate(
-        [np.cos(phase), np.sin(phase), np.cos(turns), np.sin(turns), motion.smooth.T[:, motion.known]]
-    )
+    """(p, m) cosine and sine of each line, of each order, and slow functions, where enough heads were present."""
+    return np.concatenate([*map(motion.line, frequencies.tolist()), *map(motion.order, orders), motion.slow])
 
 
 def _without(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array:
     table = _table(motion, frequencies, orders)
-    fitted = _fitted(table, motion.values[motion.known])
+    values = motion.values[motion.known]
     left = np.zeros(len(motion.values))
-    left[motion.known] = motion.values[motion.known] - fitted @ table
+    left[motion.known] = values - _fitted(table, values) @ table
     return left
 
 
@@ -195,20 +223,19 @@ def _fitted(table: Array, values: Array) -> Array:
 
 def _refined(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Array:
     """Frequencies after Gauss-Newton steps with everything else in the model."""
-    middle = (motion.time - motion.time.mean())[motion.known]
-    count = len(frequencies)
+    count, length = 2 * len(frequencies), float(np.ptp(motion.seen))
     for _ in range(3):
         table = _table(motion, frequencies, orders)
-        slopes = middle * table[: 2 * count]
+        slopes = motion.seen * table[:count]
         fitted = _fitted(np.concatenate([table, slopes]), motion.values[motion.known])
-        a, b = fitted[:count], fitted[count : 2 * count]
-        da, db = fitted[-2 * count : -count], fitted[-count:]
+        a, b = fitted[:count].reshape(-1, 2).T
+        da, db = fitted[-count:].reshape(-1, 2).T
         # a cos + b sin with the frequency off by d: the slopes are 2 pi d (b, -a).
         step = (da * b - db * a) / (2 * np.pi * np.maximum(a**2 + b**2, 1e-300))
-        step = np.clip(step, -0.5 / np.ptp(middle), 0.5 / np.ptp(middle))
-        frequencies = frequencies + step
-        if np.max(np.abs(step)) * np.ptp(middle) < SETTLED:
+        moving = np.abs(step) * length > SETTLED
+        if not moving.any():
             break
+        frequencies = frequencies + np.where(moving, np.clip(step, -0.5 / length, 0.5 / length), 0.0)
     return frequencies
 
 

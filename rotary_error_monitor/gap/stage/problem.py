@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role, among
@@ -18,6 +17,7 @@ from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.distortion import distortions
 from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
+from rotary_error_monitor.gap.stage.nuisances import Nuisances
 from rotary_error_monitor.gap.stage.offset import offset_figures
 from rotary_error_monitor.gap.stage.search import StageSearch
 from rotary_error_monitor.gap.stage.signatures import KeptSignatures, kind_of
@@ -28,7 +28,7 @@ from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise
-from rotary_error_monitor.twin.stage_parameters import UncertainParameter, uncertain_parameters
+from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 from rotary_error_monitor.twin.whitening import side_by_side
 
 FEWEST_ROWS = 100
@@ -76,8 +76,8 @@ class StageProblem:
         self.recording = recording
         self.effects = tuple(effects)
         self.twin: StageTwin = twin_of(stage, recording, tuple(known), inputs)
-        self._warmings = uncertain_warmings(self.twin, recording)
-        self._uncertain: tuple[UncertainParameter, ...] = uncertain_parameters(stage)
+        warmings = uncertain_warmings(self.twin, recording)
+        self._nuisances = Nuisances(self.twin, uncertain_parameters(stage), warmings, self._white)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
         raw = self._raw_residual(())
         omega = {name: self.twin.state(name).omega for name in recording.heads}
@@ -88,7 +88,6 @@ class StageProblem:
         self._starts: dict[tuple[str, str], Array] = {}
         self.noise.with_jitter(*self._estimate_jitter(raw))
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
-        self._kept_nuisance: dict[str, tuple[NDArray[np.intp], Rows]] = {}
         self._signatures = KeptSignatures()
 
     @property
@@ -167,49 +166,17 @@ class StageProblem:
         return {name: side_by_side(parts) for name, parts in columns.items()}
 
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
-        """White rows of one standard uncertainty of each uncertain parameter.
-
-        They are made again for streams that one of the causes moves: where a head stands matters more beside a large
-        graduation error, say. For others they are kept.
-        """
+        """White rows of one standard uncertainty of each uncertain parameter."""
         return self.own_nuisance(causes)
 
     @property
     def nuisances(self) -> int:
         """Number of uncertain parameters."""
-        return len(self._uncertain) + len(self._warmings)
+        return self._nuisances.count
 
     def own_nuisance(self, causes: Sequence[Cause]) -> SparseRows:
         """The same as rows that are kept."""
-        moved = {kind for c in causes if isinstance(c.effect, StageEffect) for kind in c.effect.acts_on}
-        rows: Rows = {}
-        acting: dict[str, NDArray[np.intp]] = {}
-        for kind in dict.fromkeys(name.partition("_")[0] for name in self.twin.times):
-            if kind in moved:
-                own, found = self._nuisance_of(kind, causes)
-            else:
-                if kind not in self._kept_nuisance:
-                    self._kept_nuisance[kind] = self._nuisance_of(kind, ())
-                own, found = self._kept_nuisance[kind]
-            rows |= found
-            acting |= dict.fromkeys(found, own)
-        return SparseRows(self.nuisances, rows, acting)
-
-    def _nuisance_of(self, kind: str, causes: Sequence[Cause]) -> tuple[NDArray[np.intp], Rows]:
-        """The uncertain parameters that act on the streams of one kind, and their white rows."""
-        streams = [name for name in self.twin.times if name.partition("_")[0] == kind]
-        base = self._prediction(causes, streams)
-        acting = [i for i, parameter in enumerate(self._uncertain) if kind in parameter.seen_by]
-        moved = [
-            self.twin.predict(causes, streams, self._uncertain[i].shifted(self.stage, self._uncertain[i].uncertainty))
-            for i in acting
-        ]
-        acting += range(len(self._uncertain), len(self._uncertain) + len(self._warmings))
-        moved += [warmed.predict(causes, streams) for warmed in self._warmings]
-        if not acting:
-            return np.zeros(0, np.intp), {}
-        stacked = {name: side_by_side([signals[name] - base[name] for signals in moved]) for name in streams}
-        return np.asarray(acting, np.intp), self._white(stacked)
+        return self._nuisances.beside(causes)
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
         """Every effect at every place, orders and moments as found in what is left."""
@@ -277,7 +244,7 @@ class StageProblem:
         louder = {kind: level / self.noise.levels[kind] for kind, level in found.items()}
         self.noise.with_levels(found)
         self._expected.clear()
-        self._kept_nuisance.clear()
+        self._nuisances.forget()
         self._signatures.follow_levels(self.noise, louder)
         return True
 
@@ -293,7 +260,7 @@ class StageProblem:
             return False
         self.noise.with_jitter(jitter, lines)
         self._expected = {}
-        self._kept_nuisance.pop(HEAD, None)
+        self._nuisances.forget(HEAD)
         self._signatures.follow_command(self.noise)
         return True
 

@@ -181,7 +181,7 @@ class _Stretch(StageProblem):
         self.twin.forget()
         self.noise.forget()
         self._kept_prediction = None
-        self._kept_nuisance.clear()
+        self._nuisances.forget()
         self._expected.clear()
 
 

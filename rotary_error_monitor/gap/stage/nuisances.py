@@ -1,0 +1,90 @@
+"""The uncertain parameters of a stage as white columns, kept as long as causes leave the signals nearly as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.gap.problem import Rows, SparseRows
+from rotary_error_monitor.gap.stage.distortion import changes
+from rotary_error_monitor.twin.stage import Signals, StageTwin
+from rotary_error_monitor.twin.stage_parameters import UncertainParameter
+from rotary_error_monitor.twin.whitening import side_by_side
+
+SAME = 5e-3
+"""Part of a signal that causes may change: what a parameter does changes by as much, and the square of it is missed."""
+
+
+class Nuisances:
+    """What the uncertain parameters of a stage do to the signals.
+
+    Where a head stands matters more beside a large graduation error, say: they are made again beside causes that change
+    the signals of a kind of sensor more than a little.
+
+    Args:
+        twin: the twin as stated.
+        parameters: numbers of the description that are known to their uncertainty only.
+        warmings: the twin with each slow course of temperature that nobody would have noticed.
+        whiten: white rows of signals.
+    """
+
+    def __init__(
+        self,
+        twin: StageTwin,
+        parameters: Sequence[UncertainParameter],
+        warmings: Sequence[StageTwin],
+        whiten: Callable[[Signals], Rows],
+    ) -> None:
+        self._twin, self._parameters, self._warmings, self._whiten = twin, parameters, warmings, whiten
+        self._kept: dict[str, tuple[tuple[Cause, ...], NDArray[np.intp], Rows]] = {}
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return len(self._parameters) + len(self._warmings)
+
+    def beside(self, causes: Sequence[Cause]) -> SparseRows:
+        """White rows of one standard uncertainty of each, beside causes."""
+        rows: Rows = {}
+        acting: dict[str, NDArray[np.intp]] = {}
+        for kind in dict.fromkeys(name.partition("_")[0] for name in self._twin.times):
+            streams = [name for name in self._twin.times if name.partition("_")[0] == kind]
+            seen = tuple(cause for cause in causes if _touches(cause, streams))
+            if kind not in self._kept or not self._nearly(self._kept[kind][0], seen, streams):
+                self._kept[kind] = (seen, *self._made(kind, streams, seen))
+            _, own, found = self._kept[kind]
+            rows |= found
+            acting |= dict.fromkeys(found, own)
+        return SparseRows(self.count, rows, acting)
+
+    def forget(self, kind: str | None = None) -> None:
+        """Make those of one kind of sensor, or all, again when they are wanted: the noise is known better."""
+        for known in list(self._kept) if kind is None else [kind]:
+            self._kept.pop(known, None)
+
+    def _nearly(self, before: Sequence[Cause], causes: Sequence[Cause], streams: Sequence[str]) -> bool:
+        if not before and not causes:
+            return True
+        return max(changes(self._twin, streams, before, causes).values()) < SAME
+
+    def _made(self, kind: str, streams: Sequence[str], causes: Sequence[Cause]) -> tuple[NDArray[np.intp], Rows]:
+        """The columns that act on the streams of one kind, and their white rows."""
+        acting = [i for i, parameter in enumerate(self._parameters) if kind in parameter.seen_by]
+        shifted = [self._parameters[i].shifted(self._twin.stage, self._parameters[i].uncertainty) for i in acting]
+        moved = [self._twin.predict(causes, streams, stage) for stage in shifted]
+        acting += range(len(self._parameters), self.count)
+        moved += [warmed.predict(causes, streams) for warmed in self._warmings]
+        if not acting:
+            return np.zeros(0, np.intp), {}
+        base = self._twin.predict(causes, streams)
+        stacked = {name: side_by_side([signals[name] - base[name] for signals in moved]) for name in streams}
+        return np.asarray(acting, np.intp), self._whiten(stacked)
+
+
+def _touches(cause: Cause, streams: Sequence[str]) -> bool:
+    effect = cause.effect
+    return isinstance(effect, StageEffect) and any(effect.touches(cause.location, name) for name in streams)
