@@ -305,6 +305,21 @@ def test_uncertain_parameters_are_seen_beside_the_causes(stage_problem):
     np.testing.assert_array_equal(beside["autocollimator.x"], plain["autocollimator.x"])
 
 
+def test_uncertain_parameters_are_made_again_where_causes_change_the_signals(stage_problem):
+    problem, _ = stage_problem(25, "null", rough=True)
+    alone = problem.own_nuisance(()).rows
+    little = Cause(effect("graduation_error"), "order_5", np.array([5.0, 1e-8, 0.0]))
+    assert all(rows is alone[channel] for channel, rows in problem.own_nuisance((little,)).rows.items())
+    much = Cause(effect("graduation_error"), "order_5", np.array([5.0, 1e-4, 0.0]))
+    beside = problem.own_nuisance((much,)).rows
+    made = {channel for channel, rows in beside.items() if rows is not alone[channel]}
+    assert made == {channel for channel in alone if channel == "command" or channel.startswith("head")}
+    # Back to none: what was kept beside the large cause does not serve.
+    again = problem.own_nuisance(()).rows
+    for channel, rows in alone.items():
+        np.testing.assert_array_equal(again[channel], rows)
+
+
 @pytest.mark.parametrize(("section", "value"), [("lvdt", 1 / 1.5), ("autocollimator", 0.4)])
 def test_noise_alone_is_no_gap_however_large(section, value, stage_problem):
     problem, _ = stage_problem(26, "null")
