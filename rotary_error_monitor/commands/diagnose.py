@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-import yaml
-
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
-from rotary_error_monitor.gap.loading import TwinFile, improved_twin, load_problem, load_twin
-from rotary_error_monitor.gap.problem import DiagnosableProblem
-from rotary_error_monitor.gap.selection import MOST_CAUSES
-from rotary_error_monitor.gap.sentences import verdict_sentence
-from rotary_error_monitor.twin.recording import LEAST_RATE, MOST_RATE
+from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
+from rotary_error_monitor.report.painter import Painter
+from rotary_error_monitor.twin.rates import LEAST_RATE, MOST_RATE
 
 _STEPS = 4 + MOST_CAUSES
 _EPILOG = (
@@ -44,7 +38,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--false-alarms",
         type=float,
-        default=0.01,
+        default=FALSE_ALARMS,
         metavar="RATE",
         help="largest chance that anything is found where there is no gap (default: 0.01)",
     )
@@ -75,13 +69,21 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"--most-rate is {arguments.most_rate} Hz; at least {LEAST_RATE:g} are needed to tell the rotor's jitter"
         )
-    with _progress_bar() as progress:
-        progress("reading")
-        twin = load_twin(arguments.twin, arguments.effects)
-        problem = load_problem(arguments.bag, twin, arguments.most_rate)
-        diagnosis = diagnose(problem, arguments.false_alarms, arguments.most_causes, progress)
-        progress("writing")
-        _write(arguments, twin, problem, diagnosis)
+    with nullcontext() if arguments.no_report else Painter() as painter, _progress_bar() as progress:
+        # What diagnoses and what draws take long to load: the painter does its part meanwhile.
+        from rotary_error_monitor.gap.sentences import verdict_sentence
+        from rotary_error_monitor.scenario.file_diagnosis import FileDiagnosis
+
+        diagnosis = FileDiagnosis(
+            arguments.bag,
+            arguments.twin,
+            arguments.output,
+            arguments.effects,
+            arguments.false_alarms,
+            arguments.most_causes,
+            arguments.most_rate,
+            arguments.write_twin,
+        ).run(painter, progress)
     print(verdict_sentence(diagnosis))
     for remark in diagnosis.remarks:
         print(f"note: {remark}", file=sys.stderr)
@@ -103,24 +105,3 @@ def _progress_bar() -> Iterator[Callable[[str], None]]:
             bar.update()
 
         yield progress
-
-
-def _write(arguments: argparse.Namespace, twin: TwinFile, problem: DiagnosableProblem, diagnosis: Diagnosis) -> None:
-    try:
-        arguments.output.mkdir(parents=True, exist_ok=True)
-        write_json(diagnosis, arguments.output / "diagnosis.json")
-        if not arguments.no_report:
-            # The drawing library takes as long to load as a diagnosis of a machine takes.
-            from rotary_error_monitor.report.diagnosis import write_report
-
-            write_report(problem, diagnosis, arguments.output, title=f"{arguments.bag} beside {arguments.twin}")
-        if arguments.write_twin is not None and diagnosis.causes:
-            content = improved_twin(twin, [found.cause for found in diagnosis.causes])
-            arguments.write_twin.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{error.filename or arguments.output}: cannot be written: {error.strerror}") from error
-
-
-def write_json(diagnosis: Diagnosis, path: Path) -> None:
-    """Write `diagnosis.json`."""
-    path.write_text(json.dumps(diagnosis.as_mapping(), indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -12,8 +12,9 @@ import numpy as np
 from rotary_error_monitor.effects.effect import Cause, Estimate
 from rotary_error_monitor.gap.alternatives import Alternatives, Key, weigh_alternatives
 from rotary_error_monitor.gap.held_out import OpenProblem, dispersion, predicts
+from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, LandingProblem, Share
-from rotary_error_monitor.gap.selection import MOST_CAUSES, Selection, Stage, select_causes
+from rotary_error_monitor.gap.selection import Selection, Stage, select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
 from rotary_error_monitor.gap.verdict import (
     CHANCE_OF_RESEMBLANCE,
@@ -113,7 +114,7 @@ class Diagnosis:
 
 def diagnose(
     problem: DiagnosableProblem,
-    false_alarms: float = 0.01,
+    false_alarms: float = FALSE_ALARMS,
     most_causes: int = MOST_CAUSES,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Diagnosis:

@@ -33,7 +33,8 @@ from rotary_error_monitor.gap.trial import (
 )
 from rotary_error_monitor.twin.document import causes_from_rows, effect_rows, machine_mapping, stage_mapping
 from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
-from rotary_error_monitor.twin.recording import MOST_RATE, StageRecording, record_stage, stage_topic
+from rotary_error_monitor.twin.rates import MOST_RATE
+from rotary_error_monitor.twin.recording import StageRecording, record_stage, stage_topic
 
 if TYPE_CHECKING:
     from rotary_error_monitor.gap.machine.problem import MachineProblem

@@ -17,11 +17,9 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.chances import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.normal import combine
+from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Finding, Problem
 from rotary_error_monitor.gap.weighing import Weighing, Weight
-
-MOST_CAUSES = 2
-"""Effects that are combined at most: three freely chosen ones resemble too much."""
 
 MOST_EXCHANGES = 2
 """How often causes are replaced at one size before it is taken as it is."""
@@ -119,7 +117,7 @@ class Selection:
 
 def select_causes(
     problem: Problem,
-    false_alarms: float = 0.01,
+    false_alarms: float = FALSE_ALARMS,
     most: int = MOST_CAUSES,
     progress: Callable[[str], None] = lambda step: None,
 ) -> Selection:

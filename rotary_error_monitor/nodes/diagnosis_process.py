@@ -114,7 +114,7 @@ class DiagnosisProcess:
         with self._lock:
             self._stopping = True
             if self._process is not None:
-                self._process.kill()
+                _kill(self._process)
         if self._thread is not None:
             self._thread.join()
             self._thread = None
@@ -141,7 +141,7 @@ class DiagnosisProcess:
         try:
             said, complaint = process.communicate(timeout=self._patience)
         except subprocess.TimeoutExpired:
-            process.kill()
+            _kill(process)
             process.communicate()
             return f"no verdict: ended after {self._patience:g} s without a result", None
         finally:
@@ -173,6 +173,12 @@ class DiagnosisProcess:
             )
             os.setpriority(os.PRIO_PROCESS, self._process.pid, _LOWEST_PRIORITY)
             return self._process
+
+
+def _kill(process: subprocess.Popen[str]) -> None:
+    """End a diagnosis with the process that draws its page; both are of one session."""
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def _replace(target: Path, source: Path) -> None:

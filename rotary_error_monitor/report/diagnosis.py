@@ -10,7 +10,8 @@ from rotary_error_monitor.effects.effect import Estimate
 from rotary_error_monitor.gap.diagnosis import Diagnosis
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.sentences import describe_estimate, verdict_sentence
-from rotary_error_monitor.report.diagnosis_figure import draw_diagnosis
+from rotary_error_monitor.report.painter import Painter
+from rotary_error_monitor.report.picture import picture_of
 
 _STYLE = """
 body { font: 16px/1.45 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
@@ -23,9 +24,9 @@ td.number { text-align: right; font-variant-numeric: tabular-nums; } img { max-w
 """
 
 
-def write_report(problem: DiagnosableProblem, diagnosis: Diagnosis, folder: Path, title: str) -> None:
+def write_report(problem: DiagnosableProblem, diagnosis: Diagnosis, folder: Path, title: str, painter: Painter) -> None:
     """Write `diagnosis.html` and `diagnosis.png` into a folder that exists."""
-    picture = draw_diagnosis(problem, diagnosis)
+    picture = painter.draw(picture_of(problem, diagnosis))
     (folder / "diagnosis.png").write_bytes(picture)
     (folder / "diagnosis.html").write_text(page(diagnosis, picture, title), encoding="utf-8")
 

@@ -9,14 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from rotary_error_monitor.gap.diagnosis import Diagnosis
-from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.views import View
-
-CHANNELS_SHOWN = 3
-MOST_RANKED = 8
-MOST_POINTS = 4000
-"""Samples of a channel that are drawn; a picture holds no more."""
+from rotary_error_monitor.report.picture import Picture
 
 _WIDTH, _VIEW = 13.0, 3.6
 """Width of the figure, and of one view of residuals, at least, inches."""
@@ -31,24 +25,23 @@ _NAMES, _GAP = 2.3, 0.3
 """Room between axes side by side: for names beside bars, and for nothing, inches."""
 
 
-def draw_diagnosis(problem: DiagnosableProblem, diagnosis: Diagnosis) -> bytes:
+def draw(picture: Picture) -> bytes:
     """PNG: the gap, where it lies, the ranking, and the residuals of the channels that matter before and after."""
-    shown = [share.channel for share in diagnosis.where if share.share > 0.01][:CHANNELS_SHOWN]
-    views = problem.views(shown, [found.cause for found in diagnosis.causes]) if shown else []
+    shown, views = picture.channels, picture.views
     quantities = list(dict.fromkeys(view.quantity for view in views))
     # Margins are known beforehand: to have them found would take as long as a diagnosis.
     width = max(_WIDTH, _VIEW * len(quantities))
     height = _ABOVE + _OVERVIEW + _BELOW + (len(shown) * (_ROW + _GAP) + _BELOW - _GAP if shown else 0.0)
     figure = Figure(figsize=(width, height), dpi=100)
     overview = _grid(figure, (1, 3), height - _ABOVE, (_OVERVIEW, _NAMES))
-    for ax, draw in zip(overview[0], (_draw_gap, _draw_where, _draw_ranking), strict=True):
-        draw(ax, diagnosis)
+    for ax, draw_part in zip(overview[0], (_draw_gap, _draw_where, _draw_ranking), strict=True):
+        draw_part(ax, picture)
     if views:
         size = len(shown), len(quantities)
         axes = _grid(figure, size, height - _ABOVE - _OVERVIEW - _BELOW, (_ROW, _GAP), share=True)
         for view in views:
             ax = axes[shown.index(view.channel)][quantities.index(view.quantity)]
-            _draw_view(ax, view, bool(diagnosis.causes))
+            _draw_view(ax, view, picture.shrink is not None)
         _label(axes, views, shown, quantities)
     buffer = io.BytesIO()
     # `savefig` would lay everything out and draw it twice
@@ -91,37 +84,30 @@ def _label(axes: list[list[Axes]], views: Sequence[View], shown: Sequence[str], 
     axes[0][-1].legend(markerscale=6, fontsize="x-small", loc="upper right")
 
 
-def _draw_gap(ax: Axes, diagnosis: Diagnosis) -> None:
-    gap = diagnosis.gap
-    ax.bar(
-        ["before", "after", "noise floor"],
-        [gap.before, gap.after, gap.noise_floor],
-        color=["#a3312a", "#1f5fa8", "#999"],
-    )
+def _draw_gap(ax: Axes, picture: Picture) -> None:
+    ax.bar(["before", "after", "noise floor"], picture.gap, color=["#a3312a", "#1f5fa8", "#999"])
     ax.set_ylabel("gap, standard deviations of noise")
-    ax.set_title(f"Gap, held out: shrink {gap.shrink:.1%}" if diagnosis.causes else "Gap")
+    ax.set_title("Gap" if picture.shrink is None else f"Gap, held out: shrink {picture.shrink:.1%}")
 
 
-def _draw_where(ax: Axes, diagnosis: Diagnosis) -> None:
-    shares = diagnosis.where[:8][::-1]
-    ax.barh([_short(share.channel) for share in shares], [share.share for share in shares], color="#1f5fa8")
+def _draw_where(ax: Axes, picture: Picture) -> None:
+    shares = picture.where[::-1]
+    ax.barh([_short(channel) for channel, _ in shares], [share for _, share in shares], color="#1f5fa8")
     ax.set_xlim(0, 1)
     ax.set_title("Where: share of the excess")
 
 
-def _draw_ranking(ax: Axes, diagnosis: Diagnosis) -> None:
-    rows = diagnosis.ranking[:MOST_RANKED][::-1]
-    names = [f"{row.effect} {row.location}".strip() for row in rows]
-    ax.barh(names, [row.probability for row in rows], color="#2a7f3f")
+def _draw_ranking(ax: Axes, picture: Picture) -> None:
+    rows = picture.ranking[::-1]
+    ax.barh([name for name, _ in rows], [probability for _, probability in rows], color="#2a7f3f")
     ax.set_xlim(0, 1)
     ax.set_title("Which: probability")
 
 
 def _draw_view(ax: Axes, view: View, with_after: bool) -> None:
-    step = max(1, len(view.x) // MOST_POINTS)
-    ax.plot(view.x[::step], view.before[::step], ".", ms=1.5, color="#a3312a", label="before")
+    ax.plot(view.x, view.before, ".", ms=1.5, color="#a3312a", label="before")
     if with_after:
-        ax.plot(view.x[::step], view.after[::step], ".", ms=1.5, color="#1f5fa8", label="after")
+        ax.plot(view.x, view.after, ".", ms=1.5, color="#1f5fa8", label="after")
 
 
 def _short(channel: str) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.twin.rates import MOST_RATE
 
 Array = NDArray[np.float64]
 
@@ -22,13 +23,6 @@ _FIELDS = {
     "temperature": ("temperature",),
 }
 _SENSORS = ("head", "autocollimator", "lvdt")
-MOST_RATE = 1000.0
-"""Samples a second of one sensor that are used by default: a rotor is slower than that, and all of 50,000 would take
-gigabytes."""
-
-LEAST_RATE = 100.0
-"""Samples a second of a sensor below which the jitter of a rotor cannot be told from noise."""
-
 _CLOCK_ACCURACY = 0.01
 """An instrument whose clock is this part too fast is no faster than it should be."""
 

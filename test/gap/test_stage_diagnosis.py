@@ -22,6 +22,7 @@ from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.plant.stage import stage_clocks
 from rotary_error_monitor.report.diagnosis import write_report
+from rotary_error_monitor.report.painter import Painter
 from rotary_error_monitor.scenario.gap_cases import write_case
 
 EFFECTS = load_effects(StageEffect)
@@ -247,7 +248,8 @@ def test_the_output_is_plain_json_and_a_page(tmp_path, stage_problem):
     assert set(content["gap"]) == {"before", "after", "noise_floor", "shrink", "interval"}
     assert content["ranking"][0]["effect"] == "mirror_wobble"
     assert content["ranking"][0]["held_out_gap"] < content["ranking"][-1]["held_out_gap"]
-    write_report(problem, diagnosis, tmp_path, "a <case>")
+    with Painter() as painter:
+        write_report(problem, diagnosis, tmp_path, "a <case>", painter)
     page = (tmp_path / "diagnosis.html").read_text(encoding="utf-8")
     assert "mirror_wobble" in page and "a &lt;case&gt;" in page
     assert "http" not in page.replace("http-equiv", "")

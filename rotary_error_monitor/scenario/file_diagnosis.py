@@ -1,0 +1,77 @@
+"""A diagnosis from files to files: recording and twin in, verdict, page and improved twin out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
+from rotary_error_monitor.gap.loading import TwinFile, improved_twin, load_problem, load_twin
+from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
+from rotary_error_monitor.gap.problem import DiagnosableProblem
+from rotary_error_monitor.report.diagnosis import write_report
+from rotary_error_monitor.report.painter import Painter
+from rotary_error_monitor.twin.rates import MOST_RATE
+
+
+@dataclass(frozen=True)
+class FileDiagnosis:
+    """What is diagnosed, how, and where the results go.
+
+    Attributes:
+        recording: bag of a stage or machine, text file of a mount or of signals.
+        twin: YAML that is held against it.
+        output: folder for the results; made where it does not exist.
+        effects: files with effects of the user's own.
+        false_alarms: largest chance that anything is found where there is no gap.
+        most_causes: effects combined at most.
+        most_rate: samples a second (Hz) that are used of one sensor of a stage.
+        improved: file for the twin with the causes added; None writes none.
+    """
+
+    recording: Path
+    twin: Path
+    output: Path
+    effects: Sequence[Path] = ()
+    false_alarms: float = FALSE_ALARMS
+    most_causes: int = MOST_CAUSES
+    most_rate: float = MOST_RATE
+    improved: Path | None = None
+
+    def run(self, painter: Painter | None, progress: Callable[[str], None]) -> Diagnosis:
+        """Diagnose, and write the results.
+
+        Args:
+            painter: draws the figure of the page; without one there is neither page nor figure.
+            progress: called with a few words at the beginning of each step.
+
+        Raises:
+            InputError: recording or twin cannot be used, or a result cannot be written.
+        """
+        progress("reading")
+        twin = load_twin(self.twin, self.effects)
+        problem = load_problem(self.recording, twin, self.most_rate)
+        diagnosis = diagnose(problem, self.false_alarms, self.most_causes, progress)
+        progress("writing")
+        try:
+            self._write(twin, problem, diagnosis, painter)
+        except OSError as error:
+            raise InputError(f"{error.filename or self.output}: cannot be written: {error.strerror}") from error
+        return diagnosis
+
+    def _write(
+        self, twin: TwinFile, problem: DiagnosableProblem, diagnosis: Diagnosis, painter: Painter | None
+    ) -> None:
+        self.output.mkdir(parents=True, exist_ok=True)
+        content = json.dumps(diagnosis.as_mapping(), indent=1, allow_nan=False)
+        (self.output / "diagnosis.json").write_text(content + "\n", encoding="utf-8")
+        if painter is not None:
+            write_report(problem, diagnosis, self.output, f"{self.recording} beside {self.twin}", painter)
+        if self.improved is not None and diagnosis.causes:
+            improved = improved_twin(twin, [found.cause for found in diagnosis.causes])
+            self.improved.write_text(yaml.safe_dump(improved, sort_keys=False), encoding="utf-8")
