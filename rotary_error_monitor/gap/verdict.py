@@ -32,6 +32,9 @@ CANCELLED = 0.01
 """Part of the power of the weaker of two effects that is left of both together: of 120 pairs of real ones none left so
 little, of those that stood for a third left 0.02 % or less."""
 
+ALIKE = 0.01
+"""Difference in what two sets of effects explain, in squares of white rows, below which it is that of rounding."""
+
 
 class Verdict(enum.Enum):
     """The four verdicts; `exit_code` is that of the command."""
@@ -74,8 +77,7 @@ def trusted_causes(problem: Problem, stage: Stage) -> bool:
     channels = [f.channel for f in stage.findings if f.log_chance < stage.log_alarm]
     if any(channel not in stage.fit.rest for channel in channels) or (stage.improvable and not channels):
         return False
-    names = [cause.effect.name for cause in stage.fit.causes] + ([_newcomer(stage)] if stage.improvable else [])
-    if len(set(names)) < len(names):
+    if is_series(stage):
         return False
     for shown in _shown(problem, stage):
         power = {channel: float(np.sum(rows**2)) for channel, rows in shown.items()}
@@ -88,9 +90,26 @@ def trusted_causes(problem: Problem, stage: Stage) -> bool:
     return bool(stage.fit.causes)
 
 
-def _newcomer(stage: Stage) -> str:
-    """Name of the effect that would add most."""
-    return "" if stage.newcomer is None else stage.weighing.candidates[stage.newcomer.members[-1]].effect.name
+def is_series(stage: Stage) -> bool:
+    """Whether one effect at several orders or places explains what the causes, and what would join them, do.
+
+    An effect that predicts the same as a cause counts as that cause: which of the two was chosen is chance.
+    """
+    weighing = stage.weighing
+    found = (weighing.position(cause.key) for cause in stage.fit.causes)
+    members = [i for i in found if i is not None]
+    if stage.improvable and stage.newcomer is not None:
+        members.append(stage.newcomer.members[-1])
+    gain = weighing.weigh(members).gain
+    taken: set[str] = set()
+    for k, member in enumerate(members):
+        others = weighing.replacements(members, k, weighing.free(members))
+        alike = [member, *(other.members[k] for other in others if other.gain > gain - ALIKE)]
+        names = {weighing.candidates[i].effect.name for i in alike}
+        if names & taken:
+            return True
+        taken |= names
+    return False
 
 
 def cancelled_in(problem: Problem, stage: Stage) -> str:

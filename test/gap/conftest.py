@@ -36,8 +36,8 @@ class LinearProblem:
     blocks: int = 8
 
     def offer(self, columns):
-        """Make columns the effects that are known, whatever was known before."""
-        self.effects = {name: Shape(name, column) for name, column in columns.items()}
+        """Make columns the effects that are known, whatever was known before; "name@place" is an effect at a place."""
+        self.effects = {key: Shape(key.partition("@")[0], column) for key, column in columns.items()}
 
     @property
     def channels(self):
@@ -72,7 +72,7 @@ class LinearProblem:
         return self.nuisances
 
     def candidates(self, rest, causes):
-        return tuple(Candidate(effect, "", effect.start("")) for effect in self.effects.values())
+        return tuple(Candidate(effect, key.partition("@")[2], effect.start("")) for key, effect in self.effects.items())
 
     def structure(self, rest):
         return []

@@ -17,7 +17,7 @@ from rotary_error_monitor.gap.loading import load_problem, load_twin
 from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.problem import StageProblem
-from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.gap.verdict import Verdict, is_series
 from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.plant.stage import stage_clocks
@@ -159,7 +159,11 @@ def test_a_series_of_orders_is_no_cause(stage_problem):
     case = {"seed": 422626506, "kind": "single", "effects": ["autocollimator_roll"], "rough": True, "duration": 40.0}
     problem, _ = stage_problem(**case, stage_effects=without)
     diagnosis = diagnose(problem)
-    assert [cause.effect.name for cause in diagnosis.selection.chosen.fit.causes] == ["mirror_flatness"] * 2
+    # without heads that see it, a spindle that tilts once per turn shows what the mirror's first order shows
+    orders = {("mirror_flatness", "order_1"), ("spindle_tilt", "order_1"), ("mirror_flatness", "order_3")}
+    chosen = diagnosis.selection.chosen
+    assert {(cause.effect.name, cause.location) for cause in chosen.fit.causes} < orders
+    assert is_series(chosen)
     assert diagnosis.verdict is Verdict.UNKNOWN and not diagnosis.causes
     problem, _ = stage_problem(**case)
     (cause,) = diagnose(problem).causes
