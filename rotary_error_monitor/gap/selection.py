@@ -240,9 +240,7 @@ class _Search:
                 break
             left.append({cause.key for cause in stage.fit.causes})
             fit = self._fit_in_order(stage.weighing.causes(better))
-            # What a set costs in freedom and places is known; what it explains only now that it is sized exactly.
-            cost = 2 * (full.log_evidence - better.log_evidence) + better.gain - full.gain
-            if fit.squares + cost >= stage.fit.squares:
+            if fit.squares + _cost(better, full) >= stage.fit.squares:
                 break
             stage = self.look(fit, better, stage.fit.squares + stage.added)
         return self._rivals(stage) if stage.settled or self._nearly(stage) else stage
@@ -266,11 +264,13 @@ class _Search:
             for weight in weighing.replacements(members, k, weighing.free(members))
             if weight.log_evidence > full.log_evidence - NEARLY_THE_SAME
         ]
-        best = stage
+        best, lowest = stage, stage.fit.squares - 2.0
         for weight in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
             fit = fit_causes(self._problem, fit_causes(self._problem, weighing.causes(weight), stage.fit).causes)
-            if fit.squares < best.fit.squares - 2 * max(full.log_evidence - weight.log_evidence, 0.0) - 2.0:
-                best = self.look(fit, weight, stage.fit.squares + stage.added)
+            # What is likelier on the table but was not chosen gets nothing for that.
+            price = max(_cost(weight, full), 2 * (full.log_evidence - weight.log_evidence), 0.0)
+            if fit.squares + price < lowest:
+                best, lowest = self.look(fit, weight, stage.fit.squares + stage.added), fit.squares + price - 2.0
         return best
 
     def _members(self, stage: Stage) -> tuple[int, ...]:
@@ -361,6 +361,14 @@ class _Search:
         candidate = dataclasses.replace(known, start=cause.values)
         columns = self._problem.signature(cause, candidate.linear, fit.causes)
         return candidate, columns, cause.values[candidate.linear]
+
+
+def _cost(other: Weight, chosen: Weight) -> float:
+    """What another set costs beyond the chosen one in freedom and places, in squares of white rows.
+
+    That is known from the table; what a set explains is known only when it is sized exactly.
+    """
+    return 2 * (chosen.log_evidence - other.log_evidence) + other.gain - chosen.gain
 
 
 def _strained(fit: Fit) -> list[Finding]:
