@@ -267,7 +267,7 @@ class _Search:
         best, lowest = stage, stage.fit.squares - 2.0
         for weight in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
             fit = fit_causes(self._problem, fit_causes(self._problem, weighing.causes(weight), stage.fit).causes)
-            # What is likelier on the table but was not chosen gets nothing for that.
+            # What is likelier on the table, but was not chosen, has no credit for that.
             price = max(_cost(weight, full), 2 * (full.log_evidence - weight.log_evidence), 0.0)
             if fit.squares + price < lowest:
                 best, lowest = self.look(fit, weight, stage.fit.squares + stage.added), fit.squares + price - 2.0
