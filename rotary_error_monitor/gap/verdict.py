@@ -104,7 +104,7 @@ def is_series(stage: Stage) -> bool:
     taken: set[str] = set()
     for k, member in enumerate(members):
         others = weighing.replacements(members, k, weighing.free(members))
-        alike = [member, *(other.members[k] for other in others if other.gain > gain - ALIKE)]
+        alike = [member, *(other.members[k] for other in others if abs(other.gain - gain) < ALIKE)]
         names = {weighing.candidates[i].effect.name for i in alike}
         if names & taken:
             return True
