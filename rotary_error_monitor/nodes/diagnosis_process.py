@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -178,7 +179,8 @@ class DiagnosisProcess:
 def _kill(process: subprocess.Popen[str]) -> None:
     """End a diagnosis with the process that draws its page; both are of one session."""
     if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):  # it may end by itself meanwhile, in the thread that waits for it
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def _replace(target: Path, source: Path) -> None:
