@@ -9,21 +9,28 @@ export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup run run-linuxcnc test lint bench clean
+# what `make setup` installs, each file by its hash; renewed by `make lock`
+LOCKS := requirements/build.lock requirements/cell.lock
+UV_COMPILE := build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
+	--no-annotate --no-header --upgrade
+
+.PHONY: help setup run run-linuxcnc test lint bench fuzz soak faults faults-doc lock policy clean
 
 help: ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
 
 setup: $(VENV)/.ready ## build .venv with ROS 2 Jazzy from the package index
 
-$(VENV)/.ready: setup.py package.xml
+$(VENV)/.ready: setup.py package.xml $(LOCKS)
 	@test -n '$(PYTHON)' && $(PYTHON) -c '$(FITS)' \
 		|| { echo 'Python 3.11 or 3.12 is needed; name one with: make PYTHON=/path/to/python3.11 setup' >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { echo 'installing python3-venv'; \
 		$$([ "$$(id -u)" = 0 ] || echo sudo) sh -c 'apt-get update -qq && apt-get install -y -qq python3-venv'; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[ros,test]'
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/build.lock
+	$(BIN)/python -m pip install --quiet --require-hashes --no-build-isolation -r requirements/cell.lock
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@$(BIN)/python -m pip check
 	@touch $@
 
 run: setup ## start a whole machine cell on mock sensors, record it, replay it, print the table
@@ -32,9 +39,18 @@ run: setup ## start a whole machine cell on mock sensors, record it, replay it, 
 run-linuxcnc: setup ## a five-axis program on a headless LinuxCNC, with and without correction
 	$(BIN)/rotary_error_monitor run-linuxcnc
 
+# Tests of running processes wait for most of their time, so the others run beside them; what they say comes at the end.
+# Simulations over many stages and machines compute for minutes: coverage, which others give, would treble that.
+LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security soak testing)
+SIMULATED := $(addprefix test/,faults/test_recordings.py faults/test_machine_faults.py pipeline/test_reversals.py)
+
 test: setup lint ## lint, type check and all tests, with coverage of at least 90 %
 	$(BIN)/python -m coverage erase
-	$(BIN)/python -m coverage run -m pytest $(PYTEST_ARGS)
+	@mkdir -p build
+	$(BIN)/python -m coverage run -m pytest $(PYTEST_ARGS) $(LIVE) > build/live.log 2>&1 & live=$$!; \
+	$(BIN)/python -m coverage run -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(LIVE) $(SIMULATED)); others=$$?; \
+	$(BIN)/python -m pytest $(PYTEST_ARGS) $(SIMULATED); simulated=$$?; \
+	wait $$live; live=$$?; cat build/live.log; test $$others = 0 && test $$simulated = 0 && test $$live = 0
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 
@@ -43,8 +59,30 @@ lint: setup ## ruff and mypy
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+fuzz: setup ## damaged bags, YAML and CSV files for FUZZ_MINUTES (10): only clean errors; what fails goes to test/fuzz/corpus
+	$(BIN)/python -m pytest -s -q test/fuzz -o python_files='fuzz_*.py' --no-header
+
 bench: setup ## the figures of speed and accuracy, side by side with what a user would use instead
 	$(BIN)/python -m pytest -s -q test/benchmark -o python_files='bench_*.py' --no-header
+
+lock: ## renew what is installed: the newest versions that setup.py allows, with their hashes
+	$(PYTHON) -m venv build/lock
+	build/lock/bin/python -m pip install --quiet --require-hashes -r requirements/tools.lock
+	$(UV_COMPILE) setup.py --extra ros --extra test -o requirements/cell.lock
+	$(UV_COMPILE) requirements/build.in -c requirements/cell.lock -o requirements/build.lock
+	$(UV_COMPILE) requirements/tools.in -o requirements/tools.lock
+
+policy: setup ## write the SROS2 policy anew from the wire contract
+	$(BIN)/rotary_error_monitor security policy > config/security/policy.xml
+
+soak: setup ## a million blocks, 10,000 turns, and nodes on simulated time: nothing lost, no memory kept (half an hour)
+	$(BIN)/python -m pytest -s -q test/soak -o python_files='soak_*.py' --no-header
+
+faults: setup ## faults put into recordings of random stages, FAULT_SEEDS (20) of each: what is published wrong
+	$(BIN)/python -m pytest -s -q test/faults -o python_files='sweep_*.py' --no-header
+
+faults-doc: setup ## write doc/faults.md anew from the tests
+	PYTHONPATH=test $(BIN)/python -m faults.page
 
 clean: ## remove what was built
 	rm -rf $(VENV) build install log .coverage* *.egg-info

@@ -45,12 +45,14 @@ setup(
         "numpy>=1.26,<3",
         "scipy>=1.11,<2",
         "PyYAML>=6,<7",
-        "ruamel.yaml>=0.17,<1",
         "jsonschema>=4.10,<5",
         "matplotlib>=3.6,<4",
         "tqdm>=4.60,<5",
         "rosbags>=0.11.8,<0.12",
         "mcap>=1.5,<2",
+        "cryptography>=38,<60",
+        "lz4>=4,<5",
+        "zstandard>=0.20,<1",
     ],
     extras_require={
         # ROS 2 Jazzy from the package index, where it is not installed by apt.
@@ -58,7 +60,6 @@ setup(
             "ros-jazzy-rclpy>=7.1.5,<7.2",
             "ros-jazzy-common-interfaces>=5.3.5,<5.4",
             "ros-jazzy-rmw-fastrtps-cpp>=8.4.2,<8.5",
-            "ros-jazzy-domain-coordinator>=0.12,<0.13",
             "ros-jazzy-domain-coordinator>=0.12,<0.13",
         ],
         "test": [
@@ -92,8 +93,8 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            f"{PACKAGE} = {PACKAGE}.cli:main",
-            *(f"{node} = {PACKAGE}.nodes.{node}:main" for node in NODES),
+            f"{PACKAGE} = {PACKAGE}.start:command",
+            *(f"{node} = {PACKAGE}.start:{node}" for node in NODES),
         ],
     },
 )

@@ -14,10 +14,23 @@ from importlib import import_module
 from types import FrameType
 
 from rotary_error_monitor import __version__
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.start import end_at_once
 
 BAD_INPUT = 2
-COMMANDS = ("run", "run-linuxcnc", "replay", "recover", "calibrate", "diagnose", "gap-benchmark", "wire")
+COMMANDS = (
+    "run",
+    "run-linuxcnc",
+    "replay",
+    "check",
+    "recover",
+    "calibrate",
+    "diagnose",
+    "gap-benchmark",
+    "wire",
+    "security",
+)
+_UNWINDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,12 +56,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"rotary_error_monitor: {error}", file=sys.stderr)
         return BAD_INPUT
+    except MemoryError:
+        print("rotary_error_monitor: not enough memory for what was given; give a smaller file", file=sys.stderr)
+        return BAD_INPUT
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
         if not _output_is_closed():
             raise
         return 128 + signal.SIGPIPE
+    except OSError as error:
+        if error.filename is None:
+            raise
+        # A path that cannot be used, in whatever way: too long, not allowed, on a disk that is full.
+        print(f"rotary_error_monitor: {excerpt(error.filename)}: {error.strerror}", file=sys.stderr)
+        return BAD_INPUT
 
 
 def _output_is_closed() -> bool:
@@ -67,11 +89,14 @@ def _output_is_closed() -> bool:
 
 @contextmanager
 def _unwinding() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP unwind as Ctrl-C does: the processes that a command has started shall end with it."""
+    """Let signals unwind what runs: the processes that a command has started shall end with it.
+
+    Before and after, they end the process at once.
+    """
     ours = threading.current_thread() is threading.main_thread()
-    numbers = [each for each in (signal.SIGTERM, signal.SIGHUP) if ours and signal.getsignal(each) is signal.SIG_DFL]
+    numbers = [each for each in _UNWINDING if ours and signal.getsignal(each) is signal.SIG_DFL]
     for number in numbers:
-        signal.signal(number, _unwind)
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else _unwind)
     try:
         yield
     finally:
@@ -85,4 +110,5 @@ def _unwind(number: int, frame: FrameType | None) -> None:
 
 
 if __name__ == "__main__":
+    end_at_once()
     sys.exit(main())

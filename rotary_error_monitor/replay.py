@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.contents import JointState, Temperature
 from rotary_error_monitor.bags.reader import BagReader
@@ -16,91 +14,24 @@ from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Wire, load_wire
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings, InputsUsed
-from rotary_error_monitor.pipeline.corrections import Compensation, Correction
 from rotary_error_monitor.pipeline.estimation import (
     AUTOCOLLIMATOR,
     COMMAND,
     Estimator,
     EstimatorSettings,
     EstimatorStatus,
-    error_motion_from_block,
 )
+from rotary_error_monitor.pipeline.publication import Decision, Decisions, decisions_from_block
+from rotary_error_monitor.replayed import Collected, Replay, damage_of, remarks_of
 from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.signals.coverage import absence_remarks
+
+SHORTEST_PERIOD_NS, LONGEST_PERIOD_NS = 10_000, 1_000_000_000
+"""Distances of two estimates, ns, as the node `error_estimator` allows them."""
 
 BATCH = 256
 """Messages that are reckoned with at once: the bits depend on stamps alone, and few calls are faster than many."""
-
-
-@dataclass(frozen=True)
-class Replay:
-    """What estimator and compensation make of a recording, at n ticks.
-
-    With a machine that has no monitored axis the ticks are those of the joint states, and no error motion is measured.
-
-    Attributes:
-        stamp_ns: (n,) timestamp (ns) of each estimate.
-        theta: (n,) rotation, rad.
-        error_motion: (n, 6) exc eyc ezc eac ebc ecc in m and rad, NaN where not observable.
-        covariance: (n, 6, 6) of it, NaN in rows and columns that are not observable.
-        streams: (n,) bit mask of the input streams that were used.
-        tool_offset: (n, 6) x y z a b c in m and rad, NaN where the compensation held; None without a machine.
-        corrections: at the correction period; empty without a machine.
-        status: counts of the estimator.
-        damage: what of the bag could not be read; None for a whole one.
-        repeated: whether the bag holds the live run's own decisions, which were repeated.
-    """
-
-    stamp_ns: NDArray[np.int64]
-    theta: NDArray[np.float64]
-    error_motion: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    streams: NDArray[np.int64]
-    tool_offset: NDArray[np.float64] | None
-    corrections: tuple[Correction, ...]
-    status: EstimatorStatus
-    damage: str | None
-    repeated: bool
-
-    @property
-    def motion(self) -> ErrorMotion:
-        """The same as the core's dataclass, with zeros where not observable."""
-        observable = np.isfinite(self.error_motion)
-        return ErrorMotion(
-            self.theta,
-            np.where(observable, self.error_motion, 0.0),
-            observable,
-            np.where(np.isfinite(self.covariance), self.covariance, 0.0),
-        )
-
-    def save(self, path: Path | str) -> None:
-        """Write the arrays to an .npz file; `tool_offset`, `correction_stamp_ns`, `corrections` only with a machine.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
-        arrays = {
-            "stamp_ns": self.stamp_ns,
-            "theta": self.theta,
-            "error_motion": self.error_motion,
-            "covariance": self.covariance,
-            "streams": self.streams,
-        }
-        if self.tool_offset is not None:
-            arrays["tool_offset"] = self.tool_offset
-            arrays["correction_stamp_ns"] = np.array([each.stamp_ns for each in self.corrections], np.int64)
-            arrays["corrections"] = np.array([each.values for each in self.corrections])
-            reports = [(each.stamp_ns, each.report.remaining) for each in self.corrections if each.report is not None]
-            arrays["remaining_stamp_ns"] = np.array([stamp for stamp, _ in reports], np.int64)
-            arrays["remaining_offset"] = np.array([remaining for _, remaining in reports])
-        try:
-            with Path(path).open("wb") as file:
-                np.savez(file, **arrays)  # type: ignore[arg-type]  # numpy's stub takes **kwds for allow_pickle
-        except OSError as error:
-            raise InputError(
-                f"{path}: cannot be written ({error.strerror}); give a file in a folder that exists"
-            ) from error
 
 
 def replay_bag(
@@ -117,35 +48,51 @@ def replay_bag(
 
     Raises:
         InputError: there is no such bag, it lacks the topics of at least two heads (or joint states, with a machine;
-            nothing but these, where it has no monitored axis), or one of its messages is broken.
+            nothing but these, where it has no monitored axis). Messages that are broken are left out, and said.
     """
     reader = BagReader(bag)
     wire = load_wire(tuple(stage.encoder.azimuths))
     if machine is not None and machine.monitored is None:
         return _replay_described(reader, wire, machine, compensator_settings)
-    inputs = _input_topics(reader, wire, stage)
-    masks = dict(_published_masks(reader, wire))
+    inputs = input_topics(reader, wire, stage)
+    decisions = _published_decisions(reader, wire)
     settings = settings or EstimatorSettings()
-    if masks:
-        settings = replace(settings, period_ns=_period(masks, settings.period_ns))
-    estimator = Estimator(stage, settings, masks or None)
+    if decisions:
+        settings = replace(settings, period_ns=_period(decisions, settings.period_ns, reader.path))
+    estimator = Estimator(stage, settings, decisions or None)
     compensator, of_machine = None, tuple[str, ...]()
     if machine is not None:
         of_machine = _machine_topics(reader, wire)
-        compensator = Compensator(machine, compensator_settings, dict(_published_inputs(reader, wire)) or None)
+        published = dict(_published_inputs(reader, wire)) or None
+        compensator = Compensator(machine, compensator_settings, published, stage.limits)
     names = [name for name in (*inputs, *of_machine) if name in reader.topics]
-    collected = _Collected()
-    for count, (topic, content) in enumerate(reader.replay(names), start=1):
+    collected = Collected()
+    window = reader.window(names)
+    for count, (topic, content) in enumerate(reader.replay(names, window, collected.refuse), start=1):
+        collected.note(topic, content)
         if isinstance(content, SampleBlock):
-            estimator.accept(inputs[topic], content)
+            collected.accept_samples(topic, content, inputs[topic], estimator)
         if count % BATCH == 0 or isinstance(content, Temperature):
             collected.add_motion(estimator.advance(), compensator)
+            collected.note_doubts(estimator)
         if compensator is not None and not isinstance(content, SampleBlock):
-            collected.accept_machine(content, compensator)
+            collected.accept_machine(topic, content, compensator)
     collected.add_motion(estimator.finish(), compensator)
+    collected.note_doubts(estimator)
     if compensator is not None:
         collected.offsets += compensator.finish().offsets
-    return collected.result(estimator.status, reader.damage, bool(masks), compensator is not None)
+    lacking = {f"samples of {name}": np.concatenate(ticks) for name, ticks in estimator.unrepeated.items()}
+    if compensator is not None and compensator.unrepeated:
+        lacking["joint states"] = np.concatenate(compensator.unrepeated)
+    return collected.result(
+        estimator.status,
+        reader,
+        window,
+        bool(decisions),
+        compensator is not None,
+        lacking,
+        absence_remarks([*inputs, *of_machine[:1]], collected.spans),
+    )
 
 
 def _replay_described(
@@ -155,12 +102,14 @@ def _replay_described(
     names = [name for name in _machine_topics(reader, wire) if name in reader.topics]
     decisions = dict(_published_inputs(reader, wire))
     compensator = Compensator(machine, settings, decisions or None)
-    collected = _Collected()
+    collected = Collected()
     stamps: list[int] = []
-    for _, content in reader.replay(names):
+    window = reader.window(names)
+    for topic, content in reader.replay(names, window, collected.refuse):
         if isinstance(content, JointState):
             stamps.append(content.stamp_ns)
-        collected.accept_machine(content, compensator)
+        collected.note(topic, content)
+        collected.accept_machine(topic, content, compensator)
         collected.add_compensation(compensator.advance())
     ticks = np.unique(np.array(stamps, np.int64))
     nothing = np.full((len(ticks), 6, 6), np.nan)
@@ -170,76 +119,23 @@ def _replay_described(
         nothing[:, 0],
         nothing,
         np.zeros(len(ticks), np.int64),
+        np.zeros(len(ticks), np.int64),
         collected.offsets_at(ticks),
         tuple(collected.corrections),
         EstimatorStatus(),
-        reader.damage,
+        damage_of(reader, window),
         bool(decisions),
+        np.zeros(len(ticks), np.bool_),
+        (*remarks_of(reader, window), *collected.belief_remarks(), *collected.coverage_remarks()),
     )
 
 
-class _Collected:
-    """Blocks and corrections as they come."""
+def input_topics(reader: BagReader, wire: Wire, stage: StageDescription) -> dict[str, str]:
+    """Stream of the estimator by topic; the bag has two heads at least.
 
-    def __init__(self) -> None:
-        self.motion: list[SampleBlock] = []
-        self.offsets: list[SampleBlock] = []
-        self.corrections: list[Correction] = []
-
-    def add_motion(self, blocks: list[SampleBlock], compensator: Compensator | None) -> None:
-        for block in blocks:
-            self.motion.append(block)
-            if compensator is not None:
-                compensator.accept_error_motion(block)
-        if compensator is not None:
-            self.add_compensation(compensator.advance())
-
-    @staticmethod
-    def accept_machine(content: object, compensator: Compensator) -> None:
-        if isinstance(content, JointState):
-            velocity = content.velocity if len(content.velocity) else np.zeros(len(content.names))
-            compensator.accept_joint_state(
-                content.stamp_ns,
-                dict(zip(content.names, content.position.tolist(), strict=True)),
-                dict(zip(content.names, velocity.tolist(), strict=True)),
-            )
-        elif isinstance(content, Temperature):
-            compensator.push_temperature(content.temperature)
-
-    def offsets_at(self, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(n, 6) offsets at all ticks, NaN where the compensation held."""
-        offset = np.full((len(stamps), 6), np.nan)
-        for block in self.offsets:
-            offset[np.searchsorted(stamps, block.times_ns)] = block.rows[:, 1:7]
-        return offset
-
-    def add_compensation(self, found: Compensation) -> None:
-        self.offsets += found.offsets
-        self.corrections += found.corrections
-
-    def result(self, status: EstimatorStatus, damage: str | None, repeated: bool, with_machine: bool) -> Replay:
-        stamps = _joined([block.times_ns for block in self.motion], np.empty(0, np.int64))
-        found = [error_motion_from_block(block) for block in self.motion]
-        observable = _joined([each.observable for each in found], np.empty((0, 6), np.bool_))
-        components = _joined([each.components for each in found], np.empty((0, 6)))
-        covariance = _joined([each.covariance for each in found], np.empty((0, 6, 6)))
-        both = observable[:, :, None] & observable[:, None, :]
-        return Replay(
-            stamps,
-            _joined([each.theta for each in found], np.empty(0)),
-            np.where(observable, components, np.nan),
-            np.where(both, covariance, np.nan),
-            _joined([block.column("streams").astype(np.int64) for block in self.motion], np.empty(0, np.int64)),
-            self.offsets_at(stamps) if with_machine else None,
-            tuple(self.corrections),
-            status,
-            damage,
-            repeated,
-        )
-
-
-def _input_topics(reader: BagReader, wire: Wire, stage: StageDescription) -> dict[str, str]:
-    """Stream of the estimator by topic, for the topics that the bag has."""
+    Raises:
+        InputError: it has fewer than two heads.
+    """
     heads = {wire.topic("head_samples", name).name: f"head_{name}" for name in stage.encoder.azimuths}
     present = [name for name in heads if name in reader.topics and reader.topics[name].count]
     if len(present) < 2:
@@ -248,7 +144,7 @@ def _input_topics(reader: BagReader, wire: Wire, stage: StageDescription) -> dic
         wire.topic("autocollimator_samples").name: AUTOCOLLIMATOR,
         wire.topic("command_samples").name: COMMAND,
     }
-    return {name: stream for name, stream in (heads | others).items() if name in reader.topics}
+    return heads | others
 
 
 def _machine_topics(reader: BagReader, wire: Wire) -> tuple[str, str]:
@@ -257,9 +153,11 @@ def _machine_topics(reader: BagReader, wire: Wire) -> tuple[str, str]:
     return joints, temperature
 
 
-def _published_masks(reader: BagReader, wire: Wire) -> Iterator[tuple[int, int]]:
+def _published_decisions(reader: BagReader, wire: Wire) -> dict[int, Decision]:
+    found: dict[int, Decision] = {}
     for block in _blocks(reader, wire.topic("error_motion_samples").name):
-        yield from zip(block.times_ns.tolist(), block.column("streams").astype(int).tolist(), strict=True)
+        found |= decisions_from_block(block)
+    return found
 
 
 def _published_inputs(reader: BagReader, wire: Wire) -> Iterator[tuple[int, InputsUsed]]:
@@ -284,11 +182,19 @@ def _blocks(reader: BagReader, topic: str) -> Iterator[SampleBlock]:
                 yield content
 
 
-def _period(masks: dict[int, int], default_ns: int) -> int:
-    """Period of the grid on which the live run published."""
-    ticks = np.sort(np.fromiter(masks, np.int64, len(masks)))
-    return int(np.diff(ticks).min()) if len(ticks) > 1 else default_ns
+def _period(decisions: Decisions, default_ns: int, origin: Path) -> int:
+    """Period of the grid on which the live run published: its most frequent step.
 
-
-def _joined(parts: list[NDArray[Any]], empty: NDArray[Any]) -> NDArray[Any]:
-    return np.concatenate(parts) if parts else empty
+    Raises:
+        InputError: it is none that an estimator has.
+    """
+    if len(decisions) < 2:
+        return default_ns
+    steps, counts = np.unique(np.diff(np.sort(np.fromiter(decisions, np.int64, len(decisions)))), return_counts=True)
+    period = int(steps[np.argmax(counts)])
+    if not SHORTEST_PERIOD_NS <= period <= LONGEST_PERIOD_NS:
+        raise InputError(
+            f"{origin}: the estimates that it holds are {period} ns apart; an estimator publishes each "
+            f"{SHORTEST_PERIOD_NS} to {LONGEST_PERIOD_NS} ns: record without them"
+        )
+    return period

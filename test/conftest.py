@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import hypothesis
 import pytest
 import yaml
 
-LIVE = ("nodes", "testing", "controller", "scenario")
+hypothesis.settings.register_profile("shared computer", deadline=None)  # an example takes what else runs leaves it
+hypothesis.settings.load_profile("shared computer")
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job, and all it starts, would ignore it
+
+LIVE = ("controller", "clock", "live", "network", "nodes", "scenario", "security", "soak", "testing")
 """Folders of tests that run processes against the clock. What else a shared computer does may fail one of them; a fault
-of the package fails each try."""
+of the package fails each try. That one try is enough has not been shown yet."""
 
 CASES = Path(__file__).parents[2] / "shared" / "cases"
 

@@ -11,7 +11,7 @@ import pytest
 import rotary_error_monitor
 
 PACKAGE = Path(rotary_error_monitor.__file__).parent
-LEAVES = {"errors", "resources"}
+LEAVES = {"errors", "files", "resources", "start"}
 CORE = {"description", "signals", *LEAVES}
 ROOMS = {
     "description": LEAVES,
@@ -19,6 +19,7 @@ ROOMS = {
     "metrology": CORE,
     "machine": CORE,
     "plant": CORE,
+    "security": CORE,
     "pipeline": CORE | {"metrology", "machine"},
     "effects": CORE | {"metrology", "machine"},
     "twin": CORE | {"metrology", "machine", "effects"},
@@ -28,7 +29,8 @@ ROOMS = {
     "report": CORE | {"metrology", "machine", "effects", "twin", "gap", "calibration", "pipeline"},
     "controller": CORE | {"machine"},
     "sources": CORE | {"metrology", "plant"},
-    "nodes": CORE | {"metrology", "machine", "pipeline", "bags", "sources", "controller", "twin", "effects", "gap"},
+    "nodes": CORE
+    | {"metrology", "machine", "pipeline", "bags", "sources", "controller", "twin", "effects", "gap", "security"},
     "testing": CORE | {"nodes"},
 }
 ONLY_IN = {
@@ -36,8 +38,12 @@ ONLY_IN = {
     "sensor_msgs": {"nodes", "testing"},
     "geometry_msgs": {"nodes", "testing"},
     "matplotlib": {"report"},
+    "cryptography": {"security"},
     "rosbags": {"bags"},
     "mcap": {"bags"},
+    "lz4": {"bags"},
+    "zstandard": {"bags"},
+    "sqlite3": {"bags"},
     "linuxcnc": {"controller"},
     "hal": {"controller"},
 }

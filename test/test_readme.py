@@ -78,6 +78,10 @@ def test_a_node_runs_as_shown(command, tmp_path, monkeypatch):
         assert process.stop() == 0
 
 
+SAMPLES = 12_000
+"""Of each stream, 2,000 a second: two turns, in the first of which the stage's description is verified."""
+
+
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     """A recording of the mock cell's signals, made without starting it."""
@@ -93,10 +97,11 @@ def bag(tmp_path_factory):
     topics = {wire.topic("head_samples", name).name: f"head_{name}" for name in "abcd"}
     topics |= {wire.topic(f"{name}_samples").name: name for name in ("autocollimator", "command")}
     contents = {
-        topic: [plant.samples(stream, first, 200) for first in range(0, 4000, 200)] for topic, stream in topics.items()
+        topic: [plant.samples(stream, first, 200) for first in range(0, SAMPLES, 200)]
+        for topic, stream in topics.items()
     }
     motion = MachineMotion(load_machine("xyzac_trt"), plant)
-    states = [(epoch_ns + k * 10_000_000, motion.at(epoch_ns + k * 10_000_000)) for k in range(200)]
+    states = [(epoch_ns + k * 10_000_000, motion.at(epoch_ns + k * 10_000_000)) for k in range(SAMPLES // 20)]
     contents[wire.topic("machine_joint_states").name] = [
         JointState(
             stamp,
@@ -131,4 +136,5 @@ def test_the_command_line_works_as_shown(command, bag, tmp_path, monkeypatch, ca
     assert capsys.readouterr().out
     if str(out) in words:
         with np.load(out) as found:
-            assert np.isfinite(found["tool_offset"]).all(axis=1).mean() > 0.9
+            verified = 2 * len(found["stamp_ns"]) // 3
+            assert np.isfinite(found["tool_offset"][verified:]).all(axis=1).mean() > 0.9

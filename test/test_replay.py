@@ -77,7 +77,7 @@ def test_wrong_arguments_end_with_code_2(tmp_path, capsys):
     assert main(["replay", str(tmp_path / "nothing"), "-o", out]) == 2
     assert "no such bag" in capsys.readouterr().err
     assert main(["replay", str(tmp_path), "-o", out, "--period-ms", "0"]) == 2
-    assert "--period-ms is 0.0; it must be above 0" in capsys.readouterr().err
+    assert "--period-ms is 0.0; it must be from 0.01 to 1000" in capsys.readouterr().err
 
 
 @pytest.mark.cases("open", "stage", "null", most=1)

@@ -15,6 +15,8 @@ CDR_LITTLE_ENDIAN = b"\x00\x01"
 _BODY = 4  # the encapsulation header ends here; alignment counts from it
 _STAMP_END = 12
 _FLOAT64 = 8  # sensor_msgs/msg/PointField.FLOAT64, and its size
+_FARTHEST = 2**31
+"""Seconds that a sample may lie from its block's stamp: as far as stamps of ROS messages reach."""
 
 
 def encode_block(block: SampleBlock, frame: str) -> bytes:
@@ -71,8 +73,10 @@ class _Layout:
 class BlockDecoder:
     """Reads the blocks of one topic; their layout is parsed once and then only compared."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, finite: bool = True) -> None:
+        """Decoder that refuses blocks with samples that are not finite, unless told to let them pass."""
         self._layout: _Layout | None = None
+        self._finite = finite
 
     def decode(self, data: bytes) -> SampleBlock:
         """Block from the bytes of one message; its rows are a copy.
@@ -81,9 +85,26 @@ class BlockDecoder:
             InputError: the bytes are no sample block, or a sample is not finite; the message names column and sample.
         """
         try:
-            return _decode(data, self._layout_of(data))
+            return _decode(data, self._layout_of(data), finite=self._finite)
         except (struct.error, IndexError, UnicodeDecodeError) as error:
-            raise InputError(f"{len(data)} bytes are no sensor_msgs/msg/PointCloud2: {error}") from error
+            raise _foreign(data, error) from error
+
+    def span(self, data: bytes) -> tuple[float, float, int]:
+        """Times (s after the stamp) of a block's first and last sample, and how many samples it has.
+
+        Raises:
+            InputError: the bytes are no sample block.
+        """
+        try:
+            layout = self._layout_of(data)
+            width, start = _extent(data, layout)
+            (first,) = struct.unpack_from("<d", data, start)
+            (last,) = struct.unpack_from("<d", data, start + (width - 1) * layout.point_step)
+        except (struct.error, IndexError, UnicodeDecodeError) as error:
+            raise _foreign(data, error) from error
+        if not (abs(first) < _FARTHEST and abs(last) < _FARTHEST):
+            raise InputError(f"t goes from {first:g} to {last:g} s; expected seconds after the stamp of the block")
+        return first, last, width
 
     def _layout_of(self, data: bytes) -> _Layout:
         layout = self._layout
@@ -97,8 +118,12 @@ class BlockDecoder:
         return layout
 
 
-def _decode(data: bytes, layout: _Layout) -> SampleBlock:
-    seconds, nanoseconds = struct.unpack_from("<iI", data, _BODY)
+def _foreign(data: bytes, error: Exception) -> InputError:
+    return InputError(f"{len(data)} bytes are no sensor_msgs/msg/PointCloud2: {error}")
+
+
+def _extent(data: bytes, layout: _Layout) -> tuple[int, int]:
+    """Number of samples, and where the first begins."""
     height, width = struct.unpack_from("<II", data, layout.size_at)
     _, size = struct.unpack_from("<II", data, layout.data_at)
     start = layout.data_at + 8
@@ -110,13 +135,23 @@ def _decode(data: bytes, layout: _Layout) -> SampleBlock:
             f"no sample block: {width} samples of {layout.point_step} bytes need {needed} bytes, but the message says "
             f"{size} and holds {max(len(data) - start, 0)}"
         )
+    return width, start
+
+
+def _decode(data: bytes, layout: _Layout, *, finite: bool) -> SampleBlock:
+    seconds, nanoseconds = struct.unpack_from("<iI", data, _BODY)
+    width, start = _extent(data, layout)
     count = width * len(layout.names)
     # The copy is aligned, and free of the message's memory.
     rows = np.frombuffer(data, "<f8", count, start).copy().reshape(width, len(layout.names))
-    finite = np.isfinite(rows)
-    if not finite.all():
-        row, column = np.argwhere(~finite)[0]
+    known = np.isfinite(rows)
+    if not known[:, 0].all() or (finite and not known.all()):
+        row, column = np.argwhere(~known)[0]
         raise InputError(f"sample {row} of '{layout.names[column]}' is {rows[row, column]}; samples must be finite")
+    far = np.abs(rows[:, 0]) >= _FARTHEST
+    if far.any():
+        row = int(np.argmax(far))
+        raise InputError(f"sample {row} has t = {rows[row, 0]:g} s; expected seconds after the stamp of the block")
     return SampleBlock(seconds * NANOSECONDS + nanoseconds, layout.names, rows)
 
 

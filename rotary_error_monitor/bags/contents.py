@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointState:
-    """Axes by name; `position`, `velocity`, `effort` (n,) in m or rad and per s, each empty where it is not given."""
+    """Axes by name; `position` (n,) in m or rad, `velocity` and `effort` (n,) per s, each empty where not given."""
 
     stamp_ns: int
     names: tuple[str, ...]

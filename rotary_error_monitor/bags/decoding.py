@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import functools
-import struct
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from rotary_error_monitor.bags.contents import (
@@ -22,8 +20,11 @@ from rotary_error_monitor.bags.contents import (
     PoseWithCovariance,
     Temperature,
 )
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.signals.blocks import NANOSECONDS
+
+LONGEST_DEFINITION = 1 << 16
+"""Characters of a message's definition: those of ROS 2 have ten thousand at most. Of a longer one nothing is read."""
 
 if TYPE_CHECKING:
     from rosbags.typesys.stores import ros2_jazzy as ros
@@ -32,13 +33,13 @@ if TYPE_CHECKING:
 @functools.cache
 def _typestore(msgtype: str, definition: str) -> Typestore:
     """Definitions that a message needs: as the bag holds them, which takes a tenth of loading all of ROS 2 Jazzy."""
-    if definition:
+    if definition and len(definition) <= LONGEST_DEFINITION:
         store = get_typestore(Stores.EMPTY)
         try:
             store.register(get_types_from_msg(definition, msgtype))
             store.generate_msgdef(msgtype, ros_version=2)  # which needs those of all its parts
-        except (TypesysError, KeyError):
-            pass  # half a definition is no reason not to read the messages
+        except Exception:
+            pass  # half a definition, or whatever else it is, is no reason not to read the messages
         else:
             return store
     return get_typestore(Stores.ROS2_JAZZY)
@@ -57,18 +58,21 @@ def content_from_cdr(data: bytes, msgtype: str, definition: str = "") -> Content
     """
     try:
         message = _typestore(msgtype, definition).deserialize_cdr(data, msgtype)
-    except (SerdeError, AssertionError, IndexError, ValueError, struct.error) as error:
-        raise InputError(f"{len(data)} bytes are no {msgtype}: {error or type(error).__name__}") from error
+    # The code that reads a message is made of the bag's own definition, which may be any: so may be its errors.
+    except Exception as error:
+        raise InputError(f"{len(data)} bytes are no {msgtype}: {excerpt(error) or type(error).__name__}") from error
     try:
         return _FROM_MESSAGE[msgtype](message)
     except AttributeError as error:
         raise InputError(
             f"{msgtype} as the bag defines it is not that of ROS 2 Jazzy: it has no {error.name}"
         ) from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{msgtype} as the bag defines it is not that of ROS 2 Jazzy: {excerpt(error)}") from error
 
 
 def _nanoseconds(time: ros.builtin_interfaces__msg__Time) -> int:
-    return time.sec * NANOSECONDS + time.nanosec
+    return int(time.sec) * NANOSECONDS + int(time.nanosec)
 
 
 def _array(values: ArrayLike) -> Array:
@@ -76,14 +80,14 @@ def _array(values: ArrayLike) -> Array:
 
 
 def _joint_state_content(message: ros.sensor_msgs__msg__JointState) -> JointState:
-    return JointState(
-        stamp_ns=_nanoseconds(message.header.stamp),
-        names=tuple(message.name),
-        position=_array(message.position),
-        velocity=_array(message.velocity),
-        effort=_array(message.effort),
-        frame=message.header.frame_id,
-    )
+    names, position = tuple(message.name), _array(message.position)
+    velocity, effort = _array(message.velocity), _array(message.effort)
+    if len(position) != len(names) or not {len(velocity), len(effort)} <= {0, len(names)}:
+        raise InputError(
+            f"a joint state of {len(names)} names, {len(position)} positions, {len(velocity)} velocities, "
+            f"{len(effort)} efforts; expected a position for each name, and all velocities and efforts or none"
+        )
+    return JointState(_nanoseconds(message.header.stamp), names, position, velocity, effort, message.header.frame_id)
 
 
 def _point_content(message: ros.geometry_msgs__msg__PointStamped) -> PointStamped:

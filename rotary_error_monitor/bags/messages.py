@@ -29,18 +29,19 @@ class Decoder:
     Args:
         msgtype: their type.
         definition: of that type, as the bag holds it; none: that of ROS 2 Jazzy.
+        finite: whether a sample block with numbers that are not finite is refused.
 
     Raises:
         InputError: the type is none of those that can be read.
     """
 
-    def __init__(self, msgtype: str, definition: str = "") -> None:
+    def __init__(self, msgtype: str, definition: str = "", *, finite: bool = True) -> None:
         if msgtype not in TYPES.values():
             raise InputError(
                 f"cannot read messages of type {msgtype}; readable are {', '.join(sorted(TYPES.values()))}"
             )
         self._msgtype, self._definition = msgtype, definition
-        self._blocks = BlockDecoder()
+        self._blocks = BlockDecoder(finite=finite)
 
     def decode(self, data: bytes) -> Content:
         """Content of one message.

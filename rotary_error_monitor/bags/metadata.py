@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
 from typing import Any
 
 import yaml
 from mcap.records import Channel
 
 from rotary_error_monitor.description.wire import Qos
+from rotary_error_monitor.description.yaml_files import parse_yaml, read_yaml
+from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.files import exists
 
 METADATA = "metadata.yaml"
 VERSION = 9
@@ -40,6 +44,60 @@ class FileEntry:
     end_ns: int
 
 
+@dataclass(frozen=True)
+class BagMetadata:
+    """What `metadata.yaml` says that reading needs.
+
+    Attributes:
+        files: names in their order.
+        packing: how each message is packed; empty where it is not.
+        counts: messages by topic.
+        notes: what else its writer had to say, texts by name.
+    """
+
+    files: tuple[str, ...] = ()
+    packing: str = ""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+    def missing(self, folder: Path) -> tuple[str, ...]:
+        """Files that are not there."""
+        return tuple(name for name in self.files if not exists(folder / name))
+
+
+def read_metadata(folder: Path) -> BagMetadata:
+    """Read the `metadata.yaml` of a bag, of any version.
+
+    Raises:
+        InputError: there is none, or it is none of a bag.
+    """
+    path = folder / METADATA
+    content = read_yaml(path, f"a bag with its {METADATA}").content
+    information = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
+    files = information.get("relative_file_paths") if isinstance(information, dict) else None
+    if not isinstance(information, dict) or not isinstance(files, list):
+        raise InputError(f"{path}: no metadata of a bag: rosbag2_bagfile_information.relative_file_paths is missing")
+    names = [PurePath(name).name if isinstance(name, str) else "" for name in files]
+    if not all(names):
+        raise InputError(f"{path}: relative_file_paths: {excerpt(files)}; expected names of files")
+    mode, packing = information.get("compression_mode"), information.get("compression_format")
+    each = isinstance(mode, str) and mode.lower() == "message"
+    custom = information.get("custom_data")
+    notes = {str(name): str(text) for name, text in custom.items()} if isinstance(custom, dict) else {}
+    return BagMetadata(tuple(names), str(packing) if each else "", _counts(information), notes)
+
+
+def _counts(information: dict[str, Any]) -> dict[str, int]:
+    """Messages by topic, none where they are not said as expected."""
+    counts: Counter[str] = Counter()
+    try:
+        for entry in information["topics_with_message_count"]:
+            counts[str(entry["topic_metadata"]["name"])] += int(entry["message_count"])
+    except (KeyError, TypeError, ValueError):
+        return {}
+    return dict(counts)
+
+
 def qos_profiles(qos: Qos) -> list[dict[str, Any]]:
     """Offered quality of service as rosbag2 writes it: no deadline, no lifespan, automatic liveliness."""
     return [
@@ -65,14 +123,23 @@ def channel_metadata(profiles: Sequence[dict[str, Any]]) -> dict[str, str]:
 def channel_profiles(channel: Channel) -> list[dict[str, Any]]:
     """Quality of service that an mcap channel carries; none where it is absent or unreadable."""
     try:
-        profiles = yaml.safe_load(channel.metadata.get(QOS_KEY, ""))
-    except yaml.YAMLError:
+        profiles = parse_yaml(channel.metadata.get(QOS_KEY, ""), channel.topic).content
+    except InputError:
         return []
     return profiles if isinstance(profiles, list) else []
 
 
-def write_metadata(folder: Path, topics: Iterable[TopicEntry], files: Sequence[FileEntry]) -> None:
-    """Write `metadata.yaml` so that a reader finds the old one or the new one, never half of one."""
+def write_metadata(
+    folder: Path, topics: Iterable[TopicEntry], files: Sequence[FileEntry], notes: Mapping[str, str] | None = None
+) -> None:
+    """Write `metadata.yaml` so that a reader finds the old one or the new one, never half of one.
+
+    Args:
+        folder: of the bag.
+        topics: of all files.
+        files: in their order.
+        notes: what else there is to say, texts by name; rosbag2 calls it custom data.
+    """
     filled = [file for file in files if file.count]
     start = min((file.start_ns for file in filled), default=0)
     end = max((file.end_ns for file in filled), default=0)
@@ -95,7 +162,7 @@ def write_metadata(folder: Path, topics: Iterable[TopicEntry], files: Sequence[F
             }
             for file in files
         ],
-        "custom_data": None,
+        "custom_data": dict(notes) if notes else None,
         "ros_distro": "jazzy",
     }
     temporary = folder / f".{METADATA}.new"

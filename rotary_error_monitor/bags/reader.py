@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 import heapq
+import os
+from array import array
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, Protocol
 
 import numpy as np
-from mcap.records import Channel, Schema
-from rosbags.interfaces import MessageDefinitionFormat
-from rosbags.rosbag2 import Reader, ReaderError
+from numpy.typing import NDArray
 
+from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
 from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, Content
+from rotary_error_monitor.bags.listing import SUFFIXES, bag_files, count_remarks, own_files
+from rotary_error_monitor.bags.lock import holder
 from rotary_error_monitor.bags.messages import Decoder, stamp_of
-from rotary_error_monitor.bags.torn import TornFile
-from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.bags.metadata import METADATA, BagMetadata, read_metadata
+from rotary_error_monitor.bags.recorded_files import FileContent, RawMessage, open_file
+from rotary_error_monitor.bags.unpacking import DamageError, unpack
+from rotary_error_monitor.bags.window import Window
+from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.files import exists
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+from rotary_error_monitor.signals.stretches import PAUSE_NS, longest_stretch
 
-
-class RawMessage(NamedTuple):
-    """A message as it lies in the bag; `log_time_ns` is the timestamp (ns) at which it was recorded."""
-
-    topic: str
-    type: str
-    log_time_ns: int
-    data: bytes
+_ENCODING = "cdr"
 
 
 @dataclass(frozen=True)
@@ -37,15 +37,7 @@ class TopicContent:
     type: str
     count: int
     definition: str = ""
-
-
-class _Source(Protocol):
-    topics: Mapping[str, TopicContent]
-    damage: str | None
-
-    def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
-        """Messages of these topics, in the order of their recording."""
-        ...
+    encoding: str = _ENCODING
 
 
 class BagReader:
@@ -55,6 +47,8 @@ class BagReader:
         path: the bag.
         topics: type and number of messages by topic.
         damage: None for a bag that is whole, else what is wrong with it and how much of it can be read.
+        remarks: what a reader of the bag should be told: the damage, what `metadata.yaml` says that is not so, and
+            what its recorder noted.
 
     Raises:
         InputError: there is no bag, or nothing in it can be read.
@@ -62,11 +56,23 @@ class BagReader:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        if not self.path.exists():
-            raise InputError(f"{self.path}: no such bag; give the folder of a rosbag2 bag, or an mcap file")
-        self._source = _open(self.path)
-        self.topics = self._source.topics
+        if not exists(self.path):
+            raise InputError(f"{excerpt(self.path)}: no such bag; give the folder of a rosbag2 bag, or an mcap file")
+        self._source = _Source(self.path)
+        self.topics: Mapping[str, TopicContent] = self._source.topics
         self.damage = self._source.damage
+        self.remarks = tuple(self._remarks())
+        self._indexed: tuple[tuple[str, ...], _Index] | None = None
+
+    def _remarks(self) -> Iterator[str]:
+        if self.damage:
+            yield self.damage
+        metadata = self._source.metadata
+        if metadata.counts and not self.damage:  # else nobody expects that the counts fit
+            for remark in count_remarks(metadata, {name: topic.count for name, topic in self.topics.items()}):
+                yield f"{self.path}: {remark}"
+        for name, text in metadata.notes.items():
+            yield f"{self.path}: {excerpt(name)}: {excerpt(text)}"
 
     def check_topics(self, names: Iterable[str]) -> None:
         """Hold the bag against the topics that somebody needs.
@@ -83,15 +89,29 @@ class BagReader:
         """Messages of some topics, by default all, as bytes in the order of their recording.
 
         Raises:
-            InputError: the bag is damaged in its middle.
+            InputError: a message cannot be unpacked, or the file changed meanwhile.
         """
-        chosen = self.topics.keys() if names is None else names
-        try:
-            yield from self._source.messages(chosen)
-        except ReaderError as error:
-            raise InputError(f"{self.path}: damaged: {error}; recover the bag and read it again") from error
+        return self._source.messages(set(self.topics if names is None else names))
 
-    def replay(self, names: Collection[str] | None = None) -> Iterator[tuple[str, Content]]:
+    def window(self, names: Collection[str]) -> Window | None:
+        """The time of the recording that these topics make together; None where they have no message.
+
+        Messages that are damaged count by their stamps: reading them says what is wrong with them.
+
+        Raises:
+            InputError: a topic or its type cannot be read, or a message is too short for a stamp.
+        """
+        found = self._index(self._chosen(names))
+        if not len(found.stamps):
+            return None
+        return Window(*longest_stretch(found.first, found.last, found.stream))
+
+    def replay(
+        self,
+        names: Collection[str] | None = None,
+        window: Window | None = None,
+        refuse: Callable[[str, InputError], None] | None = None,
+    ) -> Iterator[tuple[str, Content]]:
         """Contents in the order of their stamps, whatever the order in which they arrived.
 
         The bag is gone through twice, first for the stamps; in memory is only what waits for its turn, so that bags of
@@ -99,38 +119,61 @@ class BagReader:
 
         Args:
             names: topics, by default all whose type can be read.
+            window: what lies outside of it is left out.
+            refuse: takes the topic of a broken message and what is wrong with it, and the replay goes on, as a node
+                does; samples that are not finite come as they are then. Without it broken messages are errors.
 
         Raises:
             InputError: a topic or its type cannot be read, or a message is broken; the message says topic and stamp.
         """
         chosen = self._chosen(names)
-        decoders = {name: self._decoder(name) for name in chosen}
-        ranks = self._ranks(chosen)
+        decoders = {name: self._decoder(name, finite=refuse is None) for name in chosen}
+        ranks = self._index(chosen).ranks()
         waiting: list[tuple[int, RawMessage]] = []
         turn = 0
         for rank, message in zip(ranks, self.messages(chosen), strict=True):
             heapq.heappush(waiting, (rank, message))
             while waiting and waiting[0][0] == turn:
                 _, ready = heapq.heappop(waiting)
-                yield ready.topic, self._decode(decoders[ready.topic], ready)
                 turn += 1
+                try:
+                    content = self._decode(decoders[ready.topic], ready)
+                except InputError as error:
+                    if refuse is None:
+                        raise
+                    refuse(ready.topic, error)
+                    continue
+                kept = content if window is None else window.cut(ready.topic, content)
+                if kept is not None:
+                    yield ready.topic, kept
 
-    def read(self, names: Collection[str] | None = None) -> dict[str, list[Content]]:
+    def read(self, names: Collection[str] | None = None, window: Window | None = None) -> dict[str, list[Content]]:
         """All contents by topic, each topic in the order of its stamps; what is asked for and empty is an empty list.
 
         Args and errors as in `replay`.
+
+        Raises:
+            InputError: as `replay`, or the contents are larger than the memory of this computer.
         """
         chosen = self._chosen(names)
+        self._check_memory(chosen)
         decoders = {name: self._decoder(name) for name in chosen}
         contents: dict[str, list[Content]] = {name: [] for name in chosen}
         for message in self.messages(chosen):
-            contents[message.topic].append(self._decode(decoders[message.topic], message))
+            content = self._decode(decoders[message.topic], message)
+            kept = content if window is None else window.cut(message.topic, content)
+            if kept is not None:
+                contents[message.topic].append(kept)
         for found in contents.values():
             found.sort(key=lambda content: content.stamp_ns)
         return contents
 
-    def read_blocks(self, names: Collection[str] | None = None) -> dict[str, list[SampleBlock]]:
+    def read_blocks(
+        self, names: Collection[str] | None = None, window: Window | None = None
+    ) -> dict[str, list[SampleBlock]]:
         """Sample blocks by topic in the order of their stamps, by default of every topic that carries blocks.
+
+        Args as in `replay`.
 
         Raises:
             InputError: a topic is missing or carries something else, or a block is broken or not finite; the message
@@ -143,12 +186,14 @@ class BagReader:
                 raise InputError(f"{self.path}: {name} is a {self.topics[name].type}; sample blocks are {SAMPLE_BLOCK}")
         return {
             name: [content for content in contents if isinstance(content, SampleBlock)]
-            for name, contents in self.read(names).items()
+            for name, contents in self.read(names, window).items()
         }
 
-    def _decoder(self, name: str) -> Decoder:
+    def _decoder(self, name: str, *, finite: bool = True) -> Decoder:
         topic = self.topics[name]
-        return Decoder(topic.type, topic.definition)
+        if topic.encoding != _ENCODING:
+            raise InputError(f"{self.path}: {name} is encoded as {excerpt(topic.encoding)!r}; readable is {_ENCODING}")
+        return Decoder(topic.type, topic.definition, finite=finite)
 
     def _chosen(self, names: Collection[str] | None) -> list[str]:
         if names is None:
@@ -160,14 +205,34 @@ class BagReader:
             )
         return list(names)
 
-    def _ranks(self, names: Collection[str]) -> list[int]:
-        """Place of each message, in the order of recording, among all by stamp."""
+    def _index(self, names: Sequence[str]) -> _Index:
+        """When the messages of these topics are; the answer to the last question is kept."""
+        if self._indexed is None or self._indexed[0] != tuple(names):
+            self._indexed = tuple(names), self._go_through(names)
+        return self._indexed[1]
+
+    def _go_through(self, names: Sequence[str]) -> _Index:
         order = {name: place for place, name in enumerate(sorted(names))}
-        keys = [(self._stamp(message), order[message.topic]) for message in self.messages(names)]
-        stamps, topics = np.array(keys, dtype=np.int64).reshape(-1, 2).T
-        ranks = np.empty(len(keys), dtype=np.int64)
-        ranks[np.lexsort((topics, stamps))] = np.arange(len(keys))
-        return [int(rank) for rank in ranks]
+        blocks = {name: BlockDecoder() for name in names if self.topics[name].type == SAMPLE_BLOCK}
+        stamps, topics = array("q"), array("q")
+        pieces = array("q")
+        for message in self.messages(names):
+            stamp, place = self._stamp(message), order[message.topic]
+            stamps.append(stamp)
+            topics.append(place)
+            for first, last in _pieces(stamp, blocks.get(message.topic), message.data):
+                pieces.extend((first, last, place))
+        times = np.array(pieces, dtype=np.int64).reshape(-1, 3)
+        return _Index(np.array(stamps, np.int64), np.array(topics, np.int64), times[:, 0], times[:, 1], times[:, 2])
+
+    def _check_memory(self, names: Iterable[str]) -> None:
+        size = sum(self._source.sizes[name] for name in set(names))
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        if size > memory:
+            raise InputError(
+                f"{self.path}: the messages to be read at once have {size / 1e9:.1f} GB, this computer has "
+                f"{memory / 1e9:.1f} GB of memory; give a shorter recording"
+            )
 
     def _stamp(self, message: RawMessage) -> int:
         try:
@@ -176,6 +241,11 @@ class BagReader:
             raise InputError(f"{self.path}: {message.topic}, recorded at {message.log_time_ns} ns: {error}") from error
 
     def _decode(self, decoder: Decoder, message: RawMessage) -> Content:
+        expected = self.topics[message.topic].type
+        if message.type != expected:
+            raise InputError(
+                f"{self.path}: {message.topic} carries {expected} and {excerpt(message.type)}; expected one"
+            )
         try:
             return decoder.decode(message.data)
         except InputError as error:
@@ -183,90 +253,134 @@ class BagReader:
             raise InputError(f"{self.path}: {message.topic}, message with stamp {stamp} ns: {error}") from error
 
 
-def _open(path: Path) -> _Source:
-    """The bag as rosbags reads it, or where that fails what can be read of its mcap files."""
-    if path.is_file():
-        return _TornBag(path, [path])
+@dataclass(frozen=True)
+class _Index:
+    """When the messages of some topics are, (n,) in the order of their recording: stamp, and place of their topic.
+
+    Their samples are (m,) pieces of streams without a long pause: first and last time, and place of their topic.
+    """
+
+    stamps: NDArray[np.int64]
+    topics: NDArray[np.int64]
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    stream: NDArray[np.int64]
+
+    def ranks(self) -> list[int]:
+        """(n,) place of each message among all by stamp."""
+        ranks = np.empty(len(self.stamps), dtype=np.int64)
+        ranks[np.lexsort((self.topics, self.stamps))] = np.arange(len(self.stamps))
+        return [int(rank) for rank in ranks]
+
+
+def _pieces(stamp_ns: int, decoder: BlockDecoder | None, data: bytes) -> list[tuple[int, int]]:
+    """First and last time (ns) of what one message holds: of a block whose samples pause, one for each part."""
+    if decoder is None:
+        return [(stamp_ns, stamp_ns)]
     try:
-        whole = _WholeBag(path)
-    # Which error comes depends on the byte where the file ends: rosbags' own, or one of the parsing below it.
-    except Exception as error:
-        files = sorted(path.glob("*.mcap"))
-        if not files:
-            raise InputError(f"{path}: no readable bag: {error}") from error
-        return _TornBag(path, files)
-    if any(topic.count for topic in whole.topics.values()):
-        return whole
-    # A recorder that was killed while it closed the bag leaves counts of zero in metadata.yaml.
-    files = sorted(path.glob("*.mcap"))
-    return _TornBag(path, files) if files else whole
+        first, last, _ = decoder.span(data)
+        if 0 <= last - first <= PAUSE_NS / NANOSECONDS:
+            return [(stamp_ns + round(first * NANOSECONDS), stamp_ns + round(last * NANOSECONDS))]
+        times = np.sort(decoder.decode(data).times_ns)
+    except (InputError, OverflowError, ValueError):  # times that are none are told when the block is read
+        return [(stamp_ns, stamp_ns)]
+    cuts = np.flatnonzero(np.diff(times) > PAUSE_NS)
+    starts, stops = times[np.r_[0, cuts + 1]], times[np.r_[cuts, len(times) - 1]]
+    return list(zip(starts.tolist(), stops.tolist(), strict=True))
 
 
-class _WholeBag:
-    """A bag with metadata and index, read by rosbags."""
+class _Source:
+    """The files of a bag, one after another.
 
-    damage: str | None = None
+    Attributes:
+        topics: type and number of messages by topic.
+        sizes: bytes of messages by topic.
+        damage: what cannot be read; None where all can.
+        metadata: what `metadata.yaml` says.
+    """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        counts: Counter[str] = Counter()
-        types = {}
-        with Reader(path) as reader:
-            for connection in reader.connections:
-                definition = connection.msgdef
-                readable = definition.data if definition.format == MessageDefinitionFormat.MSG else ""
-                types[connection.topic] = connection.msgtype, readable
-                counts[connection.topic] += connection.msgcount
-        self.topics: Mapping[str, TopicContent] = {
-            name: TopicContent(msgtype, counts[name], definition) for name, (msgtype, definition) in types.items()
-        }
+        remarks: list[str] = []
+        paths, self.metadata = _files_of(path, remarks)
+        self._files = [open_file(each) for each in paths]
+        contents = [file.survey() for file in self._files]
+        for found in contents:
+            _check_whole(path, found)
+        self.topics: dict[str, TopicContent] = {}
+        self.sizes: Counter[str] = Counter()
+        for found in contents:
+            self.sizes += found.sizes
+            for name, msgtype in found.types.items():
+                before = self.topics.get(
+                    name, TopicContent(msgtype, 0, found.definitions[msgtype], found.encodings[name])
+                )
+                self.topics[name] = replace(before, count=before.count + found.counts[name])
+        self.damage: str | None = "; ".join([*_torn(path, contents), *remarks]) or None
 
     def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
-        with Reader(self._path) as reader:
-            connections = [connection for connection in reader.connections if connection.topic in names]
-            if not connections:
-                return  # rosbags takes an empty choice for all
-            for connection, log_time_ns, data in reader.messages(connections):
-                yield RawMessage(connection.topic, connection.msgtype, log_time_ns, data)
-
-
-class _TornBag:
-    """The mcap files of a bag, each read as far as it goes; those that are whole are read to their end."""
-
-    def __init__(self, path: Path, files: list[Path]) -> None:
-        self._files = [TornFile(file) for file in files]
-        counts: Counter[str] = Counter()
-        types: dict[str, str] = {}
-        for message in self._scan(types):
-            counts[message.topic] += 1
-        self.topics: Mapping[str, TopicContent] = {
-            name: TopicContent(msgtype, counts[name]) for name, msgtype in types.items()
-        }
-        self.damage: str | None = self._describe(path, counts)
-
-    def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
-        return (message for message in self._scan({}) if message.topic in names)
-
-    def _scan(self, types: dict[str, str]) -> Iterator[RawMessage]:
+        """Messages of these topics, in the order of their recording."""
         for file in self._files:
-            schemas: dict[int, str] = {}
-            channels: dict[int, tuple[str, str]] = {}
-            for record in file.records():
-                if isinstance(record, Schema):
-                    schemas[record.id] = record.name
-                elif isinstance(record, Channel):
-                    channels[record.id] = record.topic, schemas.get(record.schema_id, "")
-                    types[record.topic] = channels[record.id][1]
-                elif record.channel_id in channels:
-                    yield RawMessage(*channels[record.channel_id], record.log_time, record.data)
+            if not self.metadata.packing:
+                yield from file.messages(names)
+                continue
+            for message in file.messages(names):
+                try:
+                    yield message._replace(data=bytes(unpack(message.data, self.metadata.packing)))
+                except DamageError as error:
+                    raise InputError(
+                        f"{file.path}: {message.topic}, recorded at {message.log_time_ns} ns: {error}"
+                    ) from error
 
-    def _describe(self, path: Path, counts: Counter[str]) -> str | None:
-        extents = [file.extent for file in self._files]
-        if all(extent.complete and not extent.damaged for extent in extents):
-            return None
-        readable, size = sum(e.readable for e in extents), sum(e.size for e in extents)
-        damaged = sum(e.damaged for e in extents)
-        return (
-            f"{path}: the recording was not closed; readable are {counts.total()} messages on {len(counts)} topics, "
+
+def _files_of(path: Path, remarks: list[str]) -> tuple[list[Path], BagMetadata]:
+    """The files of a bag in order, and what its metadata says; what is odd goes to the remarks."""
+    if not path.is_dir():
+        return [path], BagMetadata()
+    there = bag_files(path, SUFFIXES) or sorted(path.glob("*.mcap"))  # a folder of that name is told where it is read
+    try:
+        metadata = read_metadata(path)
+    except InputError as error:
+        if not there:
+            raise InputError(f"{path}: no readable bag: {error}") from error
+        if (path / METADATA).exists():
+            remarks.append(f"{error}; read without it were {', '.join(file.name for file in there)}")
+        return there, BagMetadata()
+    missing = metadata.missing(path)
+    files = [path / name for name in metadata.files if name not in missing]
+    # a recorder that was killed may have begun a file of which its metadata does not know yet
+    files += [file for file in own_files(path, metadata, SUFFIXES) if file not in files]
+    files = files or there
+    if not files:
+        raise InputError(
+            f"{path}: no readable bag: none of its files is there: {excerpt(', '.join(missing)) or 'no name'}"
+        )
+    if missing:
+        remarks.append(
+            f"{path}: {METADATA} tells of {excerpt(', '.join(missing))}, which "
+            f"{'is' if len(missing) == 1 else 'are'} not there"
+        )
+    return files, metadata
+
+
+def _check_whole(path: Path, found: FileContent) -> None:
+    """A file that has its end and lost something before it is to be recovered first: nobody expects a hole in it."""
+    if found.complete and found.indexed and found.damaged:
+        raise InputError(f"{path}: damaged: {found.path.name}: {found.problem}; recover the bag and read it again")
+
+
+def _torn(path: Path, contents: Sequence[FileContent]) -> Iterator[str]:
+    """What is said of files that have no end, and of those whose index is damaged."""
+    if not all(found.complete for found in contents):
+        counts = sum((found.counts for found in contents), Counter[str]())
+        readable, size = sum(found.readable for found in contents), sum(found.size for found in contents)
+        damaged = sum(found.damaged for found in contents if not found.complete)
+        topics = {name for found in contents for name in found.types}
+        recorder = holder(path if path.is_dir() else path.parent)
+        state = f"{recorder} is recording it" if recorder else "the recording was not closed"
+        yield (
+            f"{path}: {state}; readable are {counts.total()} messages on {len(topics)} topics, "
             f"{readable} of {size} bytes" + (f", without {damaged} damaged records in between" if damaged else "")
         )
+    for found in contents:
+        if not found.indexed:
+            yield f"{path}: {found.path.name}: {found.problem}; all messages were read without it; recover the bag"

@@ -12,13 +12,25 @@ from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
-from rotary_error_monitor.bags.metadata import METADATA, FileEntry, TopicEntry, channel_profiles, write_metadata
+from rotary_error_monitor.bags.coverage import BagCoverage
+from rotary_error_monitor.bags.listing import bag_files, count_remarks, own_files, read_listing
+from rotary_error_monitor.bags.lock import BagLock, writer_of
+from rotary_error_monitor.bags.metadata import (
+    METADATA,
+    FileEntry,
+    TopicEntry,
+    channel_profiles,
+    read_metadata,
+    write_metadata,
+)
+from rotary_error_monitor.bags.part import LIBRARY
 from rotary_error_monitor.bags.torn import TornFile
-from rotary_error_monitor.bags.writer import LIBRARY, RESERVE
+from rotary_error_monitor.bags.writer import RESERVE
 from rotary_error_monitor.errors import InputError
 
 CHUNK_SIZE = 1 << 18
 _RECOVERING = ".recovering"
+_MISSING = "files missing when the bag was recovered"
 
 
 @dataclass(frozen=True)
@@ -31,6 +43,8 @@ class RecoveryReport:
         rewritten: names of the files that had no end or were damaged; none where the bag was whole.
         lost: bytes at the end of files that held no whole message.
         damaged: records in between that could not be read and were left out.
+        missing: files that `metadata.yaml` told of and that are not there.
+        remarks: what a recovery cannot mend: files that are missing, counts that did not fit, what the recorder noted.
     """
 
     folder: Path
@@ -38,8 +52,12 @@ class RecoveryReport:
     rewritten: tuple[str, ...]
     lost: int
     damaged: int
+    missing: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def __str__(self) -> str:
+        if self.missing and not self.rewritten:
+            return f"{self.folder}: {self.counts.total()} messages; the files that are there are whole"
         if not self.rewritten:
             return f"{self.folder}: the bag is whole, {self.counts.total()} messages"
         return (
@@ -59,27 +77,49 @@ def recover(bag: Path | str) -> RecoveryReport:
         bag: folder of the bag, or the mcap file in it.
 
     Raises:
-        InputError: there is no bag of mcap files, or the disk has no room for a copy of a file.
+        InputError: there is no bag of mcap files, somebody is recording or recovering it, or the disk has no room for a
+            copy of a file.
         OSError: the folder cannot be written.
     """
     path = Path(bag)
     folder = path.parent if path.is_file() else path
-    files = sorted(folder.glob("*.mcap"))
-    if not files:
+    if not folder.is_dir() or not bag_files(folder):
         raise InputError(f"{path}: no mcap file to recover; give the folder of a rosbag2 bag")
-    contents = [_recover_file(file) for file in files]
+    with BagLock(folder):
+        return _recover(folder)
+
+
+def _recover(folder: Path) -> RecoveryReport:
+    listing = read_listing(folder)
+    files = own_files(folder, listing) or bag_files(folder)
+    recorder = writer_of(files)
+    if recorder:  # one that takes no lock, such as rosbag2's own
+        raise InputError(f"{folder}: {recorder} has its files open to write; let it end first")
+    missing = listing.missing(folder)
+    coverage = BagCoverage()
+    contents = [_recover_file(file, coverage) for file in files]
     (folder / RESERVE).unlink(missing_ok=True)
     counts = sum((content.counts() for content in contents), Counter[str]())
-    report = RecoveryReport(
+    rewritten = tuple(content.path.name for content in contents if content.torn)
+    notes = dict(listing.notes)
+    if missing:
+        notes[_MISSING] = ", ".join(sorted({*missing, *filter(None, notes.get(_MISSING, "").split(", "))}))
+    remarks = [f"{folder}: {name}: {text}" for name, text in notes.items()]
+    remarks += coverage.remarks()
+    if listing.counts and not rewritten and not missing:
+        remarks += [f"{folder}: {remark}; it was put right" for remark in count_remarks(listing, counts)]
+    listed = listing.files == tuple(file.name for file in files)
+    if rewritten or notes != listing.notes or not listed or not _metadata_fits(folder, counts):
+        write_metadata(folder, _topics(contents), [content.entry() for content in contents], notes)
+    return RecoveryReport(
         folder=folder,
         counts=counts,
-        rewritten=tuple(content.path.name for content in contents if content.torn),
+        rewritten=rewritten,
         lost=sum(content.lost for content in contents),
         damaged=sum(content.damaged for content in contents),
+        missing=missing,
+        remarks=tuple(remarks),
     )
-    if report.rewritten or not _metadata_fits(folder, counts):
-        write_metadata(folder, _topics(contents), [content.entry() for content in contents])
-    return report
 
 
 @dataclass
@@ -110,6 +150,12 @@ class _FileContent:
         self.channel_counts[record.channel_id] += 1
         return True
 
+    def topic_of(self, message: Message) -> tuple[str, str]:
+        """Topic and type of a message that was added."""
+        channel = self.channels[message.channel_id]
+        schema = self.schemas.get(channel.schema_id)
+        return channel.topic, schema.name if schema else ""
+
     def counts(self) -> Counter[str]:
         """Messages by topic."""
         counts: Counter[str] = Counter()
@@ -121,12 +167,13 @@ class _FileContent:
         return FileEntry(self.path.name, self.channel_counts.total(), self.start_ns, self.end_ns)
 
 
-def _recover_file(path: Path) -> _FileContent:
-    """Content of a file, which afterwards has its end."""
+def _recover_file(path: Path, coverage: BagCoverage) -> _FileContent:
+    """Content of a file, which afterwards has its end; what it covers is noted."""
     torn = TornFile(path)
     content = _FileContent(path)
     for record in torn.records():
-        content.add(record)
+        if content.add(record) and isinstance(record, Message):
+            coverage.note(*content.topic_of(record), record.data)
     extent = torn.extent
     content.torn = not extent.complete or extent.damaged > 0
     content.lost, content.damaged = extent.size - extent.readable, extent.damaged
@@ -189,6 +236,7 @@ def _metadata_fits(folder: Path, counts: Counter[str]) -> bool:
     if not (folder / METADATA).is_file():
         return False
     try:
+        read_metadata(folder)  # which has limits on what it costs
         with Reader(folder) as reader:
             said = Counter({connection.topic: connection.msgcount for connection in reader.connections})
     # Whatever the parser trips over, metadata that cannot be read is written anew.

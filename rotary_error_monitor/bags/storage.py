@@ -43,9 +43,10 @@ class Reserve:
             self._size = wanted
 
     def release(self) -> None:
-        """Give the space free."""
+        """Give the space free; where the disk does not even let go, there is nothing to gain."""
         self._file.close()
-        self._path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            self._path.unlink(missing_ok=True)
 
 
 class RecordFile:
@@ -63,6 +64,7 @@ class RecordFile:
         self._file = path.open("xb", buffering=0)
         self._size = 0
         self._syncing: Future[None] | None = None
+        self._ending: Future[None] | None = None
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="bag_sync")
         self.trouble: OSError | None = None
         self.chunks = 0
@@ -110,23 +112,40 @@ class RecordFile:
                 self.trouble = failure
         self._syncing = self._worker.submit(os.fsync, self._file.fileno())
 
+    @property
+    def removed(self) -> bool:
+        """Whether the file has no name any more: what is written to it is gone once it is closed."""
+        return os.fstat(self._file.fileno()).st_nlink == 0
+
+    def end(self) -> None:
+        """Begin to store everything and to close the file, without waiting for the disk: `close` does that."""
+        if self._ending is None:
+            self._ending = self._worker.submit(self._store_and_close)
+
+    @property
+    def ended(self) -> bool:
+        """Whether what `end` began is done."""
+        return self._ending is not None and self._ending.done()
+
     def close(self) -> None:
-        """Store everything and close the file; the reserve goes too.
+        """Store everything and close the file.
 
         Raises:
             OSError: the disk could not store it; the file is closed nevertheless.
         """
+        self.end()
         self._worker.shutdown()
-        try:
-            os.fsync(self._file.fileno())
-        finally:
-            self._file.close()
-            self._reserve.release()
+        assert self._ending is not None
+        self._ending.result()
 
     def abandon(self) -> None:
         """Close the file as it is, on a disk that already failed."""
         with contextlib.suppress(OSError):
             self.close()
+
+    def _store_and_close(self) -> None:
+        with self._file:
+            os.fsync(self._file.fileno())
 
     def _append(self, data: bytes) -> None:
         rest = memoryview(data)

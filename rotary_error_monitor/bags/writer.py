@@ -2,54 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
-
-from mcap.writer import CompressionType, Writer
+from typing import NoReturn, Self
 
 from rotary_error_monitor.bags.contents import TYPES, Content
+from rotary_error_monitor.bags.lock import BagLock, holder
 from rotary_error_monitor.bags.messages import encode
-from rotary_error_monitor.bags.metadata import (
-    FileEntry,
-    TopicEntry,
-    channel_metadata,
-    qos_profiles,
-    type_definition,
-    write_metadata,
-)
+from rotary_error_monitor.bags.metadata import FileEntry, TopicEntry, qos_profiles, type_definition, write_metadata
+from rotary_error_monitor.bags.part import BagPart, Recordable
 from rotary_error_monitor.bags.storage import RecordFile, Reserve
 from rotary_error_monitor.description.wire import Qos, Wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import SampleBlock
 
-CHUNK_SIZE = 1 << 16  # what a kill may cost is bounded by time, not by this; larger chunks read faster
-LIBRARY = "rotary_error_monitor"
 RESERVE = ".reserve"
 DEFAULT_QOS = Qos("reliable", "volatile", 10)
-_INDEX_PER_CHUNK = 73  # bytes of a chunk index in mcap, and for each channel in the chunk
-_INDEX_PER_CHANNEL = 10
-_MARGIN = 4  # the reserve takes this many chunks beside the index
-
-
-class Recordable(Protocol):
-    """A topic to record, such as those of the wire contract."""
-
-    @property
-    def name(self) -> str:
-        """Name of the topic."""
-
-    @property
-    def type(self) -> str:
-        """Type of its messages, such as `sensor_msgs/msg/JointState`."""
-
-    @property
-    def qos(self) -> Qos:
-        """Quality of service that its publishers offer."""
+_SEQUENCES = 1 << 32  # mcap has 32 bits for the number of a message
 
 
 @dataclass(frozen=True)
@@ -72,10 +48,16 @@ class BagWriter:
     the disk some `sync_period` later, so that it survives a loss of power. Both happen within `write` and `flush`: who
     records slow topics calls `flush` from a timer.
 
+    The writer has the bag for itself until it is closed or its process ends: neither another writer nor a recovery
+    takes it meanwhile. Where somebody renames the folder, recording goes on in it; where somebody removes it, or the
+    file at hand, recording stops.
+
     Attributes:
         folder: the bag.
         counts: messages written, by topic.
         stopped: why recording ended by itself, None while it goes on.
+        notes: what `metadata.yaml` shall say of the recording beside what rosbag2 expects, texts by name.
+        locked: False where the file system knows no locks, so that nobody is kept away.
     """
 
     def __init__(
@@ -85,6 +67,8 @@ class BagWriter:
         *,
         flush_period: float = 0.2,
         sync_period: float = 1.0,
+        max_file_size: int = 0,
+        max_file_duration: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Create the bag with its `metadata.yaml`.
@@ -94,6 +78,9 @@ class BagWriter:
             topics: every topic that will be written; their types are standard messages.
             flush_period: longest time (s) that a message stays in the process.
             sync_period: time (s) between requests to the disk to store what was written.
+            max_file_size: bytes from which the next file is begun; 0 for one file. The index of a file is kept in
+                memory until its end, so that recordings without an end want one of these bounds.
+            max_file_duration: time (s) from the first message of a file after which the next is begun; 0 for one file.
             clock: monotonic time (s).
 
         Raises:
@@ -103,32 +90,39 @@ class BagWriter:
         self.folder = Path(folder)
         self.counts: Counter[str] = Counter()
         self.stopped: str | None = None
-        self._topics = list(topics)
-        definitions = {topic.type: _definition(topic) for topic in self._topics}
-        try:
-            self.folder.mkdir(parents=True)
-        except FileExistsError:
-            raise InputError(f"{self.folder}: exists already; give the path of a new bag") from None
-        self._times: tuple[int, int] | None = None
+        self.notes: dict[str, str] = {}
+        self._topics = {topic.name: topic for topic in topics}
+        self._definitions = {topic.type: _definition(topic) for topic in self._topics.values()}
+        self._limits = max_file_size, max_file_duration
         self._periods = flush_period, sync_period
         self._clock = clock
         self._flushed = self._synced = clock()
         self._closed = False
-        self._name = f"{self.folder.resolve().name}_0.mcap"
-        self._file = RecordFile(self.folder / self._name, Reserve(self.folder / RESERVE))
-        # A file with the methods of a stream is all that the writer needs, whatever its annotation asks for.
-        self._writer = Writer(self._file, CHUNK_SIZE, CompressionType.NONE)  # type: ignore[arg-type]
-        try:
-            self._writer.start(profile="ros2", library=LIBRARY)
-            self._channels = self._register(definitions)
+        self._name = self.folder.resolve().name
+        self._entries: list[FileEntry] = []
+        self._ending: list[RecordFile] = []
+        self._lock = _new_folder(self.folder)
+        self._home = self._lock.path
+        self.locked = self._lock.held
+        with ExitStack() as undo:
+            undo.callback(self._lock.release)
+            self._reserve = Reserve(self._lock.place / RESERVE)
+            undo.callback(self._reserve.release)
+            self._part = self._new_part()
+            undo.callback(self._abandon)
             self._write_metadata()
-        except OSError:
-            self._closed = True
-            self._file.abandon()
-            raise
+            undo.pop_all()
         self._keep_reserve()
 
-    def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None) -> None:
+    @property
+    def moved(self) -> Path | None:
+        """Where the folder is now, if somebody has renamed it."""
+        path = None if self._closed else self._lock.path
+        return path if path != self._home else None
+
+    def write(
+        self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None, sequence: int = 0
+    ) -> None:
         """Append a message.
 
         Args:
@@ -136,42 +130,46 @@ class BagWriter:
             data: CDR bytes of the message.
             log_time_ns: timestamp (ns) at which it was received.
             publish_time_ns: timestamp (ns) at which it was published, by default the same.
+            sequence: its number among those of its publisher, 0 where that is not known.
 
         Raises:
             InputError: the bag has no such topic.
             RecordingStoppedError: the disk is full or broken; what was written before is kept and the bag is closed.
         """
         self._check_open()
-        if topic not in self._channels:
-            raise InputError(f"{self.folder}: topic {topic} is not recorded; recorded are {', '.join(self._channels)}")
+        if topic not in self._topics:
+            raise InputError(f"{self.folder}: topic {topic} is not recorded; recorded are {', '.join(self._topics)}")
         publish_time_ns = log_time_ns if publish_time_ns is None else publish_time_ns
+        if self._part.is_full(log_time_ns, *self._limits):
+            self._split()
         try:
-            self._writer.add_message(self._channels[topic], log_time_ns, data, publish_time_ns)
+            self._part.add(topic, data, log_time_ns, publish_time_ns, sequence % _SEQUENCES)
         except OSError as error:
             self._stop(error, whole=False)
         self.counts[topic] += 1
-        first, last = self._times or (log_time_ns, log_time_ns)
-        self._times = min(first, log_time_ns), max(last, log_time_ns)
         if self._clock() - self._flushed >= self._periods[0]:
             self.flush()
-        elif self._file.trouble is not None:
-            self._stop(self._file.trouble, whole=True)
+        else:
+            self._check_trouble()
 
     def flush(self) -> None:
         """Hand everything over to the operating system, and to the disk when that is due.
 
         Raises:
-            RecordingStoppedError: the disk is full or broken; what was written before is kept and the bag is closed.
+            RecordingStoppedError: the disk is full or broken, or the bag was removed; what was written before is kept
+                where it was not removed, and the bag is closed.
         """
         self._check_open()
         now = self._flushed = self._clock()
         try:
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._part.flush()
+            self._close_ended()
         except OSError as error:
             self._stop(error, whole=False)
+        self._check_there()
         if now - self._synced >= self._periods[1]:
             self._synced = now
-            self._file.sync()
+            self._part.file.sync()
         self._keep_reserve()
 
     def close(self) -> None:
@@ -195,24 +193,60 @@ class BagWriter:
     ) -> None:
         self.close()
 
-    def _register(self, definitions: Mapping[str, str]) -> dict[str, int]:
-        schemas = {
-            msgtype: self._writer.register_schema(msgtype, "ros2msg", definition.encode())
-            for msgtype, definition in definitions.items()
-        }
-        return {
-            topic.name: self._writer.register_channel(
-                topic.name, "cdr", schemas[topic.type], channel_metadata(qos_profiles(topic.qos))
+    def _new_part(self) -> BagPart:
+        """The next file; none is left where it cannot be begun."""
+        name = f"{self._name}_{len(self._entries)}.mcap"
+        try:
+            return BagPart(self._lock.place, name, tuple(self._topics.values()), self._definitions, self._reserve)
+        except OSError:
+            with contextlib.suppress(OSError):
+                (self._lock.place / name).unlink(missing_ok=True)
+            raise
+
+    def _split(self) -> None:
+        """Go on in a new file; where that cannot be made, the old one is ended all the same."""
+        full = self._part
+        self._entries.append(full.entry)
+        try:
+            part = self._new_part()
+        except OSError as error:
+            self._entries.pop()
+            self._stop(error, whole=True)
+        self._part = part
+        self._ending.append(full.file)  # not its index, which is written now
+        try:
+            full.finish()
+            self._write_metadata()
+        except OSError as error:
+            self._stop(error, whole=False)
+        self._check_trouble()
+
+    def _close_ended(self) -> None:
+        """Let go of the files that the disk has stored meanwhile, and hear whether it could."""
+        while self._ending and self._ending[0].ended:
+            self._ending.pop(0).close()
+
+    def _check_trouble(self) -> None:
+        """A disk that took the last message out of the reserve takes no other."""
+        for file in (*self._ending, self._part.file):
+            if file.trouble is not None:
+                self._stop(file.trouble, whole=True)
+
+    def _check_there(self) -> None:
+        """What somebody removed can be written to for ever, and is nowhere."""
+        if self._lock.path is None:
+            self._stop(OSError(errno.ENOENT, "the folder was removed"), kept="what was recorded is gone with it")
+        if self._part.file.removed:
+            count = self._part.count
+            self._stop(
+                OSError(errno.ENOENT, f"{self._part.name} was removed"),
+                kept=f"its {count} messages are gone with it",
             )
-            for topic in self._topics
-        }
 
     def _keep_reserve(self) -> None:
         """Room for the index of all chunks, and for the chunk at hand."""
-        per_chunk = _INDEX_PER_CHUNK + _INDEX_PER_CHANNEL * len(self._channels)
-        self._file.reserve(_MARGIN * CHUNK_SIZE + self._file.chunks * per_chunk)
-        if self._file.trouble is not None:
-            self._stop(self._file.trouble, whole=True)
+        self._part.file.reserve(self._part.index_size)
+        self._check_trouble()
 
     def _check_open(self) -> None:
         if self.stopped is not None:
@@ -221,32 +255,65 @@ class BagWriter:
             raise InputError(f"{self.folder}: the bag is closed; nothing more can be written to it")
 
     def _finish(self) -> None:
-        self._writer.finish()  # type: ignore[no-untyped-call]
-        self._closed = True
-        self._file.close()
+        self._part.finish()
+        for file in (*self._ending, self._part.file):
+            file.close()
         self._write_metadata()
+        self._let_go()
 
-    def _stop(self, error: OSError, *, whole: bool) -> None:
-        """End the recording with what is written; `whole` is whether every message at hand got into the file."""
+    def _let_go(self) -> None:
+        """The bag is everybody's again."""
+        self._closed = True
+        self._reserve.release()
+        self._lock.release()
+
+    def _abandon(self) -> None:
+        """Close all files as they are, on a disk that already failed."""
+        for file in (*self._ending, self._part.file):
+            with contextlib.suppress(OSError):
+                file.close()
+        self._let_go()
+
+    def _stop(self, error: OSError, *, whole: bool = False, kept: str = "") -> NoReturn:
+        """End the recording with what is written.
+
+        Args:
+            error: why.
+            whole: whether every message at hand got into the files.
+            kept: what became of the recording, where that is something else than the usual.
+        """
         if whole:
             try:
                 self._finish()
             except OSError:
                 whole = False
         if not self._closed:
-            self._closed = True
-            self._file.abandon()
+            self._abandon()
         self.stopped = f"{self.folder}: recording stopped: {error.strerror or error}; " + (
-            f"the bag is complete up to here with {self.counts.total()} messages"
-            if whole
-            else "what was written is kept, but the bag has no index: make room and recover it"
+            kept
+            or (
+                f"the bag is complete up to here with {self.counts.total()} messages"
+                if whole
+                else "what was written is kept, but the bag has no index: make room and recover it"
+            )
         )
         raise RecordingStoppedError(self.stopped) from error
 
     def _write_metadata(self) -> None:
-        start, end = self._times or (0, 0)
-        topics = [TopicEntry(t.name, t.type, qos_profiles(t.qos), self.counts[t.name]) for t in self._topics]
-        write_metadata(self.folder, topics, [FileEntry(self._name, self.counts.total(), start, end)])
+        topics = [TopicEntry(t.name, t.type, qos_profiles(t.qos), self.counts[t.name]) for t in self._topics.values()]
+        write_metadata(self._lock.place, topics, [*self._entries, self._part.entry], self.notes)
+
+
+def _new_folder(folder: Path) -> BagLock:
+    """The lock of a folder that was not there before."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        by = holder(folder)
+        raise InputError(
+            f"{folder}: exists already{f' and {by} has it' if by else ''}; give the path of a new bag"
+        ) from None
+    return BagLock(folder)
 
 
 def write_messages(folder: Path | str, contents: Mapping[str, Sequence[Content]], wire: Wire | None = None) -> None:

@@ -2,55 +2,64 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.reader import BagReader
-from rotary_error_monitor.calibration.yaml_document import (
-    Provenance,
-    YamlDocument,
-    hash_source,
-    in_one_line,
-    note_provenance,
-    number,
-    section_of,
-)
+from rotary_error_monitor.calibration.yaml_document import Provenance, YamlDocument, hash_source, number
+from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.assembly import (
+from rotary_error_monitor.metrology.mirror_assembly import (
+    DELAY_STD,
     MirrorAssembly,
-    RingAssembly,
-    ShaftRecording,
+    doubt_mirror,
     estimate_mirror_assembly,
-    estimate_ring_assembly,
 )
+from rotary_error_monitor.metrology.ring_assembly import RingAssembly, estimate_ring_assembly
+from rotary_error_monitor.metrology.shaft_recording import ShaftRecording, record_shaft
 from rotary_error_monitor.signals.blocks import SampleBlock
-from rotary_error_monitor.signals.resampling import resample_all, tick_times
 
 Array = NDArray[np.float64]
-
-PERIOD_NS = 10_000_000
-MAX_GAP_NS = 30_000_000
-FEWEST_TICKS = 100
-ARCSEC = 648000 / np.pi
 
 
 @dataclass(frozen=True)
 class AssemblyResult:
-    """What a recording between centres says; the mirror is None where no autocollimator was recorded."""
+    """What a recording between centres says.
+
+    Attributes:
+        mirror: None where no autocollimator was recorded, or where it does not tell.
+        radius: of the ring, m.
+        remark: why there is no mirror.
+        remarks: what of the recording could not be used.
+        ticks: times that were used.
+        written: False where the recording does not fit and was not forced into the file.
+    """
 
     ring: RingAssembly
     mirror: MirrorAssembly | None
+    radius: float
+    remark: str
     ticks: int
+    written: bool
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def fits(self) -> bool:
+        """Whether the recording fits ring and mirror."""
+        return self.ring.fit.fits and (self.mirror is None or self.mirror.fit.fits)
 
 
-def read_shaft_recording(path: Path | str, stage: StageDescription) -> ShaftRecording:
-    """Heads and autocollimator of a bag, brought to common times 10 ms apart.
+def read_shaft_recording(path: Path | str, stage: StageDescription, remarks: list[str] | None = None) -> ShaftRecording:
+    """Heads and autocollimator of a bag, brought to common times.
+
+    What of the bag cannot be read, or lies outside of the recording by its time, is added to `remarks`.
 
     Raises:
         InputError: the bag cannot be read, holds fewer than two heads, or its streams hardly overlap.
@@ -65,99 +74,118 @@ def read_shaft_recording(path: Path | str, stage: StageDescription) -> ShaftReco
     names = [topics[letter] for letter in heads]
     if collimator in reader.topics and reader.topics[collimator].count:
         names.append(collimator)
-    blocks = reader.read_blocks(names)
-    streams = [_joined(blocks[name]) for name in names]
-    first = max(int(times[0]) for times, _ in streams) // PERIOD_NS + 1
-    last = min(int(times[-1]) for times, _ in streams) // PERIOD_NS - 1
-    if last - first < FEWEST_TICKS:
-        raise InputError(f"{path}: the streams {', '.join(names)} overlap for {max(0, last - first) * 10} ms only")
-    sampled = resample_all(streams, tick_times(first, last - first, PERIOD_NS), PERIOD_NS, MAX_GAP_NS)
-    readings = np.concatenate([one.values for one in sampled[: len(heads)]], axis=1)
-    # The speed at a tick needs its neighbours as well.
-    valid = np.all([one.valid for one in sampled], axis=0)
-    valid &= np.roll(valid, 1) & np.roll(valid, -1)
-    valid[[0, -1]] = False
-    speed = np.gradient(readings.mean(axis=1)) / (PERIOD_NS * 1e-9)
-    head_variance = stage.encoder.noise**2 + stage.encoder.resolution**2 / 12
-    tilt_variance = stage.autocollimator.noise**2 + stage.autocollimator.resolution**2 / 12
-    tilt = sampled[len(heads)] if len(names) > len(heads) else None
-    return ShaftRecording(
-        heads=heads,
-        readings=readings[valid],
-        reading_variances=np.stack([one.gain[valid] for one in sampled[: len(heads)]], axis=1) * head_variance,
-        speed=speed[valid],
-        tilt=None if tilt is None else tilt.values[valid],
-        tilt_variances=None if tilt is None else np.repeat(tilt.gain[valid, None] * tilt_variance, 2, axis=1),
-    )
+    window = reader.window(names)
+    blocks = reader.read_blocks(names, window)
+    if remarks is not None:
+        remarks += [remark for remark in (*reader.remarks, window and window.remark) if remark]
+    streams = {name: _joined(blocks[name]) for name in names}
+    try:
+        return record_shaft(stage, {letter: streams[topics[letter]] for letter in heads}, streams.get(collimator))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
-def calibrate_assembly(source: Path, stage_file: Path, output: Path, day: date) -> AssemblyResult:
+def calibrate_assembly(
+    source: Path,
+    stage_file: Path,
+    output: Path,
+    day: date,
+    *,
+    delay: tuple[float, float] = (0.0, DELAY_STD),
+    force: bool = False,
+) -> AssemblyResult:
     """Eccentricity and graduation of the ring, tilt and flatness of the mirror, into the stage file.
 
+    What the recording cannot tell stays in the file. A recording that does not fit is written only by `force`, with an
+    uncertainty that covers what is left. What was there before goes to the history of each section.
+
+    Args:
+        source: bag of the shaft between centres.
+        stage_file: the stage as described so far.
+        output: where to write.
+        day: of the calibration.
+        delay: age of the autocollimator's values and its standard uncertainty, as known before, s.
+        force: write what does not fit.
+
     Raises:
-        InputError: the bag or the stage file cannot be read, or the recording does not determine the assembly.
+        InputError: the bag or the stage file cannot be read, or the recording does not determine the ring.
     """
     stage = load_stage(stage_file)
-    recording = read_shaft_recording(source, stage)
+    remarks: list[str] = []
+    recording = read_shaft_recording(source, stage, remarks)
     try:
         ring = estimate_ring_assembly(stage, recording)
-        mirror = None if recording.tilt is None else estimate_mirror_assembly(recording)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
-    document = YamlDocument(stage_file)
-    section = document.content["stage"]
-    provenance = {"encoder": max(ring.eccentricity_std)}
-    encoder = section["encoder"]
-    encoder["eccentricity"] = in_one_line([number(value) for value in ring.eccentricity])
-    encoder["graduation"] = [
-        in_one_line({"order": row.order, "cos": number(row.cos), "sin": number(row.sin)}) for row in ring.graduation
-    ]
-    if mirror is not None:
-        entry = section_of(section, "mirror")
-        entry["tilt"] = in_one_line([number(value) for value in mirror.tilt])
-        entry["flatness"] = [
-            in_one_line({"order": row.order, "x": [*map(number, row.x)], "y": [*map(number, row.y)]})
-            for row in mirror.flatness
-        ]
-        provenance["mirror"] = max(mirror.tilt_std)
+    mirror, remark = None, "no autocollimator in the recording"
+    if recording.tilt is not None:
+        try:
+            mirror = doubt_mirror(estimate_mirror_assembly(stage, recording, delay), ring)
+        except InputError as error:
+            remark = str(error)
+    result = AssemblyResult(
+        ring, mirror, stage.encoder.disc_radius, remark, len(recording.readings), written=False, remarks=tuple(remarks)
+    )
+    if not (result.fits or force):
+        return result
+    document = YamlDocument(stage_file, "stage")
     digest = hash_source(source)
-    for name, uncertainty in provenance.items():
-        note_provenance(section, [name], Provenance(day, source.name, digest, uncertainty))
+    for name, note in _set_ring(document, ring), _set_mirror(document, mirror):
+        if name:
+            uncertainty, figures = note
+            doubt = "" if result.fits else "; ".join(misfit_lines(result))
+            document.note(name, Provenance(day, source.name, digest, uncertainty, figures, doubt))
     document.save(output, load_stage)
-    return AssemblyResult(ring, mirror, len(recording.readings))
+    return replace(result, written=True)
 
 
-def assembly_text(result: AssemblyResult, output: Path) -> str:
-    """What was found, in µm and arcsec."""
+def misfit_lines(result: AssemblyResult) -> list[str]:
+    """By how much a recording does not fit, and what is left looks like."""
     ring, mirror = result.ring, result.mirror
-    (x, y), (std_x, std_y) = ring.eccentricity, ring.eccentricity_std
-    lines = [
-        f"ring: eccentricity ({x * 1e6:.3f}, {y * 1e6:.3f}) µm, standard uncertainty ({std_x * 1e6:.4f}, "
-        f"{std_y * 1e6:.4f}) µm, from {result.ticks} times; residual {ring.noise_ratio:.2f} times the noise"
-    ]
-    for row, std in zip(ring.graduation, ring.graduation_std, strict=True):
-        lines.append(
-            f"  graduation order {row.order}: {np.hypot(row.cos, row.sin) * ARCSEC:.3f} arcsec, standard uncertainty "
-            f"{max(std) * ARCSEC:.4f}"
-        )
-    if ring.hidden_orders:
-        lines.append(f"  orders that these heads cannot see: {', '.join(map(str, ring.hidden_orders))}")
+    lines = [] if ring.fit.fits else [ring.fit.sentence("heads", result.radius * 1e6, "µm at the ring")]
+    if mirror is not None and not mirror.fit.fits:
+        lines.append(mirror.fit.sentence("autocollimator", 648000 / np.pi, "arcsec"))
+    return lines
+
+
+Note = tuple[str, tuple[float, dict[str, float]]]
+
+
+def _set_ring(document: YamlDocument, ring: RingAssembly) -> Note:
+    place = ("encoder", "eccentricity")
+    document.set("encoder", ".".join(place), place, [number(value) for value in ring.eccentricity])
+    rows = [{"order": row.order, "cos": number(row.cos), "sin": number(row.sin)} for row in ring.graduation]
+    rows += [{"order": row.order, "cos": row.cos, "sin": row.sin} for row in ring.kept]
+    _set_rows(document, "encoder", ("encoder", "graduation"), rows)
+    figures = {"residual_ratio": ring.fit.ratio}
+    if ring.graduation_std:
+        figures["graduation_uncertainty"] = max(max(pair) for pair in ring.graduation_std)
+    return "encoder", (max(ring.eccentricity_std), figures)
+
+
+def _set_mirror(document: YamlDocument, mirror: MirrorAssembly | None) -> Note:
     if mirror is None:
-        lines.append("mirror: no autocollimator in the recording, left as it was")
-    else:
-        tilt_x, tilt_y = (value * ARCSEC for value in mirror.tilt)
-        lines.append(
-            f"mirror: tilt ({tilt_x:.3f}, {tilt_y:.3f}) arcsec, standard uncertainty "
-            f"{max(mirror.tilt_std) * ARCSEC:.4f}; autocollimator {mirror.delay * 1e3:.3f} ms old; residual "
-            f"{mirror.noise_ratio:.2f} times the noise"
-        )
-        for wave, deviation in zip(mirror.flatness, mirror.flatness_std, strict=True):
-            size = np.sqrt(np.sum(np.square([*wave.x, *wave.y])) / 2)
-            lines.append(
-                f"  flatness order {wave.order}: {size * ARCSEC:.3f} arcsec, standard uncertainty "
-                f"{deviation * ARCSEC:.4f}"
-            )
-    return "\n".join([*lines, f"written to {output}"])
+        return "", (0.0, {})
+    place = ("mirror", "tilt")
+    document.set("mirror", ".".join(place), place, [number(value) for value in mirror.tilt])
+    rows: list[dict[str, Any]] = [
+        {"order": row.order, "x": [*map(number, row.x)], "y": [*map(number, row.y)]} for row in mirror.flatness
+    ]
+    rows += [{"order": row.order, "x": [*row.x], "y": [*row.y]} for row in mirror.kept]
+    _set_rows(document, "mirror", ("mirror", "flatness"), rows)
+    figures = {
+        "residual_ratio": mirror.fit.ratio,
+        "autocollimator_delay": mirror.delay,
+        "autocollimator_delay_uncertainty": mirror.delay_std,
+    }
+    if mirror.flatness_std:
+        figures["flatness_uncertainty"] = max(mirror.flatness_std)
+    return "mirror", (max(mirror.tilt_std), figures)
+
+
+def _set_rows(document: YamlDocument, part: str, place: tuple[str, str], rows: list[dict[str, Any]]) -> None:
+    if rows or document.get(*place):
+        document.set(part, ".".join(place), place, Rows(sorted(rows, key=lambda row: int(row["order"]))))
 
 
 def _joined(blocks: list[SampleBlock]) -> tuple[NDArray[np.int64], Array]:

@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
+from rotary_error_monitor.calibration.machine_file import SQUARENESS, location_name
 from rotary_error_monitor.calibration.measurements import read_tracker
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.description.machine import Body, Displacement, MachineDescription
@@ -24,6 +26,7 @@ from rotary_error_monitor.metrology.axis_fits import (
     LineFit,
     LocationErrors,
     estimate_location_errors,
+    find_outlying_points,
     fit_axis_average_line,
     fit_line_in_space,
 )
@@ -35,6 +38,9 @@ Points = tuple[Array, Array]
 
 ZERO = "zero"
 """Feature of readings of the tool tip with all axes at zero: it ties the tracker to the machine's coordinates."""
+
+FALSE_ALARM = 1e-3
+"""Probability that clean readings are found to hold one that stands off."""
 
 LEAST_ANGLE = 0.1
 """Rotary axes at a smaller angle, rad, count as parallel: they have a distance in two directions, not one."""
@@ -64,11 +70,17 @@ class SquarenessResult:
         squareness: (axis, other, angle, uncertainty), rad.
         locations: of rotary axes by letter.
         reference: what shifts count from: the letter of the first rotary axis, or `zero`; empty without rotary axes.
+        scatter: (axis, how many times the stated noise its points scatter), where that is more than chance makes it.
+        misfits: what does not fit, in words.
+        written: whether the file was written.
     """
 
     squareness: tuple[tuple[str, str, float, float], ...]
     locations: Mapping[str, RotaryLocation]
     reference: str
+    scatter: tuple[tuple[str, float], ...]
+    misfits: tuple[str, ...]
+    written: bool
 
 
 def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
@@ -86,7 +98,8 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
     """
     machine = job.file.machine
     tracks, zero = _tracks(job.source, machine, noise)
-    lines = _axis_lines(job.source, machine, tracks)
+    fitted = _axis_lines(job.source, machine, tracks)
+    lines = {letter: _as_scattered(line) for letter, line in fitted.items()}
     ordered = [body.axis for body in machine.bodies if body.axis in lines]
     linear = [letter for letter in ordered if letter is not None and machine.axis(letter).kind == "linear"]
     rotary = [letter for letter in ordered if letter is not None and letter not in linear]
@@ -107,8 +120,38 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
         origin = _origin_by_axis(machine, rotary[0], seen[rotary[0]], unsure)
     locations = {} if origin is None else _locate(job, seen, origin, reference)
     worst = max([row[3] for row in found] + [float(each.rotation_uncertainty.max()) for each in locations.values()])
-    job.finish(["squareness", *(f"location of {letter}" for letter in locations)], worst, {})
-    return SquarenessResult(tuple(found), locations, reference)
+    misfits = _stray_points(fitted)
+    written = job.finish([SQUARENESS, *map(location_name, locations)], worst, {}, misfits)
+    scatter = tuple((letter, line.ratio) for letter, line in fitted.items() if _scatters(line))
+    return SquarenessResult(tuple(found), locations, reference, scatter, misfits, written)
+
+
+def _as_scattered(line: LineFit) -> LineFit:
+    """The line with the uncertainty that its points' scatter shows, where that is more than the stated noise."""
+    square = max(1.0, line.ratio) ** 2
+    return replace(
+        line,
+        point_covariance=line.point_covariance * square,
+        direction_covariance=line.direction_covariance * square,
+    )
+
+
+def _scatters(line: LineFit) -> bool:
+    freedom = 2 * len(line.departures) - 4  # of points with two directions across a line
+    return bool(chi2.sf(line.ratio**2 * freedom, freedom) < FALSE_ALARM)
+
+
+def _stray_points(lines: Mapping[str, LineFit]) -> tuple[str, ...]:
+    """Axes of which single readings stand off from the others, in words."""
+    misfits = []
+    for letter, line in lines.items():
+        strays = find_outlying_points(line, FALSE_ALARM / len(lines))
+        if len(strays):
+            misfits.append(
+                f"axis {letter}: {len(strays)} reading(s) stand off from the others, number {strays[0] + 1} by "
+                f"{line.departures[strays[0]]:.1f} standard deviations of the stated noise; drop or repeat them"
+            )
+    return tuple(misfits)
 
 
 def _tracks(
@@ -253,7 +296,13 @@ def _turned(line: LineFit, turn: Array, turn_covariance: Array | None = None) ->
     covariance = turn @ line.direction_covariance @ turn.T
     if turn_covariance is not None:
         covariance = covariance + _cross(direction) @ turn_covariance @ _cross(direction).T
-    return LineFit(turn @ line.point, direction, turn @ line.point_covariance @ turn.T, covariance, line.scatter)
+    return replace(
+        line,
+        point=turn @ line.point,
+        direction=direction,
+        point_covariance=turn @ line.point_covariance @ turn.T,
+        direction_covariance=covariance,
+    )
 
 
 def _turn_covariance(first: LineFit, second: LineFit) -> Array:

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.files import read_text
 
 Array = NDArray[np.float64]
 
@@ -90,7 +91,7 @@ def read_table(path: Path | str, choices: Sequence[Sequence[Column]]) -> Table:
     line, header = rows[0][0], [name.strip() for name in rows[0][1]]
     columns = next((c for c in choices if {column.name for column in c} == set(header)), None)
     if columns is None or len(set(header)) != len(header):
-        raise InputError(f"{path}:{line}: header {','.join(header)}; expected {expected}")
+        raise InputError(f"{path}:{line}: header {excerpt(','.join(header))}; expected {expected}")
     if len(rows) == 1:
         raise InputError(f"{path}:{line}: a header and no row below it; expected one row for each reading")
     for number, values in rows[1:]:
@@ -108,39 +109,41 @@ def read_table(path: Path | str, choices: Sequence[Sequence[Column]]) -> Table:
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Line number and values of each row that is neither empty nor a comment."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); give the path of a CSV file") from error
-    numbered = [(number, line) for number, line in enumerate(text.splitlines(), start=1)]
-    kept = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
-    return [(number, values) for (number, _), values in zip(kept, csv.reader(line for _, line in kept), strict=True)]
+    """Line number and values of each row that is neither empty nor a comment; a row is a line."""
+    rows = []
+    for number, line in enumerate(read_text(path, "a CSV file", encoding="utf-8-sig").splitlines(), start=1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            try:
+                rows += [(number, values) for values in csv.reader([line], strict=True)]
+            except csv.Error as error:
+                raise InputError(
+                    f"{path}:{number}: {error}; expected values with commas between, a row a line"
+                ) from error
+    return rows
 
 
 def _numbers(path: Path, lines: NDArray[np.int64], column: Column, cells: list[str]) -> Array:
-    try:
-        values = np.array(cells, dtype=np.float64)
-    except ValueError:
-        for line, cell in zip(lines, cells, strict=True):
-            _check_number(f"{path}:{line}", column.name, cell)
-        raise
-    values = values * column.scale
+    for line, cell in zip(lines, cells, strict=True):
+        _check_number(f"{path}:{line}", column.name, cell)
+    values = np.array(cells, dtype=np.float64) * column.scale
     for wrong, problem in (
         (~np.isfinite(values), "is no finite number; drop that reading"),
         (np.abs(values) > column.largest, f"is beyond ±{column.largest / column.scale:g}: is it in another unit?"),
     ):
         if np.any(wrong):
             at = int(np.argmax(wrong))
-            raise InputError(f"{path}:{lines[at]}: {column.name} {cells[at]} {problem}")
+            raise InputError(f"{path}:{lines[at]}: {column.name} {excerpt(cells[at])} {problem}")
     return values
 
 
 def _check_number(where: str, name: str, cell: str) -> None:
     try:
         float(cell)
+        is_number = "_" not in cell  # which Python reads over: 3_5 would be 35
     except ValueError:
+        is_number = False
+    if not is_number:
         hint = "is empty; drop that reading" if not cell else "is no number"
         if re.fullmatch(r"[+-]?\d+,\d*", cell):
             hint = "has a decimal comma; write a point"
-        raise InputError(f"{where}: {name} '{cell}' {hint}") from None
+        raise InputError(f"{where}: {name} '{excerpt(cell)}' {hint}")

@@ -1,4 +1,4 @@
-"""The machine file as a calibration leaves it: sections replaced, comments kept, and where each number is from."""
+"""The machine file as a calibration leaves it: sections replaced, all else kept, and where each number is from."""
 
 from __future__ import annotations
 
@@ -8,18 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
-from rotary_error_monitor.calibration.yaml_document import (
-    Provenance,
-    Whole,
-    YamlDocument,
-    in_one_line,
-    note_provenance,
-    number,
-    numbers,
-    section_of,
-)
+from rotary_error_monitor.calibration.yaml_document import Provenance, YamlDocument, number, numbers
+from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.description.machine import (
     Axis,
     ErrorComponent,
@@ -31,6 +22,14 @@ from rotary_error_monitor.description.machine_section import machine_mapping
 from rotary_error_monitor.errors import InputError
 
 Array = NDArray[np.float64]
+
+SQUARENESS = "squareness"
+"""Name under `calibration` of what a laser tracker or the poses say about linear axes."""
+
+
+def location_name(letter: str) -> str:
+    """Name under `calibration` of the location errors of a rotary axis."""
+    return f"location of {letter}"
 
 
 class MachineFile:
@@ -55,18 +54,18 @@ class MachineFile:
             )
         self.path = path
         self.machine: MachineDescription = load_machine(path)
-        self._document = YamlDocument(path)
-        if "bodies" not in self._document.content["machine"]:
-            self._document.content["machine"] = _tree(self.machine)
-        self._section: CommentedMap = self._document.content["machine"]
+        self._document = YamlDocument(path, "machine")
+        if "bodies" not in self._document.content:
+            notes = self._document.get("calibration")
+            self._document.rewrite(_tree(self.machine, notes))
 
     @property
     def changed(self) -> MachineDescription:
         """The description as the changes so far make it."""
-        return machine_from_mapping(self._section)
+        return machine_from_mapping(self._document.content)
 
     def set_table(self, name: str, positions: Array, forward: Array, backward: Array | None) -> None:
-        """Make the error component `name` the table of values measured; what it was before is gone.
+        """Make the error component `name` the table of values measured; what it was before goes to the history.
 
         A reversal error of the axis is in the two columns of its own positioning error and leaves the axis.
         """
@@ -75,45 +74,53 @@ class MachineFile:
             table["values"] = numbers(forward)
         else:
             table |= {"forward": numbers(forward), "backward": numbers(backward)}
-            self._section["axes"][name[2]].pop("reversal", None)
-        self._renewed(name)["table"] = in_one_line(table)
+            self._document.remove(name, f"axes.{name[2]}.reversal", ("axes", name[2], "reversal"))
+        self._document.set(name, f"errors.{name}", ("errors", name), Rows({"table": table}))
 
     def set_slope(self, name: str, slope: float) -> None:
         """Beside its table, give the error component `name` a slope in m per m (or rad per m) over the axis."""
         low, high = self.machine.axis(name[2]).travel
-        self._component(name)["poly"] = in_one_line([0.0, number(slope * (high - low) / 2)])
+        poly = [0.0, number(slope * (high - low) / 2)]
+        self._document.set(name, f"errors.{name}", ("errors", name, "poly"), poly)
 
     def set_squareness(self, letter: str, other: str, angle: float) -> None:
         """Angle between two axes less 90 degrees, at the body that axis `letter` moves, rad."""
-        body = self._body(self.machine.body_of(letter).name)
-        if "squareness" not in body:
-            body["squareness"] = in_one_line({})
-        body["squareness"][other] = number(angle)
+        name = self.machine.body_of(letter).name
+        place = ("bodies", self._body(name), "squareness", other)
+        self._document.set(SQUARENESS, f"bodies.{name}.squareness.{other}", place, number(angle))
 
     def set_location(self, letter: str, shift: Array, rotation: Array) -> None:
         """Location error of the body that the axis moves, m and rad; it replaces a squareness there."""
-        self._set_location(self.machine.body_of(letter).name, shift, rotation)
+        self._set_location(location_name(letter), self.machine.body_of(letter).name, shift, rotation)
 
-    def set_machine(self, machine: MachineDescription) -> None:
+    def set_machine(self, machine: MachineDescription) -> list[str]:
         """Polynomials, harmonics, location errors, reversal and expansion of an identified machine.
+
+        Gives the names of the parts under `calibration` that are from this calibration now.
 
         Raises:
             InputError: its bodies or axes are not those of the file.
         """
         if [body.name for body in machine.bodies] != [body.name for body in self.machine.bodies]:
             raise InputError(f"the identified machine has other bodies than {self.path}")
+        parts = ["machine"]
         for name, component in machine.errors.items():
             if component != self.machine.errors.get(name):
-                self._set_component(name, component)
+                parts.append(self._noted([name]))
+                self._set_component(parts[-1], name, component)
         for new, old in zip(machine.bodies, self.machine.bodies, strict=True):
             if new.location_error != old.location_error:
-                self._set_location(new.name, np.array(new.location_error.shift), np.array(new.location_error.rotation))
+                parts.append(self._noted([location_name(new.axis), SQUARENESS] if new.axis else []))
+                error = new.location_error
+                self._set_location(parts[-1], new.name, np.array(error.shift), np.array(error.rotation))
         for axis, before in zip(machine.axes, self.machine.axes, strict=True):
             self._set_axis(axis, before)
+        return list(dict.fromkeys(parts))
 
     def note(self, names: Sequence[str], provenance: Provenance) -> None:
-        """Write down where sections are from, under `calibration`, by their names."""
-        note_provenance(self._section, names, provenance)
+        """Write down where sections are from, under `calibration`, by their names, and what they were before."""
+        for name in names:
+            self._document.note(name, provenance)
 
     def save(self, path: Path) -> MachineDescription:
         """Write the file, whole or not at all, and give the description that is now in it.
@@ -123,68 +130,54 @@ class MachineFile:
         """
         return self._document.save(path, load_machine)
 
-    def _renewed(self, name: str) -> CommentedMap:
-        """The component emptied, without the comment beside it: that told where the old number was from."""
-        self._component(name)
-        errors: CommentedMap = self._section["errors"]
-        errors.ca.items.pop(name, None)
-        errors[name] = CommentedMap()
-        return self._component(name)
+    def _noted(self, names: Sequence[str]) -> str:
+        """Which of the parts has been calibrated by itself before and is now superseded, or the machine as a whole."""
+        notes = self._document.get("calibration") or {}
+        return next((name for name in names if name in notes), "machine")
 
-    def _component(self, name: str) -> CommentedMap:
-        return section_of(section_of(self._section, "errors"), name)
-
-    def _set_component(self, name: str, component: ErrorComponent) -> None:
-        entry = self._renewed(name)
+    def _set_component(self, part: str, name: str, component: ErrorComponent) -> None:
+        entry: dict[str, Any] = {}
         if component.table is not None:
-            table = {"positions": list(component.table.positions), "forward": list(component.table.forward)}
-            entry["table"] = in_one_line({**table, "backward": list(component.table.backward)})
+            table = component.table
+            columns = {"positions": table.positions, "forward": table.forward, "backward": table.backward}
+            entry["table"] = {key: list(values) for key, values in columns.items()}
         if component.poly:
-            entry["poly"] = in_one_line([number(value) for value in component.poly])
+            entry["poly"] = [number(value) for value in component.poly]
         if component.harmonic:
-            rows = [{"order": w.order, "cos": number(w.cos), "sin": number(w.sin)} for w in component.harmonic]
-            entry["harmonic"] = in_one_line(rows)
+            entry["harmonic"] = [
+                {"order": w.order, "cos": number(w.cos), "sin": number(w.sin)} for w in component.harmonic
+            ]
+        self._document.set(part, f"errors.{name}", ("errors", name), Rows(entry))
 
-    def _body(self, name: str) -> CommentedMap:
-        """The body that is about to change, without the comment beside it."""
-        bodies: CommentedSeq = self._section["bodies"]
-        at = next(k for k, body in enumerate(bodies) if body["name"] == name)
-        bodies.ca.items.pop(at, None)
-        found: CommentedMap = bodies[at]
-        return found
+    def _body(self, name: str) -> int:
+        bodies = self._document.get("bodies")
+        return next(k for k, body in enumerate(bodies) if body["name"] == name)
 
-    def _set_location(self, name: str, shift: Array, rotation: Array) -> None:
-        body = self._body(name)
-        body.pop("squareness", None)
-        body["location_error"] = in_one_line({"shift": numbers(shift), "rotation": numbers(rotation)})
+    def _set_location(self, part: str, name: str, shift: Array, rotation: Array) -> None:
+        at = self._body(name)
+        self._document.remove(part, f"bodies.{name}.squareness", ("bodies", at, "squareness"))
+        error = {"shift": numbers(shift), "rotation": numbers(rotation)}
+        self._document.set(part, f"bodies.{name}.location_error", ("bodies", at, "location_error"), error)
 
     def _set_axis(self, axis: Axis, before: Axis) -> None:
-        entry = self._section["axes"][axis.letter]
         for key in ("reversal", "expansion"):
             if getattr(axis, key) != getattr(before, key):
-                entry[key] = number(getattr(axis, key))
+                place = ("axes", axis.letter, key)
+                self._document.set("machine", ".".join(place), place, number(getattr(axis, key)))
 
 
-def _tree(machine: MachineDescription) -> CommentedMap:
+def _tree(machine: MachineDescription, notes: dict[str, Any] | None) -> Rows:
     """The machine as a tree of bodies, a row in one line each, all numbers with all their digits."""
-    content = _whole(machine_mapping(machine))
+    content = machine_mapping(machine)
     for row in (*content["axes"].values(), *content["bodies"]):
         for key in ("expansion", "reversal", "pose", "location_error"):
             if key in row and not np.any(list(_numbers_in(row[key]))):
                 del row[key]
-    section = CommentedMap(content)
-    for name in ("axes", "errors"):
-        section[name] = CommentedMap({key: in_one_line(row) for key, row in content[name].items()})
-    section["bodies"] = CommentedSeq([in_one_line(body) for body in content["bodies"]])
-    return section
-
-
-def _whole(value: Any) -> Any:  # noqa: ANN401 (YAML content)
-    if isinstance(value, dict):
-        return {key: _whole(part) for key, part in value.items()}
-    if isinstance(value, list):
-        return [_whole(part) for part in value]
-    return Whole(value) if isinstance(value, float) else value
+    for name in ("axes", "bodies", "errors"):
+        content[name] = Rows(content[name])
+    if notes:
+        content["calibration"] = Rows(notes)
+    return Rows(content)
 
 
 def _numbers_in(value: Any) -> Iterator[float]:  # noqa: ANN401 (YAML content)

@@ -26,7 +26,7 @@ from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.kinematics import arrange_machine, axis_columns, stand
 from rotary_error_monitor.metrology.positioning import PositioningRuns, estimate_deviations
-from rotary_error_monitor.metrology.straightness import Run
+from rotary_error_monitor.metrology.repeated_runs import Run
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,9 @@ LEAST_GAP = 5.0
 
 TRAVEL_SLACK = 1e-3
 """Part of its travel by which a pose of an axis may be beyond it."""
+
+EMPTIEST = 10.0
+"""Places in the table of targets and cycles for each reading: more are no runs over the same targets."""
 
 LEAST_LEVER = 0.05
 """Least distance of the tool tip from a rotary axis whose angle it shows, m: a micrometre is 20 µrad there."""
@@ -74,6 +77,11 @@ def read_positioning(path: Path | str, *, rotary: bool) -> PositioningRuns:
     _check_runs(table, targets, target)
     values = np.unique(targets)
     cycles = np.unique(table.numbers["cycle"])
+    if len(values) * len(cycles) > EMPTIEST * len(targets):
+        raise InputError(
+            f"{table.path}: {len(targets)} readings at {len(values)} targets in {len(cycles)} cycles; each cycle "
+            "visits the targets: are they the commanded positions, and is the cycle its number?"
+        )
     place = np.searchsorted(values, targets), np.searchsorted(cycles, table.numbers["cycle"])
     filled = {}
     for sign in (1, -1):

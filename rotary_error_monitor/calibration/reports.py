@@ -10,11 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.calibration.axis_lines import ZERO, SquarenessResult
-from rotary_error_monitor.calibration.steps import (
-    MachineResult,
-    PositioningResult,
-    StraightnessResult,
-)
+from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
+from rotary_error_monitor.calibration.straightness_step import StraightnessResult
 from rotary_error_monitor.calibration.volume import ErrorCost
 
 ARCSEC = 648000 / math.pi
@@ -49,7 +46,8 @@ def positioning_text(result: PositioningResult, output: Path) -> str:
             f"{outlier.ratio:.1f} standard deviations; {fate}"
         )
     lines += [f"  note: {remark}" for remark in result.remarks]
-    return "\n".join([*lines, f"written to {output}, standard uncertainty {result.uncertainty * scale:.3f} {unit}"])
+    ending = _ending(result.misfits, result.written, output)
+    return "\n".join([*lines, f"{ending}, standard uncertainty {result.uncertainty * scale:.3f} {unit}"])
 
 
 def straightness_text(result: StraightnessResult, output: Path) -> str:
@@ -57,8 +55,12 @@ def straightness_text(result: StraightnessResult, output: Path) -> str:
     spliced = result.spliced
     lines = [
         f"straightness ({result.name}) {result.error * 1e6:.3f} µm about the least squares line, standard uncertainty "
-        f"{result.uncertainty * 1e6:.3f} µm, {spliced.positions[0] * 1e3:g} to {spliced.positions[-1] * 1e3:g} mm"
+        f"{result.error_uncertainty * 1e6:.3f} µm, {spliced.positions[0] * 1e3:g} to {spliced.positions[-1] * 1e3:g} mm"
     ]
+    lines.append(
+        f"  a point of the curve {result.uncertainty * 1e6:.3f} µm, of which {result.between * 1e6:.3f} µm lie between "
+        f"readings {result.spacing * 1e3:g} mm apart; waves shorter than {2 * result.spacing * 1e3:g} mm stay unseen"
+    )
     ends, zone = (spliced.straightness(method).error for method in ("end_point", "minimum_zone"))
     lines.append(f"  about the line through the ends {ends * 1e6:.3f} µm, minimum zone {zone * 1e6:.3f} µm")
     if result.repeatability is not None:
@@ -74,7 +76,7 @@ def straightness_text(result: StraightnessResult, output: Path) -> str:
     if result.rotated is not None:
         angle, sense = result.rotated.angle * 1e6, "rises" if result.rotated.rising else "falls"
         lines.append(f"  rotated by {angle:+.2f} µrad: the curve {sense} and its correction never reverses")
-    return "\n".join([*lines, f"written to {output}"])
+    return "\n".join([*lines, _ending(result.misfits, result.written, output)])
 
 
 def squareness_text(result: SquarenessResult, output: Path) -> str:
@@ -94,7 +96,9 @@ def squareness_text(result: SquarenessResult, output: Path) -> str:
             f"    displaced by ({_micro(np.where(np.isnan(found.shift_uncertainty), np.nan, found.shift))}) µm along "
             f"x, y, z (nan: not seen), standard uncertainty {np.nanmax(found.shift_uncertainty) * 1e6:.2f}"
         )
-    return "\n".join([*lines, f"written to {output}"])
+    for letter, ratio in result.scatter:
+        lines.append(f"  the points of {letter} scatter {ratio:.2f} times the noise, which the uncertainty counts")
+    return "\n".join([*lines, _ending(result.misfits, result.written, output)])
 
 
 def _micro(values: NDArray[np.float64]) -> str:
@@ -122,7 +126,9 @@ def machine_text(result: MachineResult, output: Path) -> str:
     known = found.standard_uncertainty
     worst = [k for k in np.argsort(-known) if np.isfinite(known[k])][:3]
     shown = ", ".join(f"{found.parameters[k].name} {known[k] * 1e6:.2f}" for k in worst)
-    return "\n".join([*lines, f"  largest standard uncertainties (µm, µrad): {shown}", f"written to {output}"])
+    lines.append(f"  largest standard uncertainties (µm, µrad): {shown}")
+    # the first line is the verdict, and says what does not fit
+    return "\n".join([*lines, _ending((), result.written, output)])
 
 
 def ranking_text(costs: Sequence[ErrorCost]) -> str:
@@ -134,3 +140,9 @@ def ranking_text(costs: Sequence[ErrorCost]) -> str:
             f"{cost.orientation_rms * 1e6:24.3f}"
         )
     return "\n".join(lines)
+
+
+def _ending(misfits: Sequence[str], written: bool, output: Path) -> str:
+    """What does not fit, and whether the file was written."""
+    lines = [f"does not fit: {misfit}" for misfit in misfits]
+    return "\n".join([*lines, f"written to {output}" if written else "not written; --force writes it all the same"])

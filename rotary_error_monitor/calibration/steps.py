@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -14,19 +14,16 @@ from numpy.typing import NDArray
 from rotary_error_monitor.calibration.identification import Identification, check_held_out, identify_machine
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.measurements import (
-    Placement,
     read_positioning,
     read_positioning_poses,
     read_probed_poses,
-    read_straightness,
 )
 from rotary_error_monitor.calibration.parameters import Orders, list_parameters
 from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits
 from rotary_error_monitor.calibration.yaml_document import Provenance, hash_source
-from rotary_error_monitor.description.machine import DIRECTIONS, Axis, MachineDescription
+from rotary_error_monitor.description.machine import DIRECTIONS, Axis
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.guideway_compensation import RotatedCurve, rotate_monotone
 from rotary_error_monitor.metrology.positioning import (
     Outlier,
     PositioningFigures,
@@ -36,12 +33,10 @@ from rotary_error_monitor.metrology.positioning import (
     find_outliers,
     remove_outliers,
 )
-from rotary_error_monitor.metrology.splicing import Mirror, Segment, SplicedProfile, splice_segments
-from rotary_error_monitor.metrology.straightness import combine_runs
+from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 
 Array = NDArray[np.float64]
 
-MOST_TABLE_ROWS = 101
 TURN = 2 * math.pi
 
 LARGEST_GAP = 1.2
@@ -63,18 +58,29 @@ class Job:
         file: the machine file to change.
         output: where to write it.
         day: day of the calibration.
+        force: write what does not fit as well.
     """
 
     source: Path
     file: MachineFile
     output: Path
     day: date
+    force: bool = False
 
-    def finish(self, names: list[str], uncertainty: float | None, figures: Mapping[str, float]) -> None:
-        """Note where the sections are from, and save."""
-        provenance = Provenance(self.day, self.source.name, hash_source(self.source), uncertainty, figures)
+    def finish(
+        self, names: list[str], uncertainty: float | None, figures: Mapping[str, float], misfits: Sequence[str] = ()
+    ) -> bool:
+        """Note where the sections are from, and save; nothing is written where something does not fit, but by force.
+
+        Gives whether the file was written.
+        """
+        if misfits and not self.force:
+            return False
+        remark = "; ".join(misfits)
+        provenance = Provenance(self.day, self.source.name, hash_source(self.source), uncertainty, figures, remark)
         self.file.note(names, provenance)
         self.file.save(self.output)
+        return True
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,8 @@ class PositioningResult:
         outliers: readings that stand off from the others.
         remarks: departures from the standard test, in words.
         uncertainty: largest standard uncertainty of a mean, m or rad.
+        misfits: what does not fit, in words.
+        written: whether the file was written.
     """
 
     name: str
@@ -97,12 +105,14 @@ class PositioningResult:
     dropped: bool
     remarks: tuple[str, ...]
     uncertainty: float
+    misfits: tuple[str, ...]
+    written: bool
 
 
 def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False) -> PositioningResult:
     """ISO 230-2 test of one axis into the table of its positioning error.
 
-    Outliers are told and count, unless they are to be dropped.
+    Outliers are told. A test that holds such as clean readings hardly ever do is written without them, or by force.
 
     Raises:
         InputError: the machine has no such axis, the table is wrong, or its targets leave the travel.
@@ -112,10 +122,10 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
         runs = read_positioning(job.source, rotary=axis.kind == "rotary")
     else:
         runs = read_positioning_poses(job.source, job.file.machine, letter)
-    _check_travel(axis, runs.targets, job.source)
+    check_travel(axis, runs.targets, job.source)
     outliers = find_outliers(runs)
     figures = estimate_positioning(remove_outliers(runs, outliers) if drop_outliers else runs)
-    name, sign = _own_component(axis)
+    name, sign = own_component(axis)
     forward = sign * figures.forward.mean
     backward = None if figures.backward is None else sign * figures.backward.mean
     positions = _over_travel(axis, runs.targets)
@@ -127,6 +137,9 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
     )
     ways = [figures.forward] if figures.backward is None else [figures.forward, figures.backward]
     uncertainty = max(float((way.spread / np.sqrt(way.count)).max()) for way in ways)
+    misfits = () if drop_outliers else _outlying_readings(find_outliers(runs, false_alarm=FALSE_ALARM), runs)
+    if misfits:
+        uncertainty = math.hypot(uncertainty, _moved_by(outliers, figures))
     noted = {"repeatability": figures.forward.repeatability, "accuracy": figures.forward.accuracy}
     if figures.bidirectional is not None:
         both = figures.bidirectional
@@ -137,14 +150,35 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
             "systematic_deviation": both.systematic_deviation,
             "accuracy": both.accuracy,
         }
-    job.finish([name], uncertainty, noted)
+    written = job.finish([name], uncertainty, noted, misfits)
     remarks = check_standard_test(runs)
     share = float(np.ptp(positions)) / (axis.travel[1] - axis.travel[0])
     if share < LEAST_COVERED:
         remarks += (f"the targets cover {share:.0%} of the travel; beyond them the error of the last one holds",)
     if runs.rotary and job.source.suffix != ".csv":
         remarks += ("told from a tool tip: radial error motions and a displaced axis count into the angle",)
-    return PositioningResult(name, runs, figures, outliers, drop_outliers, remarks, uncertainty)
+    return PositioningResult(name, runs, figures, outliers, drop_outliers, remarks, uncertainty, misfits, written)
+
+
+def _outlying_readings(outliers: Sequence[Outlier], runs: PositioningRuns) -> tuple[str, ...]:
+    if not outliers:
+        return ()
+    scale, unit = (648000 / math.pi, "arcsec") if runs.rotary else (1e6, "µm")
+    worst = outliers[0]
+    return (
+        f"{len(outliers)} reading(s) stand off from the others at their target, by up to {worst.excess * scale:+.3f} "
+        f"{unit} or {worst.ratio:.1f} standard deviations; --drop-outliers leaves them out",
+    )
+
+
+def _moved_by(outliers: Sequence[Outlier], figures: PositioningFigures) -> float:
+    """How far outliers move the mean of a target at most, m or rad."""
+    moved: dict[tuple[int, int], float] = {}
+    for outlier in outliers:
+        way = figures.forward if outlier.direction > 0 or figures.backward is None else figures.backward
+        key = outlier.target, outlier.direction
+        moved[key] = moved.get(key, 0.0) + abs(outlier.excess) / float(way.count[outlier.target])
+    return max(moved.values(), default=0.0)
 
 
 def _over_travel(axis: Axis, targets: Array) -> Array:
@@ -168,92 +202,18 @@ def _repeated(positions: Array, targets: Array, errors: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class StraightnessResult:
-    """What a straightness step found; `rotated` is None where no monotone curve was asked for."""
-
-    name: str
-    spliced: SplicedProfile
-    error: float
-    uncertainty: float
-    repeatability: float | None
-    reversal: float | None
-    rotated: RotatedCurve | None
-
-
-def calibrate_straightness(
-    job: Job, name: str, mirror: Mirror, noise: float, *, monotone: bool = False, spacing: float | None = None
-) -> StraightnessResult:
-    """Segments of a guideway, spliced, into the table of a straightness error such as EYX.
-
-    With `monotone` the component also has the slope that keeps the axis which takes it out from reversing.
-
-    Raises:
-        InputError: the name is no straightness of an axis of the machine, the table is wrong, or segments do not fit.
-    """
-    axis = _straightness_axis(job.file.machine, name)
-    segments, repeatability, reversal = [], [], []
-    for placement in read_straightness(job.source).values():
-        segment, spread, back = _segment(placement, noise)
-        segments.append(segment)
-        repeatability += [] if spread is None else [spread]
-        reversal += [] if back is None else [back]
-    try:
-        spliced = splice_segments(segments, mirror, spacing=spacing)
-    except InputError as error:
-        raise InputError(f"{job.source}: {error}") from error
-    _check_travel(axis, spliced.positions, job.source)
-    straightness = spliced.straightness()
-    positions = np.linspace(spliced.positions[0], spliced.positions[-1], min(MOST_TABLE_ROWS, len(spliced.positions)))
-    # To a nanometre: a zero that is none by rounding errors looks odd in a file.
-    positions = np.asarray(np.round(positions, 9), dtype=np.float64)
-    values = np.interp(positions, spliced.positions, straightness.deviations)
-    uncertainty = float(np.sqrt(np.diag(spliced.deviation_covariance()).max()))
-    rotated = rotate_monotone(positions, values) if monotone else None
-    job.file.set_table(name, positions, values, None)
-    if rotated is not None:
-        job.file.set_slope(name, math.tan(rotated.angle))
-    job.finish([name], uncertainty, {"straightness": straightness.error})
-    return StraightnessResult(
-        name,
-        spliced,
-        straightness.error,
-        uncertainty,
-        max(repeatability, default=None),
-        max(reversal, default=None),
-        rotated,
-    )
-
-
-def _segment(placement: Placement, noise: float) -> tuple[Segment, float | None, float | None]:
-    """One placement: repeated runs averaged, with their largest deviation and reversal part; a single one as it is."""
-    runs = placement.runs
-    start = min(float(run.positions.min()) for run in runs)
-    counts = {sign: sum(run.direction == sign for run in runs) for sign in (1, -1)}
-    if 1 in counts.values() or len(runs) == 1:
-        positions = np.concatenate([run.positions for run in runs])
-        # Runs may differ in height by how the sensor was set; the first one's counts.
-        readings = np.concatenate([run.readings - run.readings.mean() for run in runs])
-        return Segment(positions, readings, noise, start, placement.turned), None, None
-    combined = combine_runs(runs)
-    floor = noise / math.sqrt(len(runs))
-    spread = max(combined.standard_uncertainty, floor / 2)
-    segment = Segment(combined.positions, combined.mean, spread, start, placement.turned)
-    reversal = None if combined.reversal is None else float(np.abs(combined.reversal).max())
-    return segment, combined.largest_deviation, reversal
-
-
-@dataclass(frozen=True)
 class MachineResult:
-    """What identification found, and the verdict on it."""
+    """What identification found, the verdict on it, and whether the file was written."""
 
     identification: Identification
     verdict: Verdict
+    written: bool
 
 
 def calibrate_machine(
     job: Job, orders: Orders, noise: float, required: float, limits: Limits | None = None
 ) -> MachineResult:
-    """All parameters of a machine from probed poses; the file is written whatever the verdict, which stands in it.
+    """All parameters of a machine from probed poses; what is not good is written by force only.
 
     Raises:
         InputError: the poses cannot be read or do not fit the machine.
@@ -264,31 +224,28 @@ def calibrate_machine(
     identification = identify_machine(machine, parameters, poses)
     held_out = check_held_out(machine, parameters, poses)
     verdict = judge_calibration(identification, held_out, poses, required=required, limits=limits)
-    job.file.set_machine(identification.machine)
+    parts = job.file.set_machine(identification.machine)
     figures = {"held_out_ratio": held_out.ratio, "volumetric_uncertainty": verdict.uncertainty}
-    job.finish(["machine"], verdict.uncertainty, figures)
-    return MachineResult(identification, verdict)
+    misfits = [] if verdict.good else [verdict.sentence]
+    # a model that does not hold all errors misses by what it missed on the poses that were held out
+    missed = held_out.error if held_out.ratio > held_out.limit else 0.0
+    written = job.finish(parts, math.hypot(verdict.uncertainty, missed), figures, misfits)
+    return MachineResult(identification, verdict, written)
 
 
-def _own_component(axis: Axis) -> tuple[str, float]:
+def own_component(axis: Axis) -> tuple[str, float]:
     """Name of the positioning error of an axis, and the sign of its direction."""
     own = int(np.argmax(np.abs(axis.direction)))
     kind = own if axis.kind == "linear" else own + 3
     return f"E{DIRECTIONS[kind]}{axis.letter}", math.copysign(1.0, axis.direction[own])
 
 
-def _straightness_axis(machine: MachineDescription, name: str) -> Axis:
-    if len(name) != 3 or name[0] != "E" or name[1] not in "XYZ":
-        raise InputError(
-            f"'{name}' names no straightness; expected E, one of X Y Z, letter of a linear axis, such as EYX"
-        )
-    axis = machine.axis(name[2])
-    if axis.kind != "linear" or _own_component(axis)[0] == name:
-        raise InputError(f"{name} is no straightness of a linear axis; its own direction is its positioning")
-    return axis
+def check_travel(axis: Axis, positions: Array, source: Path) -> None:
+    """Hold that rising positions (n,) lie within the travel of an axis.
 
-
-def _check_travel(axis: Axis, positions: Array, source: Path) -> None:
+    Raises:
+        InputError: they do not.
+    """
     low, high = axis.travel
     slack = 1e-3 * (high - low)
     if positions[0] < low - slack or positions[-1] > high + slack:

@@ -1,36 +1,38 @@
-"""YAML files changed in place: comments and order kept, numbers written so that every reader takes them for numbers."""
+"""YAML files changed in place: only the lines of what is calibrated differ, and what was there before is kept."""
 
 from __future__ import annotations
 
 import hashlib
-import io
-from collections.abc import Callable, Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.nodes import ScalarNode
-from ruamel.yaml.representer import RoundTripRepresenter
 
+from rotary_error_monitor.calibration.yaml_text import LOADER, CannotChangeError, Keys, Rows, YamlText, plain
+from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError
 
 T = TypeVar("T")
+_PART = 1 << 20
+"""Bytes of a file that are hashed at once: a bag may be larger than the memory."""
+
 DIGITS = 6
 """Significant digits of a number in a file: a part in a million of an error is far below any uncertainty."""
 
-
-class Whole(float):
-    """A number that is written with all its digits: it was not found by this calibration."""
+MOST_HISTORY = 10
+"""Earlier calibrations that a section keeps: ten years of a yearly calibration, and a file that still can be read."""
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a section of a machine file is from.
+    """Where a section of a file is from.
 
     Attributes:
         date: day of the calibration.
@@ -38,6 +40,7 @@ class Provenance:
         sha256: its hash; of a folder, that of its files in the order of their names.
         uncertainty: standard uncertainty of the section's numbers, m or rad; None where each has its own.
         figures: further figures by name, such as those of ISO 230-2, in m or rad.
+        remark: what was said against it, where it was written all the same; empty if nothing was.
     """
 
     date: date
@@ -45,6 +48,7 @@ class Provenance:
     sha256: str
     uncertainty: float | None = None
     figures: Mapping[str, float] = field(default_factory=dict)
+    remark: str = ""
 
 
 def hash_source(path: Path) -> str:
@@ -58,55 +62,76 @@ def hash_source(path: Path) -> str:
         raise InputError(f"{path}: no such file or folder")
     digest = hashlib.sha256()
     for file in files:
-        digest.update(file.read_bytes())
+        with file.open("rb") as content:
+            while part := content.read(_PART):
+                digest.update(part)
     return digest.hexdigest()
 
 
 class YamlDocument:
-    """A YAML file that is being changed; nothing is on disk before `save`."""
+    """A YAML file of which one section is being calibrated; nothing is on disk before `save`.
 
-    def __init__(self, path: Path) -> None:
-        """Read the file, which has been found valid before."""
-        self._yaml = YAML()
-        self._yaml.width = 120
-        self._yaml.indent(mapping=2, sequence=4, offset=2)
-        self._yaml.preserve_quotes = True
-        self._yaml.representer.add_representer(float, _represent_float)
-        self._yaml.representer.add_representer(Whole, _represent_whole)
-        self.content: CommentedMap = self._yaml.load(path.read_text(encoding="utf-8"))
+    Attributes:
+        section: path of that section.
+    """
 
-    def save(self, path: Path, check: Callable[[Path], T]) -> T:
-        """Write the file, whole or not at all; `check` loads the draft beside it and gives what is in it.
+    def __init__(self, path: Path, section: str) -> None:
+        """Read the file, which has been found valid before.
 
         Raises:
-            InputError: what `check` raises (nothing is written then), or the file cannot be written.
+            InputError: the file cannot be read or is no such YAML as the package reads.
         """
-        text = io.StringIO()
-        self._yaml.dump(self.content, text)
-        draft = path.with_name(f".{path.name}.draft")
-        try:
-            draft.write_text(text.getvalue(), encoding="utf-8")
-            found = check(draft)
-            draft.replace(path)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error})") from error
-        finally:
-            draft.unlink(missing_ok=True)
+        self.section: Keys = (section,)
+        self._path = path
+        self._text = YamlText(read_yaml(path).text)
+        self._replaced: dict[str, dict[str, Any]] = {}
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """The section as it is now."""
+        found: dict[str, Any] = self._text.get(self.section)
         return found
 
+    def get(self, *place: str | int) -> Any:  # noqa: ANN401 (YAML content)
+        """The value at a place in the section, None if there is none."""
+        return self._text.get((*self.section, *place))
 
-def section_of(mapping: CommentedMap, name: str) -> CommentedMap:
-    """The mapping under `name`, made if there is none."""
-    if name not in mapping:
-        mapping[name] = CommentedMap()
-    found: CommentedMap = mapping[name]
-    return found
+    def set(self, part: str, name: str, place: Keys, value: Any) -> None:  # noqa: ANN401 (YAML content)
+        """Put a value there; what it was before goes by `name` to the history of the calibrated `part`.
 
+        Raises:
+            InputError: another place of the file needs what stands there (an anchor and its alias).
+        """
+        self._keep(part, name, self.get(*place))
+        with _said(self._path):
+            comment = self._text.set((*self.section, *place), value)
+        if comment is not None:
+            self._replaced[part].setdefault("comment", comment.lstrip("# "))
 
-def note_provenance(section: CommentedMap, names: Sequence[str], provenance: Provenance) -> None:
-    """Write down under `calibration` where the named parts of a section are from."""
-    notes = section_of(section, "calibration")
-    for name in names:
+    def remove(self, part: str, name: str, place: Keys) -> None:
+        """Take an entry out; what it was before goes by `name` to the history of the calibrated `part`.
+
+        Raises:
+            InputError: another place of the file needs what stands there, or it is merged in from one.
+        """
+        if self.get(*place) is not None:
+            self._keep(part, name, self.get(*place))
+            with _said(self._path):
+                self._text.remove((*self.section, *place))
+
+    def rewrite(self, content: Rows) -> None:
+        """Write the whole section anew."""
+        with _said(self._path):
+            self._text.set(self.section, content)
+
+    def note(self, part: str, provenance: Provenance) -> None:
+        """Write down under `calibration` where a part of the section is from, and what was there before."""
+        before = self.get("calibration", part)
+        before = dict(before) if isinstance(before, dict) else {}
+        earlier = before.pop("history", [])
+        replaced = self._replaced.pop(part, {})
+        if replaced or before:
+            earlier = [{**before, **replaced}, *earlier]
         row: dict[str, Any] = {
             "date": provenance.date.isoformat(),
             "source": provenance.source,
@@ -116,24 +141,49 @@ def note_provenance(section: CommentedMap, names: Sequence[str], provenance: Pro
             row["uncertainty"] = number(provenance.uncertainty)
         if provenance.figures:
             row["figures"] = {key: number(value) for key, value in provenance.figures.items()}
-        notes[name] = in_one_line(row)
+        if provenance.remark:
+            row["remark"] = provenance.remark
+        if earlier:
+            row["history"] = Rows(earlier[:MOST_HISTORY])
+        with _said(self._path):
+            self._text.set((*self.section, "calibration", part), Rows(row))
+
+    def save(self, path: Path, check: Callable[[Path], T]) -> T:
+        """Write the file, whole or not at all; `check` loads the draft beside it and gives what is in it.
+
+        Raises:
+            InputError: what `check` raises (nothing is written then), or the file cannot be written.
+        """
+        target = path.resolve()
+        draft = target.with_name(f".{target.name}.draft")
+        try:
+            draft.write_bytes(self._text.text.encode("utf-8"))
+            if yaml.load(self._text.text, LOADER) != self._text.content:
+                raise InputError(
+                    f"{self._path}: its YAML cannot be changed in place; load it and write it out plainly, then "
+                    "calibrate that"
+                )
+            found = check(draft)
+            if target.exists():
+                shutil.copymode(target, draft)
+            draft.replace(target)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error})") from error
+        finally:
+            draft.unlink(missing_ok=True)
+        return found
+
+    def _keep(self, part: str, name: str, value: Any) -> None:  # noqa: ANN401 (YAML content)
+        """The first value that stood there counts: a later one is of this calibration itself."""
+        self._replaced.setdefault(part, {}).setdefault("values", {}).setdefault(name, plain(value))
 
 
-def _represent_float(representer: RoundTripRepresenter, value: float) -> ScalarNode:
-    """A number that every YAML reader takes for one: 1.0e-07, where Python writes 1e-07."""
-    return _scalar(representer, f"{value:.{DIGITS}g}")
-
-
-def _represent_whole(representer: RoundTripRepresenter, value: Whole) -> ScalarNode:
-    return _scalar(representer, float.__repr__(value))
-
-
-def _scalar(representer: RoundTripRepresenter, text: str) -> ScalarNode:
-    mantissa, mark, exponent = text.partition("e")
-    if "." not in mantissa:
-        mantissa += ".0"
-    node: ScalarNode = representer.represent_scalar("tag:yaml.org,2002:float", f"{mantissa}{mark}{exponent}")
-    return node
+@contextmanager
+def _said(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except CannotChangeError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def number(value: float) -> float:
@@ -144,20 +194,3 @@ def number(value: float) -> float:
 def numbers(values: NDArray[np.float64]) -> list[float]:
     """The values to the digits that a file holds."""
     return [number(float(value)) for value in values]
-
-
-def _sequence(values: list[Any]) -> CommentedSeq:
-    sequence = CommentedSeq(values)
-    sequence.fa.set_flow_style()
-    return sequence
-
-
-def in_one_line(value: Any) -> Any:  # noqa: ANN401 (YAML content)
-    """The value as YAML in one line."""
-    if isinstance(value, dict):
-        mapping = CommentedMap({key: in_one_line(part) for key, part in value.items()})
-        mapping.fa.set_flow_style()
-        return mapping
-    if isinstance(value, list):
-        return _sequence([in_one_line(part) for part in value])
-    return value

@@ -12,22 +12,20 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.calibration import reports
-from rotary_error_monitor.calibration.assembly import assembly_text, calibrate_assembly
+from rotary_error_monitor.calibration.assembly import calibrate_assembly
+from rotary_error_monitor.calibration.assembly_report import assembly_text
 from rotary_error_monitor.calibration.axis_lines import calibrate_squareness
 from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
 from rotary_error_monitor.calibration.grinding import flatness_text, predict_flatness
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.measurements import read_mirror_profile
 from rotary_error_monitor.calibration.parameters import Orders
-from rotary_error_monitor.calibration.steps import (
-    Job,
-    calibrate_machine,
-    calibrate_positioning,
-    calibrate_straightness,
-)
+from rotary_error_monitor.calibration.steps import Job, calibrate_machine, calibrate_positioning
+from rotary_error_monitor.calibration.straightness_step import Reading, calibrate_straightness
 from rotary_error_monitor.calibration.volume import estimate_volumetric_map, rank_errors
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
 from rotary_error_monitor.metrology.splicing import Mirror
 from rotary_error_monitor.metrology.tracker import TrackerNoise
 
@@ -41,7 +39,8 @@ def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
     parser = subparsers.add_parser(
         "calibrate",
         help="measurements to the machine file, and to the tables that controllers load",
-        description="Exit codes: 0 done (machine: the calibration is good), 10 it is not good, 2 bad input.",
+        description="Exit codes: 0 written, 10 what was measured does not fit or is not good, nothing is written "
+        "(--force writes it all the same), 2 bad input.",
     )
     steps = parser.add_subparsers(title="steps", required=True, metavar="STEP")
     _add_positioning(steps)
@@ -65,8 +64,15 @@ def _step(
     parser.add_argument("--machine", type=Path, required=True, metavar="MACHINE.yaml", help=MACHINE_HELP)
     parser.add_argument("-o", "--output", type=Path, help="write here instead of changing MACHINE.yaml")
     parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
+    _add_force(parser)
     parser.set_defaults(run=run)
     return parser
+
+
+def _add_force(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--force", action="store_true", help="write what does not fit as well, with an uncertainty that covers it"
+    )
 
 
 def _add_figure(parser: argparse.ArgumentParser, help_: str = "draw what was found") -> None:
@@ -78,6 +84,14 @@ def _positive(text: str) -> float:
     value = float(text)
     if not (math.isfinite(value) and value > 0):
         raise argparse.ArgumentTypeError(f"{text} is not above 0")
+    return value
+
+
+def _finite(text: str) -> float:
+    """A number, as an argument's type."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is not finite")
     return value
 
 
@@ -122,6 +136,15 @@ def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
         help="its calibrated form: distance_mm,height_um",
     )
     parser.add_argument("--noise-um", type=_positive, required=True, help="standard deviation of a reading")
+    parser.add_argument(
+        "--position-noise-mm",
+        type=_not_negative,
+        default=0.0,
+        help="standard deviation of where a stop is, for runs that share their stops (default 0)",
+    )
+    parser.add_argument(
+        "--drop-outliers", action="store_true", help="leave readings out that stand off from those of other runs"
+    )
     _add_figure(parser)
     parser.add_argument(
         "--monotone", action="store_true", help="rotate the curve so that its correction never reverses"
@@ -142,6 +165,19 @@ def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--stage", type=Path, required=True, metavar="STAGE.yaml", help="the file to calibrate")
     parser.add_argument("-o", "--output", type=Path, help="write here instead of changing STAGE.yaml")
     parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
+    parser.add_argument(
+        "--delay-ms",
+        type=_finite,
+        default=0.0,
+        help="age of the autocollimator's values, as far as it is known (default 0)",
+    )
+    parser.add_argument(
+        "--delay-std-ms",
+        type=_not_negative,
+        default=DELAY_STD * 1e3,
+        help="its standard uncertainty; matters where one direction and speed only are recorded (default 5)",
+    )
+    _add_force(parser)
     parser.set_defaults(run=_assembly)
 
 
@@ -193,7 +229,8 @@ def _add_flatness(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 def _job(arguments: argparse.Namespace) -> Job:
     day = arguments.date or _today()
-    return Job(arguments.source, MachineFile(arguments.machine), arguments.output or arguments.machine, day)
+    file = MachineFile(arguments.machine)
+    return Job(arguments.source, file, arguments.output or arguments.machine, day, arguments.force)
 
 
 def _today() -> date:
@@ -209,7 +246,7 @@ def _positioning(arguments: argparse.Namespace) -> int:
 
         with _writing(arguments.figure):
             draw_positioning(arguments.figure, result)
-    return 0
+    return 0 if result.written else NOT_GOOD
 
 
 def _straightness(arguments: argparse.Namespace) -> int:
@@ -217,30 +254,38 @@ def _straightness(arguments: argparse.Namespace) -> int:
     profile = read_mirror_profile(arguments.mirror_profile) if arguments.mirror_profile else None
     flatness = None if arguments.mirror_flatness_um is None else arguments.mirror_flatness_um * 1e-6
     mirror = Mirror(arguments.mirror_length_mm * 1e-3, flatness, profile)
-    noise = arguments.noise_um * 1e-6
-    result = calibrate_straightness(job, arguments.component, mirror, noise, monotone=arguments.monotone)
+    reading = Reading(arguments.noise_um * 1e-6, arguments.position_noise_mm * 1e-3, arguments.drop_outliers)
+    result = calibrate_straightness(job, arguments.component, mirror, reading, monotone=arguments.monotone)
     print(reports.straightness_text(result, job.output))
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_straightness
 
         with _writing(arguments.figure):
             draw_straightness(arguments.figure, result)
-    return 0
+    return 0 if result.written else NOT_GOOD
 
 
 def _squareness(arguments: argparse.Namespace) -> int:
     job = _job(arguments)
     angle = math.radians(arguments.angle_arcsec / 3600)
     noise = TrackerNoise(arguments.distance_um * 1e-6, arguments.distance_ppm * 1e-6, angle, angle)
-    print(reports.squareness_text(calibrate_squareness(job, noise), job.output))
-    return 0
+    result = calibrate_squareness(job, noise)
+    print(reports.squareness_text(result, job.output))
+    return 0 if result.written else NOT_GOOD
 
 
 def _assembly(arguments: argparse.Namespace) -> int:
     output = arguments.output or arguments.stage
-    result = calibrate_assembly(arguments.source, arguments.stage, output, arguments.date or _today())
+    result = calibrate_assembly(
+        arguments.source,
+        arguments.stage,
+        output,
+        arguments.date or _today(),
+        delay=(arguments.delay_ms * 1e-3, arguments.delay_std_ms * 1e-3),
+        force=arguments.force,
+    )
     print(assembly_text(result, output))
-    return 0
+    return 0 if result.written else NOT_GOOD
 
 
 def _machine(arguments: argparse.Namespace) -> int:
@@ -250,7 +295,7 @@ def _machine(arguments: argparse.Namespace) -> int:
     noise, required = arguments.noise_um * 1e-6, arguments.required_um * 1e-6
     result = calibrate_machine(job, orders, noise, required, limits)
     print(reports.machine_text(result, job.output))
-    return 0 if result.verdict.good else NOT_GOOD
+    return 0 if result.written else NOT_GOOD
 
 
 def _tables(arguments: argparse.Namespace) -> int:

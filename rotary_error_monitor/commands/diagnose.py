@@ -33,7 +33,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder for the results")
     parser.add_argument(
-        "--effects", type=Path, action="append", default=[], metavar="FILE.py", help="file with effects of your own"
+        "--effects",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="file with effects of your own; it runs as code, with all that you may do",
     )
     parser.add_argument(
         "--false-alarms",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from rotary_error_monitor.bags.recovery import recover
@@ -10,12 +11,20 @@ from rotary_error_monitor.bags.recovery import recover
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser("recover", help="make the bag of a recorder that was killed readable again")
+    parser = subparsers.add_parser(
+        "recover",
+        help="make the bag of a recorder that was killed readable again",
+        epilog="exit codes: 0 the bag can be read by every tool; 2 no bag, no room for a copy, or a bag that is being "
+        "recorded. What cannot be recovered, such as a file that is missing, is said on standard error.",
+    )
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Recover the bag in place and say what is in it."""
-    print(recover(arguments.bag))
+    report = recover(arguments.bag)
+    print(report)
+    for remark in report.remarks:
+        print(f"note: {remark}", file=sys.stderr)
     return 0

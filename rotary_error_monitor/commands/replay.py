@@ -12,12 +12,23 @@ from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
-from rotary_error_monitor.replay import replay_bag
+from rotary_error_monitor.replay import LONGEST_PERIOD_NS, SHORTEST_PERIOD_NS, replay_bag
+
+NOT_REPEATED = 10
+"""Exit code: done, and the result is not as one would have it. So end `check`, `calibrate` and `diagnose` as well."""
+
+_EPILOG = (
+    "exit codes: 0 OUT.npz holds what the bag gives, the numbers published live where it holds these; 10 some "
+    "of these cannot be repeated, for the bag lacks samples that they rest on (array 'unrepeated' of OUT.npz); 2 wrong "
+    "input. What the bag lacks is said on standard error."
+)
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
-    parser = subparsers.add_parser("replay", help="run estimator and compensation over a bag, without ROS")
+    parser = subparsers.add_parser(
+        "replay", help="run estimator and compensation over a bag, without ROS", epilog=_EPILOG
+    )
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--twin", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
     parser.add_argument("--machine", help="machine YAML, or the name of one that ships, such as xyzac_trt")
@@ -28,14 +39,15 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay the bag and write OUT.npz."""
-    if not arguments.period_ms > 0:
-        raise InputError(f"--period-ms is {arguments.period_ms}; it must be above 0")
+    shortest, longest = SHORTEST_PERIOD_NS * 1e-6, LONGEST_PERIOD_NS * 1e-6
+    if not shortest <= arguments.period_ms <= longest:
+        raise InputError(f"--period-ms is {arguments.period_ms}; it must be from {shortest:g} to {longest:g}")
     stage = load_stage(arguments.twin)
     machine = load_machine(arguments.machine) if arguments.machine else None
     settings = EstimatorSettings(period_ns=round(arguments.period_ms * 1e6))
     result = replay_bag(arguments.bag, stage, machine, settings)
-    if result.damage:
-        print(result.damage, file=sys.stderr)
+    for remark in result.remarks:
+        print(f"note: {remark}", file=sys.stderr)
     if len(result.stamp_ns) == 0:
         raise InputError(f"{arguments.bag}: no estimate: at no time were two opposed or three heads alive together")
     result.save(arguments.output)
@@ -45,4 +57,4 @@ def run(arguments: argparse.Namespace) -> int:
     if result.tool_offset is not None:
         held = int(np.isnan(result.tool_offset[:, 0]).sum())
         print(f"{len(result.stamp_ns) - held} tool offsets, {len(result.corrections)} corrections, {held} ticks held")
-    return 0
+    return NOT_REPEATED if result.unrepeated.any() else 0

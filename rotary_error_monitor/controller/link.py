@@ -9,17 +9,24 @@ import sys
 from typing import Any
 
 from rotary_error_monitor.controller import session
-from rotary_error_monitor.controller.kinematics import ROTARY
+from rotary_error_monitor.controller.clock import NANOSECONDS, Moment
+from rotary_error_monitor.controller.kinematics import ROTARY, Kinematics, Position
 from rotary_error_monitor.controller.offsets import (
-    NANOSECONDS,
-    Correction,
     OffsetControl,
     OffsetLimits,
     Reading,
     commanded_velocities,
+    corrections_of,
 )
 from rotary_error_monitor.controller.pins import MachinePins
-from rotary_error_monitor.controller.protocol import ClearRequest, CorrectionRequest, LinkSettings, Record, State
+from rotary_error_monitor.controller.protocol import (
+    ClearRequest,
+    CorrectionRequest,
+    HaltRequest,
+    LinkSettings,
+    Record,
+    State,
+)
 from rotary_error_monitor.errors import InputError
 
 UNKNOWN_KINEMATICS = "the joints do not lie where any kinematics known to the bridge puts them"
@@ -40,85 +47,83 @@ class Link:
         """
         self._pins = pins
         self._settings = settings
-        largest = tuple(settings.largest_rotary if name in ROTARY else settings.largest_linear for name in pins.names)
-        self._limits = OffsetLimits((settings.count,) * len(pins.names), largest, settings.max_age)
+        limits = settings.course_limits(name in ROTARY for name in pins.names)
+        self._limits = OffsetLimits((settings.count,) * len(pins.names), limits)
         self._control = OffsetControl(pins.names, self._limits)
-        self._refused = ""
-        self._last_joints: tuple[float, ...] | None = None
+        self._last_joints: Position | None = None
         self._pulse: tuple[int, int] | None = None
         self._looks_at_rest = 0
         self._clear_until_ns = 0
         pins.enable(settings.count)
 
-    def handle(self, record: Record, now_ns: int) -> None:
-        """Take up what the other side says; a correction that cannot be followed is noted, and the last one stays."""
+    def handle(self, record: Record, now: Moment) -> None:
+        """Take up what the other side says.
+
+        Raises:
+            InputError: corrections are beyond the limits, which the other side should have seen.
+        """
         if isinstance(record, ClearRequest):
             self._control = OffsetControl(self._pins.names, self._limits)
-            self._clear_until_ns = now_ns + round(_CLEARING_TIME * NANOSECONDS)
+            self._clear_until_ns = now.steady_ns + round(_CLEARING_TIME * NANOSECONDS)
             self._pins.clear()
         elif isinstance(record, CorrectionRequest):
-            try:
-                self._control.accept(self._correction(record), now_ns)
-                self._refused = ""
-            except InputError as error:
-                self._refused = str(error)
+            self._control.aim(record.positions)
+        elif isinstance(record, HaltRequest):
+            self._control.halt()
 
-    def look(self, now_ns: int) -> State:
+    def look(self, now: Moment) -> State:
         """Read the machine, write the counts that are due, and say how it stands.
 
         Raises:
             InputError: the servo thread stands still, or the pins are not free any more.
         """
-        reading = self._pins.read(now_ns)
-        self._check_pulse(reading)
+        reading = self._pins.read(now.stamp_ns)
+        self._check_pulse(reading, now.steady_ns)
         kinematics = self._pins.kinematics(reading)
         if kinematics is None:
-            return self._state(reading, (), UNKNOWN_KINEMATICS, valid=False)
+            return self._state(reading, None, UNKNOWN_KINEMATICS)
         trouble = CLEARING
-        if now_ns >= self._clear_until_ns:
+        if now.steady_ns >= self._clear_until_ns:
             if self._clear_until_ns:
                 self._pins.enable(self._settings.count)
                 self._clear_until_ns = 0
-            step = self._control.step(reading, kinematics)
+            step = self._control.step(reading, kinematics, now.steady_ns)
             trouble = step.held
             if step.counts is not None and step.counts != reading.counts:
                 self._pins.write(step.counts)
-        joints = kinematics.to_joints(reading.axes)
-        return self._state(reading, joints, trouble, valid=reading.enabled and reading.homed)
+        return self._state(reading, kinematics, trouble)
 
-    def _correction(self, record: CorrectionRequest) -> Correction:
-        names = self._pins.names
-        unknown = sorted(set(record.corrections) - set(names))
-        if unknown:
-            raise InputError(f"correction for {', '.join(unknown)}, but the machine has the axes {' '.join(names)}")
-        return Correction(record.stamp_ns, tuple(float(record.corrections.get(name, 0.0)) for name in names))
-
-    def _check_pulse(self, reading: Reading) -> None:
+    def _check_pulse(self, reading: Reading, steady_ns: int) -> None:
         if self._pulse is None or self._pulse[0] != reading.pulse:
-            self._pulse, self._looks_at_rest = (reading.pulse, reading.stamp_ns), 0
+            self._pulse, self._looks_at_rest = (reading.pulse, steady_ns), 0
         self._looks_at_rest += 1
-        still = (reading.stamp_ns - self._pulse[1]) / NANOSECONDS
+        still = (steady_ns - self._pulse[1]) / NANOSECONDS
         # Many looks as well as a long time: after a pause of this process itself, a single look says nothing.
         if still > self._settings.pulse_timeout and self._looks_at_rest > _LOOKS_AT_REST:
             raise InputError(f"LinuxCNC's servo thread has stood still for {still:.3g} s")
 
-    def _state(self, reading: Reading, joints: tuple[float, ...], trouble: str, *, valid: bool) -> State:
+    def _state(self, reading: Reading, kinematics: Kinematics | None, trouble: str) -> State:
+        joints: Position = ()
+        effect: Position = ()
+        if kinematics is not None:
+            joints = kinematics.to_joints(reading.axes)
+            effect = corrections_of(kinematics, reading.axes, reading.applied)
         before, self._last_joints = self._last_joints, joints or None
         velocities = commanded_velocities(before or joints, joints, reading.joint_velocities) if joints else ()
         pending = zip(reading.requested, reading.applied, strict=True)
-        followed = self._control.correction
         return State(
             stamp_ns=reading.stamp_ns,
             positions=joints,
             velocities=velocities,
-            valid=valid,
+            valid=kinematics is not None and reading.enabled and reading.homed,
             offsets=reading.applied,
+            effect=effect,
+            to_go=self._control.to_go,
+            slowed=self._control.slowed,
             lag=max(abs(requested - applied) for requested, applied in pending),
             limited=reading.limited,
             trouble=trouble,
-            refused=self._refused,
             takeovers=self._control.takeovers,
-            correction_age=-1.0 if followed is None else (reading.stamp_ns - followed.stamp_ns) / NANOSECONDS,
         )
 
 

@@ -9,6 +9,7 @@ import sys
 from typing import Any
 
 from rotary_error_monitor.controller import session
+from rotary_error_monitor.controller.clock import Moment
 from rotary_error_monitor.controller.pins import MachinePins
 from rotary_error_monitor.controller.protocol import Observation, ObserverSettings, Record
 
@@ -20,12 +21,12 @@ class Observer:
         """Watch one machine."""
         self._pins = pins
 
-    def handle(self, record: Record, now_ns: int) -> None:
+    def handle(self, record: Record, now: Moment) -> None:
         """Nothing is asked of an observer."""
 
-    def look(self, now_ns: int) -> Observation:
+    def look(self, now: Moment) -> Observation:
         """Axes and joints of one servo period."""
-        reading = self._pins.read(now_ns)
+        reading = self._pins.read(now.stamp_ns)
         return Observation(reading.stamp_ns, reading.axes, reading.joints)
 
 

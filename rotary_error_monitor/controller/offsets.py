@@ -1,22 +1,24 @@
-"""From axis corrections to external offset counts: what to write, when to hold, and why.
+"""From axis corrections to external offset counts: what to write, when to wait, and why.
 
 LinuxCNC keeps an external offset as a number of its own and adds to it what its counts pin changes by, as long as the
 machine is on, homed, and not in joint mode. Whoever writes the pin must therefore know which counts stood there when
 the number had which value: the anchor. It is lost whenever the controller zeroes the number or stops counting, so it is
 taken anew then, from the pins, and never carried over.
+
+What is written follows a course (see `shaping`) that begins at the corrections in effect: LinuxCNC's own limits of
+offsets, `OFFSET_AV_RATIO`, are set for a machine's drives and not for a work piece.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rotary_error_monitor.controller.kinematics import Kinematics, Position, solve_offsets
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.controller.shaping import Course, CourseLimits
 
-NANOSECONDS = 1_000_000_000
-STALE = "the corrections are too old: the last one is held"
+WAITING = "no correction has come yet"
+SETTLING = "the controller's offsets settle"
 _COUNTS_END = 2**31
 _STANDSTILL = 1e-12
 """A commanded joint that moved by less, m or rad, stood still: rounding of the kinematics is far below."""
@@ -56,27 +58,17 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Correction:
-    """Corrections to add to the commanded joints, m and rad, and when they were computed, timestamp (ns)."""
-
-    stamp_ns: int
-    positions: Position
-
-
-@dataclass(frozen=True)
 class OffsetLimits:
-    """What the bridge accepts.
+    """How corrections are followed.
 
     Attributes:
         count: what one count means for each axis, m or rad.
-        largest: largest correction of each axis, m or rad.
-        max_age: age at which a correction is no longer followed by new ones and is held, s.
+        course: limits of the corrections' course.
         settling: looks, each with a new servo period behind it, after which the controller's numbers are trusted.
     """
 
     count: Position
-    largest: Position
-    max_age: float
+    course: CourseLimits
     settling: int = 5
 
 
@@ -86,7 +78,7 @@ class Step:
 
     Attributes:
         counts: numbers to write to the counts pins; None to leave them.
-        held: why corrections are held; empty while they are followed.
+        held: why corrections are not followed; empty while they are.
     """
 
     counts: tuple[int, ...] | None
@@ -104,6 +96,9 @@ class _Anchor:
 class OffsetControl:
     """Follows corrections by counts, period after period; reads no clock and touches no pin.
 
+    Corrections are forgotten when the controller stops to take up counts: what was right then need not be right when it
+    takes them up again.
+
     Attributes:
         takeovers: how often the controller's numbers changed by another hand than this one's.
     """
@@ -113,45 +108,66 @@ class OffsetControl:
         self.takeovers = 0
         self._names = tuple(names)
         self._limits = limits
-        self._correction: Correction | None = None
+        self._target: Position | None = None
+        self._course: Course | None = None
+        self._kinematics: Kinematics | None = None
         self._anchor: _Anchor | None = None
         self._written: tuple[int, ...] | None = None
         self._doubts = 0
         self._pulse: int | None = None
 
     @property
-    def correction(self) -> Correction | None:
-        """The correction that is followed or held; None before the first."""
-        return self._correction
+    def to_go(self) -> Position:
+        """What is still to come of the corrections that are followed, m or rad."""
+        return (0.0,) * len(self._names) if self._course is None else self._course.to_go
 
-    def accept(self, correction: Correction, now_ns: int) -> None:
-        """Follow `correction` from the next step on.
+    @property
+    def slowed(self) -> bool:
+        """Whether a correction changes as fast as it may."""
+        return self._course is not None and self._course.slowed
+
+    def aim(self, positions: Sequence[float]) -> None:
+        """Follow corrections of the joints, m or rad, from the next step on.
 
         Raises:
-            InputError: it is not finite, larger than allowed, for other axes, older than allowed, or from the future.
+            InputError: they are not finite, larger than allowed, or for other axes.
         """
-        if len(correction.positions) != len(self._names):
-            raise InputError(f"{len(correction.positions)} corrections for the axes {' '.join(self._names)}")
-        for name, value, largest in zip(self._names, correction.positions, self._limits.largest, strict=True):
-            if not math.isfinite(value) or abs(value) > largest:
-                raise InputError(f"correction of {name} is {value:g}; expected at most {largest:g} (m, rad)")
-        age = (now_ns - correction.stamp_ns) / NANOSECONDS
-        if abs(age) > self._limits.max_age:
-            raise InputError(f"correction is {age:.3g} s old; expected at most {self._limits.max_age:g} s")
-        if self._correction is None or correction.stamp_ns >= self._correction.stamp_ns:
-            self._correction = correction
+        self._limits.course.check(positions)
+        self._target = tuple(positions)
+        if self._course is not None:
+            self._course.aim(positions)
 
-    def step(self, reading: Reading, kinematics: Kinematics) -> Step:
-        """What to write now, given what the controller shows now."""
+    def halt(self) -> None:
+        """Bring the corrections to rest and follow none until the next."""
+        self._target = None
+        if self._course is not None:
+            self._course.halt()
+
+    def step(self, reading: Reading, kinematics: Kinematics, steady_ns: int) -> Step:
+        """What to write now, given what the controller shows, at a time of a clock that never steps (ns)."""
         blocked = _blocked(reading)
         if blocked:
             self._anchor, self._written, self._doubts = None, None, 0
+            self._target = self._course = None
             return Step(None, blocked)
-        if self._find_anchor(reading) is None:
-            return Step(None, "the controller's offsets settle")
-        if self._correction is None:
-            return Step(None, "no correction has come yet")
-        return self._follow(self._correction, reading, kinematics)
+        anchor = self._find_anchor(reading)
+        if anchor is None:
+            return Step(None, SETTLING)
+        course = self._find_course(reading, kinematics)
+        if course is None:
+            return Step(None, WAITING)
+        return self._follow(anchor, course.advance(steady_ns), reading, kinematics)
+
+    def _find_course(self, reading: Reading, kinematics: Kinematics) -> Course | None:
+        """The course from the corrections in effect to the target; none before the first."""
+        if self._course is None and self._target is not None:
+            self._course = Course(self._limits.course, corrections_of(kinematics, reading.axes, reading.requested))
+            self._course.aim(self._target)
+        elif self._course is not None and kinematics != self._kinematics:
+            # Other kinematics reach the same place of the tool by other corrections.
+            self._course.rebase(corrections_of(kinematics, reading.axes, reading.requested))
+        self._kinematics = kinematics
+        return self._course
 
     def _find_anchor(self, reading: Reading) -> _Anchor | None:
         """The anchor, where the controller's numbers agree with it; taken anew once they disagree for good.
@@ -167,6 +183,7 @@ class OffsetControl:
         if self._doubts > self._limits.settling:
             self.takeovers += self._anchor is not None
             self._anchor, self._written, self._doubts = _Anchor(reading.counts, reading.requested), None, 0
+            self._course = None  # it begins anew at what the other hand has left
         return self._anchor
 
     def _agrees(self, anchor: _Anchor, reading: Reading) -> bool:
@@ -181,10 +198,9 @@ class OffsetControl:
             for value, number, count in zip(reading.requested, expected, self._limits.count, strict=True)
         )
 
-    def _follow(self, correction: Correction, reading: Reading, kinematics: Kinematics) -> Step:
-        assert self._anchor is not None
-        wanted = solve_offsets(kinematics, reading.axes, correction.positions)
-        start = zip(self._anchor.counts, self._anchor.requested, strict=True)
+    def _follow(self, anchor: _Anchor, corrections: Position, reading: Reading, kinematics: Kinematics) -> Step:
+        wanted = solve_offsets(kinematics, reading.axes, corrections)
+        start = zip(anchor.counts, anchor.requested, strict=True)
         counts = tuple(
             then + round((value - number) / count)
             for value, count, (then, number) in zip(wanted, self._limits.count, start, strict=True)
@@ -192,9 +208,7 @@ class OffsetControl:
         if any(not -_COUNTS_END <= number < _COUNTS_END for number in counts):
             return Step(None, "the counts pins are at the end of their 32 bits: clear the external offsets")
         self._written = counts
-        # Held means that the joints keep their corrections: the offsets still turn with the table.
-        is_old = reading.stamp_ns - correction.stamp_ns > self._limits.max_age * NANOSECONDS
-        return Step(counts, STALE if is_old else "")
+        return Step(counts, "")
 
 
 def _blocked(reading: Reading) -> str:
@@ -206,6 +220,12 @@ def _blocked(reading: Reading) -> str:
     if not reading.coordinated:
         return "the machine is in joint mode"
     return ""
+
+
+def corrections_of(kinematics: Kinematics, axes: Sequence[float], offsets: Sequence[float]) -> Position:
+    """Corrections of the joints (m, rad) that `offsets` of the axes amount to while the program commands `axes`."""
+    there = kinematics.to_joints([axis + offset for axis, offset in zip(axes, offsets, strict=True)])
+    return tuple(moved - nominal for moved, nominal in zip(there, kinematics.to_joints(axes), strict=True))
 
 
 def commanded_velocities(before: Sequence[float], now: Sequence[float], velocities: Sequence[float]) -> Position:

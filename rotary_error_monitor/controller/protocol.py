@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from typing import Any, get_args
 
+from rotary_error_monitor.controller.shaping import CourseLimits
 from rotary_error_monitor.errors import InputError
 
 
@@ -18,7 +20,10 @@ class LinkSettings:
         count: size of one external offset count, m and rad.
         largest_linear: largest correction of a linear axis, m.
         largest_rotary: largest correction of a rotary axis, rad.
-        max_age: age at which a correction is held, s.
+        speed_linear: how fast the correction of a linear axis may change, m/s.
+        speed_rotary: the same of a rotary axis, rad/s.
+        acceleration_linear: how fast that may change, m/s^2.
+        acceleration_rotary: the same of a rotary axis, rad/s^2.
         pulse_timeout: how long the servo thread may stand still before the controller counts as gone, s.
     """
 
@@ -26,8 +31,24 @@ class LinkSettings:
     count: float = 1e-10
     largest_linear: float = 5e-4
     largest_rotary: float = 5e-3
-    max_age: float = 0.1
+    speed_linear: float = 2e-3
+    speed_rotary: float = 2e-2
+    acceleration_linear: float = 0.05
+    acceleration_rotary: float = 0.5
     pulse_timeout: float = 0.4
+
+    def course_limits(self, are_rotary: Iterable[bool]) -> CourseLimits:
+        """Limits of the corrections of axes, each rotary or linear."""
+        kinds = tuple(are_rotary)
+
+        def of(linear: float, rotary: float) -> tuple[float, ...]:
+            return tuple(rotary if is_rotary else linear for is_rotary in kinds)
+
+        return CourseLimits(
+            of(self.largest_linear, self.largest_rotary),
+            of(self.speed_linear, self.speed_rotary),
+            of(self.acceleration_linear, self.acceleration_rotary),
+        )
 
 
 @dataclass(frozen=True)
@@ -45,6 +66,13 @@ class Hello:
 
 
 @dataclass(frozen=True)
+class Absent:
+    """No controller is there yet, and why; the program waits for it."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
 class State:
     """The machine at one time, m and rad.
 
@@ -54,12 +82,13 @@ class State:
         velocities: their velocities, m/s and rad/s.
         valid: whether they say where the machine is: it is on, homed, and its kinematics are known.
         offsets: external offsets in effect, of the axes.
-        lag: largest part of an offset that is still to come, m or rad.
+        effect: corrections in effect, of the joints: what the offsets move them by.
+        to_go: what is still to come of the corrections that are followed, by the link's own limits.
+        slowed: a correction changes as fast as it may.
+        lag: largest part of an offset that the controller was asked for and has not brought about, m or rad.
         limited: soft limits clip the offsets.
         trouble: why corrections are not followed; empty while they are.
-        refused: why the latest correction was refused; empty if it was not.
         takeovers: how often the controller's offsets were changed by another hand.
-        correction_age: age of the correction that is followed or held, s; -1 before the first.
     """
 
     stamp_ns: int
@@ -67,12 +96,13 @@ class State:
     velocities: tuple[float, ...]
     valid: bool
     offsets: tuple[float, ...]
+    effect: tuple[float, ...]
+    to_go: tuple[float, ...]
+    slowed: bool
     lag: float
     limited: bool
     trouble: str
-    refused: str
     takeovers: int
-    correction_age: float
 
 
 @dataclass(frozen=True)
@@ -99,10 +129,14 @@ class End:
 
 @dataclass(frozen=True)
 class CorrectionRequest:
-    """Corrections by name of the axis, m and rad; axes left out are not corrected."""
+    """Follow these corrections of the joints, m and rad, within the link's limits."""
 
-    stamp_ns: int
-    corrections: dict[str, float]
+    positions: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class HaltRequest:
+    """Bring the corrections to rest, and follow none until the next comes."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +144,7 @@ class ClearRequest:
     """Take all external offsets back to zero and follow no correction until the next comes."""
 
 
-Record = Hello | State | Observation | End | CorrectionRequest | ClearRequest
+Record = Hello | Absent | State | Observation | End | CorrectionRequest | HaltRequest | ClearRequest
 _KINDS: dict[str, type[Record]] = {kind.__name__: kind for kind in get_args(Record)}
 
 

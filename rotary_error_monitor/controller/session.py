@@ -2,7 +2,8 @@
 
 Such a program is a process of its own because LinuxCNC ends every HAL component when it shuts down, because its modules
 load only in the system's Python, and because the memory of an instance that has ended cannot be let go of otherwise. It
-writes records to standard output and reads them from standard input; when that is closed, it ends.
+writes records to standard output and reads them from standard input; when that is closed, it ends. Until a LinuxCNC
+runs, it waits.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import select
 import selectors
 import signal
 import sys
@@ -20,10 +22,11 @@ from types import FrameType
 from typing import Any, Protocol, TypeAlias
 
 from rotary_error_monitor.controller import presence
+from rotary_error_monitor.controller.clock import Moment, present
 from rotary_error_monitor.controller.kinematics import LETTERS
 from rotary_error_monitor.controller.modules import load_module
 from rotary_error_monitor.controller.pins import MachinePins, Units
-from rotary_error_monitor.controller.protocol import End, Hello, Record, decode, encode
+from rotary_error_monitor.controller.protocol import Absent, End, Hello, Record, decode, encode
 from rotary_error_monitor.errors import InputError
 
 ABSENT = "no LinuxCNC runs here"
@@ -32,17 +35,19 @@ TASK_ENDED = "LinuxCNC's task process has ended"
 _CHUNK = 1 << 16
 _STATUS_PATIENCE = 2.0
 _STATUS_STEP = 0.02
+_PRESENCE_STEP = 0.1
+"""Time between two looks whether a LinuxCNC runs, s; each reads one line or two."""
 
 
 class Looker(Protocol):
     """What a program does with the machine's pins."""
 
-    def handle(self, record: Record, now_ns: int) -> None:
-        """Take up what the other side says at `now_ns`, timestamp (ns)."""
+    def handle(self, record: Record, now: Moment) -> None:
+        """Take up what the other side says."""
         ...
 
-    def look(self, now_ns: int) -> Record:
-        """Look at the machine at `now_ns`, and say what is seen."""
+    def look(self, now: Moment) -> Record:
+        """Look at the machine, and say what is seen."""
         ...
 
 
@@ -56,7 +61,7 @@ def serve(
     task: int,
     source: int,
     send: Callable[[Record], None],
-    clock_ns: Callable[[], int] = time.time_ns,
+    clock: Callable[[], Moment] = present,
 ) -> str:
     """Look at the machine each `period` s and take up what the other side says, until something ends.
 
@@ -66,7 +71,7 @@ def serve(
         task: file descriptor that becomes readable when the task process ends.
         source: file descriptor of the other side's records; when it ends, so does this.
         send: takes each record.
-        clock_ns: present time, timestamp (ns).
+        clock: present time.
 
     Returns:
         Why it ended; empty when the other side closed.
@@ -90,9 +95,9 @@ def serve(
                     return ""
                 *lines, buffer = (buffer + data).split(b"\n")
                 for line in lines:
-                    looker.handle(decode(line), clock_ns())
+                    looker.handle(decode(line), clock())
             if time.monotonic() >= due:
-                send(looker.look(clock_ns()))
+                send(looker.look(clock()))
                 # Looks that come late are left out, not made up for: only the newest state is worth anything.
                 due = max(due + period, time.monotonic())
 
@@ -104,8 +109,6 @@ def attach() -> Iterator[MachinePins]:
     Raises:
         InputError: none runs, or it is none that can be used.
     """
-    if not presence.runs(presence.SHARED_MEMORY.read_text()):
-        raise InputError(ABSENT)
     linuxcnc, hal = load_module("linuxcnc"), load_module("hal")
     component = hal.component(f"rotary-error-monitor-{os.getpid()}")
     try:
@@ -127,12 +130,14 @@ def _wait_for_status(status: Any) -> None:  # noqa: ANN401 (LinuxCNC's `stat` ca
         InputError: it does not.
     """
     end = time.monotonic() + _STATUS_PATIENCE
-    status.poll()
-    while not status.axis_mask:
+    while True:
+        with suppress(SystemError):  # what `poll` ends with where there is no status yet
+            status.poll()
+            if status.axis_mask:
+                return
         if time.monotonic() > end:
             raise InputError(f"LinuxCNC has told of no axes for {_STATUS_PATIENCE:g} s")
         time.sleep(_STATUS_STEP)
-        status.poll()
 
 
 class _Terminated(Exception):  # noqa: N818 (no error: how LinuxCNC takes leave)
@@ -178,16 +183,41 @@ def run(
 
 
 def _run(start: Start, settings: dict[str, Any]) -> str:
+    source = sys.stdin.fileno()
+    if not _await_controller(source):
+        return ""
     with attach() as pins:
         looker, period = start(settings, pins)
         task = presence.open_task()
         try:
             _send(Hello(pins.names))
-            return serve(looker, period, task, sys.stdin.fileno(), _send)
+            return serve(looker, period, task, source, _send_if_taken)
         finally:
             os.close(task)
+
+
+def _await_controller(source: int) -> bool:
+    """Wait for a LinuxCNC without touching its memory; False if the other side closes before. What it says is lost."""
+    said = False
+    while not presence.runs(presence.SHARED_MEMORY.read_text()):
+        if not said:
+            _send(Absent(ABSENT))
+            said = True
+        ready, _, _ = select.select([source], [], [], _PRESENCE_STEP)
+        if ready and not os.read(source, _CHUNK):
+            return False
+    return True
 
 
 def _send(record: Record) -> None:
     sys.stdout.buffer.write(encode(record))
     sys.stdout.buffer.flush()
+
+
+def _send_if_taken(record: Record) -> None:
+    """Send what a newer record replaces: one that is not taken at once is dropped, for the looks shall go on.
+
+    A pipe that is ready takes as much as a record is long (PIPE_BUF) without waiting.
+    """
+    if select.select([], [sys.stdout.fileno()], [], 0.0)[1]:
+        _send(record)

@@ -9,7 +9,9 @@ from typing import Any, Literal, TypeVar
 
 from rotary_error_monitor.description import schema
 from rotary_error_monitor.description.machine_checks import BASE, contradictions
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.description.machine_limits import FASTEST, QUICKEST, MachineLimits, limits_from_mapping
+from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.files import exists
 from rotary_error_monitor.resources import config, share
 
 Vector = tuple[float, float, float]
@@ -79,6 +81,7 @@ class Axis:
         travel: lowest and highest position.
         expansion: thermal expansion of its scale, 1/K: adds `expansion * dT * q` to its positioning error.
         reversal: width of its reversal error (ISO 230-2, B): half of it is missing in the direction of travel.
+        speed, acceleration: fastest that it moves, m/s and m/s², or rad/s and rad/s²; none where the file states none.
     """
 
     letter: str
@@ -87,6 +90,18 @@ class Axis:
     travel: tuple[float, float]
     expansion: float = 0.0
     reversal: float = 0.0
+    speed: float | None = None
+    acceleration: float | None = None
+
+    @property
+    def fastest(self) -> float:
+        """Speed that it does not exceed, as stated or else as the fastest machines reach, m/s or rad/s."""
+        return FASTEST[self.kind] if self.speed is None else self.speed
+
+    @property
+    def quickest(self) -> float:
+        """Acceleration that it does not exceed, m/s² or rad/s²."""
+        return QUICKEST[self.kind] if self.acceleration is None else self.acceleration
 
 
 @dataclass(frozen=True)
@@ -119,6 +134,7 @@ class MachineDescription:
         tool: name of the body whose origin is the tool tip and whose z axis is the tool axis.
         workpiece: name of the body in whose frame offsets are told.
         monitored: letter of the rotary axis whose six error components are measured live; none for a table only.
+        limits: of its temperature.
         uncertainty: standard uncertainty of parameters by dotted name, as in the file; empty for an exact description.
     """
 
@@ -130,6 +146,7 @@ class MachineDescription:
     workpiece: str
     monitored: str | None = None
     reference_temperature: float = 20.0
+    limits: MachineLimits = field(default_factory=MachineLimits)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -221,11 +238,13 @@ def machine_from_mapping(section: Mapping[str, Any]) -> MachineDescription:
 
 def _path(path_or_name: Path | str) -> Path:
     path = Path(path_or_name)
-    if path.suffix or len(path.parts) > 1 or path.exists():
+    if path.suffix or len(path.parts) > 1 or exists(path):
         return path
     known = sorted(file.stem for file in (share() / "config" / "machines").glob("*.yaml"))
     if path.name not in known:
-        raise InputError(f"no machine '{path_or_name}'; give the path of a YAML file or one of {', '.join(known)}")
+        raise InputError(
+            f"no machine '{excerpt(path_or_name)}'; give the path of a YAML file or one of {', '.join(known)}"
+        )
     return config(f"machines/{path.name}.yaml")
 
 
@@ -238,6 +257,8 @@ def _from_tree(section: Mapping[str, Any]) -> MachineDescription:
             _pair(row["travel"]),
             float(row.get("expansion", 0.0)),
             float(row.get("reversal", 0.0)),
+            _optional(row, "speed"),
+            _optional(row, "acceleration"),
         )
         for letter, row in section["axes"].items()
     }
@@ -250,6 +271,7 @@ def _from_tree(section: Mapping[str, Any]) -> MachineDescription:
         workpiece=section["workpiece"],
         monitored=section.get("monitored"),
         reference_temperature=float(section.get("reference_temperature", 20.0)),
+        limits=limits_from_mapping(section.get("limits", {})),
         uncertainty=_uncertainty(section),
     )
 
@@ -309,6 +331,7 @@ def _from_parameters(section: Mapping[str, Any]) -> MachineDescription:
         workpiece="workpiece",
         monitored="C",
         reference_temperature=float(section.get("reference_temperature", 20.0)),
+        limits=limits_from_mapping(section.get("limits", {})),
         uncertainty=_uncertainty(section),
     )
 
@@ -351,6 +374,10 @@ def _named(items: Iterable[T], wanted: str, name: Callable[[T], str | None], kin
 
 def _numbers(values: Iterable[float]) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
+
+
+def _optional(row: Mapping[str, Any], name: str) -> float | None:
+    return float(row[name]) if name in row else None
 
 
 def _pair(values: Iterable[float]) -> tuple[float, float]:

@@ -15,7 +15,7 @@ Place = list[str | int]
 
 def contradictions(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
     """Where a section that is valid by the schema contradicts itself, and what would be right."""
-    yield from _wrong_travel(section)
+    yield from _wrong_ranges(section)
     axes = section.get("axes", section.get("travel", {}))
     for name, row in section.get("errors", {}).items():
         if name[2] not in axes:
@@ -25,12 +25,15 @@ def contradictions(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
         yield from _wrong_tree(section)
 
 
-def _wrong_travel(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
+def _wrong_ranges(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
     places: dict[tuple[str, ...], Any] = {("axes", x, "travel"): row["travel"] for x, row in _axes(section)}
     places |= {("travel", letter): travel for letter, travel in section.get("travel", {}).items()}
     for place, (lowest, highest) in places.items():
         if lowest >= highest:
             yield list(place), f"[{lowest}, {highest}] is no travel; expected the lowest position first"
+    low, high = section.get("limits", {}).get("temperature", (0.0, 1.0))
+    if low >= high:
+        yield ["limits", "temperature"], f"[{low}, {high}] is no range; expected the lowest temperature first"
     for letter, row in _axes(section):
         length = math.hypot(*row["direction"])
         if abs(length - 1.0) > 1e-9:
@@ -56,7 +59,7 @@ def _wrong_table(name: str, table: Mapping[str, Any] | None) -> Iterator[tuple[P
 
 
 def _wrong_tree(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
-    axes, seen, moved = section["axes"], [BASE], dict[str, str]()
+    axes, seen, moved = section["axes"], {BASE: None}, dict[str, str]()
     for index, row in enumerate(section["bodies"]):
         place: Place = ["bodies", index]
         if row["name"] in seen:
@@ -72,7 +75,7 @@ def _wrong_tree(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
                     yield [*place], f"there is no axis {letter}; the axes are {', '.join(axes)}"
         if row.get("squareness") and (axis is None or axis in row["squareness"]):
             yield [*place, "squareness"], "expected angles from this body's own axis to other axes"
-        seen.append(row["name"])
+        seen[row["name"]] = None
         moved |= {axis: row["name"]} if axis else {}
     for letter in axes:
         if letter not in moved:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rotary_error_monitor.description.machine import Displacement, ErrorComponent, MachineDescription
+from rotary_error_monitor.description.machine_limits import limits_mapping
 
 
 def machine_mapping(machine: MachineDescription) -> dict[str, Any]:
@@ -21,6 +22,8 @@ def machine_mapping(machine: MachineDescription) -> dict[str, Any]:
                 "travel": list(axis.travel),
                 "expansion": axis.expansion,
                 "reversal": axis.reversal,
+                **({} if axis.speed is None else {"speed": axis.speed}),
+                **({} if axis.acceleration is None else {"acceleration": axis.acceleration}),
             }
             for axis in machine.axes
         },
@@ -38,6 +41,8 @@ def machine_mapping(machine: MachineDescription) -> dict[str, Any]:
     }
     if machine.monitored is not None:
         content["monitored"] = machine.monitored
+    if limits := limits_mapping(machine.limits):
+        content["limits"] = limits
     if machine.uncertainty:
         content["uncertainty"] = dict(machine.uncertainty)
     return content

@@ -10,35 +10,23 @@ import yaml
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError, best_match
 
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.description.yaml_files import read_yaml
+from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.resources import config
-
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""The safe loader, in C where PyYAML was built with libyaml: ten times as fast, felt at the start of every node."""
 
 
 def load(path: Path | str, schema: str) -> dict[str, Any]:
     """Content of the YAML file `path`, valid by `config/schema/<schema>.yaml`.
 
     Raises:
-        InputError: the file is missing, is no YAML, repeats a key, holds a non-finite number, or breaks the schema.
+        InputError: what `read_yaml` raises, or the file is empty or breaks the schema.
     """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); give the path of a YAML file") from error
-    try:
-        node = yaml.compose(text, LOADER)
-        content = yaml.load(text, LOADER)
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: no valid YAML: {error}") from error
-    if node is None:
+    found = read_yaml(Path(path))
+    if found.node is None:
         raise InputError(f"{path}: the file is empty; a {schema} description is expected")
-    _check_keys_once(node, path)
-    check(content, schema, str(path), node)
-    assert isinstance(content, dict)
-    return content
+    check(found.content, schema, str(path), found.node)
+    assert isinstance(found.content, dict)
+    return found.content
 
 
 def check(content: object, schema: str, origin: str, node: yaml.Node | None = None) -> None:
@@ -66,24 +54,22 @@ def section(content: dict[str, Any], name: str, origin: str) -> dict[str, Any]:
 
 def locate(path: Path | str, place: list[str | int]) -> str:
     """`file:line: key.key` of a `place` in the YAML file `path`, to begin a message about its value with."""
-    node = yaml.compose(Path(path).read_text(encoding="utf-8"), LOADER)
-    return f"{path}:{_line(node, place)}: {'.'.join(map(str, place))}"
+    return f"{path}:{_line(read_yaml(Path(path)).node, place)}: {'.'.join(map(str, place))}"
 
 
 @functools.cache
 def _validator(schema: str) -> Draft202012Validator:
-    with config(f"schema/{schema}.yaml").open(encoding="utf-8") as file:
-        return Draft202012Validator(yaml.load(file, LOADER))
+    return Draft202012Validator(read_yaml(config(f"schema/{schema}.yaml")).content)
 
 
 def _message(error: ValidationError, origin: str, node: yaml.Node | None) -> str:
-    place = ".".join(map(str, error.absolute_path)) or "(top level)"
+    place = excerpt(".".join(map(str, error.absolute_path))) or "(top level)"
     line = _line(node, list(error.absolute_path))
     where = f"{origin}:{line}" if line else origin
     expected = error.schema.get("description") if isinstance(error.schema, dict) else None
     if isinstance(error.instance, str) and _is_number(error.instance):
         expected = "a number; YAML takes 1e-6 for text, write 1.0e-6"
-    return f"{where}: {place}: {error.message}" + (f"; expected: {expected}" if expected else "")
+    return f"{where}: {place}: {excerpt(error.message)}" + (f"; expected: {expected}" if expected else "")
 
 
 def _is_number(text: str) -> bool:
@@ -109,19 +95,3 @@ def _line(node: yaml.Node | None, path: list[str | int]) -> int | None:
             node = node.value[step]
             line = node.start_mark.line + 1
     return int(line)
-
-
-def _check_keys_once(node: yaml.Node, path: Path) -> None:
-    """YAML readers keep the last of two equal keys in silence; here that is an error, and so is `.nan`."""
-    if isinstance(node, yaml.MappingNode):
-        seen: set[str] = set()
-        for key, value in node.value:
-            if key.value in seen:
-                raise InputError(f"{path}:{key.start_mark.line + 1}: key '{key.value}' stands twice; keep one")
-            seen.add(key.value)
-            _check_keys_once(value, path)
-    elif isinstance(node, yaml.SequenceNode):
-        for value in node.value:
-            _check_keys_once(value, path)
-    elif node.tag == "tag:yaml.org,2002:float" and node.value.lower().lstrip("+-") in (".nan", ".inf"):
-        raise InputError(f"{path}:{node.start_mark.line + 1}: {node.value} is no finite number")

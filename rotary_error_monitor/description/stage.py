@@ -9,25 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.description import schema
+from rotary_error_monitor.description.harmonics import AngularHarmonic as AngularHarmonic
+from rotary_error_monitor.description.harmonics import PlanarHarmonic as PlanarHarmonic
+from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.resources import config
 
-
-@dataclass(frozen=True)
-class AngularHarmonic:
-    """One order of a graduation error: `cos * cos(order * psi) + sin * sin(order * psi)` in rad."""
-
-    order: int
-    cos: float
-    sin: float
-
-
-@dataclass(frozen=True)
-class PlanarHarmonic:
-    """One order of a plane vector over the rotation, x and y each `[cos, sin]` coefficients in m or rad."""
-
-    order: int
-    x: tuple[float, float]
-    y: tuple[float, float]
+TIMING = 2e-6
+"""Standard uncertainty of the stamps of one stream against another, s, where the description states none: each of both
+set to within a microsecond, as by a fieldbus or PTP, and jittering by as much."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +96,7 @@ class StageDescription:
     """All that is known of a stage: the section `stage` of `config/stage.yaml` or of a digital twin.
 
     Attributes:
+        stated_limits: limits by name, as in the file; empty where it states none.
         uncertainty: standard uncertainty of parameters by dotted name, as in the file; empty for an exact description.
     """
 
@@ -116,7 +106,25 @@ class StageDescription:
     spindle: Spindle = field(default_factory=Spindle)
     lvdt: Lvdt | None = None
     reference_temperature: float = 20.0
+    stated_limits: Mapping[str, float] = field(default_factory=dict)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
+
+    def timing(self, what: str) -> float:
+        """Standard uncertainty of the stamps of `what` (encoder: of its heads; command) against the others, s."""
+        return self.uncertainty.get(f"{what}.timing", TIMING)
+
+    @property
+    def limits(self) -> StageLimits:
+        """What the stage can do at most, as stated in the file or else derived from what it describes."""
+        spindle = self.spindle
+        derived = derive_limits(
+            spindle.radial,
+            spindle.tilt,
+            spindle.radial_compliance,
+            spindle.tilt_compliance,
+            spindle.radial_thermal,
+        )
+        return derived.stated(self.stated_limits)
 
 
 def load_stage(path: Path | str | None = None) -> StageDescription:
@@ -165,6 +173,7 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
         if lvdt is None
         else Lvdt(float(lvdt["height"]), float(lvdt["noise"]), _pair(lvdt.get("artefact_eccentricity", (0.0, 0.0)))),
         reference_temperature=float(stage.get("environment", {}).get("reference_temperature", 20.0)),
+        stated_limits={name: float(value) for name, value in stage.get("limits", {}).items()},
         uncertainty={name: float(value) for name, value in stage.get("uncertainty", {}).items()},
     )
 

@@ -1,4 +1,4 @@
-"""The wire contract, read from `msg_defs/`: every topic with its type, fields, units, frame, QoS and publishers."""
+"""The wire contract, read from `msg_defs/`: topics with type, fields, units, frame, QoS and who speaks; services."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from rotary_error_monitor.resources import share
 HEAD = "{head}"
 SAMPLE_BLOCK = "sensor_msgs/msg/PointCloud2"
 TIME_COLUMN = "t"
+_EVERYONES = ("diagnostics",)
+"""Keys of topics that all machines share: REP 107 puts the diagnostics of a whole system on one topic."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,7 @@ class Topic:
         type: message type such as `sensor_msgs/msg/JointState`.
         frame: `header.frame_id`, empty where there is none.
         publishers: nodes that publish it, or `external`.
+        subscribers: nodes of the package that listen to it.
         rate: how often it comes, in words.
         fields: values of a message, for a sample block its columns after `t`.
     """
@@ -89,6 +92,7 @@ class Topic:
     qos: Qos
     meaning: str
     fields: tuple[Field, ...]
+    subscribers: tuple[str, ...] = ()
 
     @property
     def is_sample_block(self) -> bool:
@@ -110,6 +114,26 @@ class Topic:
         if found is None:
             raise InputError(f"{self.name} holds {', '.join(f.name for f in self.fields)}, but no '{name}'")
         return found
+
+
+@dataclass(frozen=True)
+class Service:
+    """One service of the contract.
+
+    Attributes:
+        key: what names it in the contract.
+        name: below the node's own name, such as `~/reset`.
+        type: service type such as `std_srvs/srv/Trigger`.
+        servers: nodes that answer it.
+        callers: who may call it: nodes, or `operator` for a person.
+    """
+
+    key: str
+    name: str
+    type: str
+    servers: tuple[str, ...]
+    callers: tuple[str, ...]
+    meaning: str
 
 
 @dataclass(frozen=True)
@@ -150,9 +174,20 @@ class Wire:
             raise InputError(f"the wire contract has no topic '{name}'; it has {', '.join(self.names)}")
         return found
 
+    def within(self, namespace: str) -> Wire:
+        """The contract of a cell in a namespace, such as `/left`; what all machines share stays where it is."""
+        prefix = namespace.rstrip("/")
+        return Wire(
+            tuple(topic if topic.key in _EVERYONES else replace(topic, name=prefix + topic.name) for topic in self)
+        )
+
     def published_by(self, node: str) -> tuple[Topic, ...]:
         """Topics that a node publishes, by the name of its executable."""
         return tuple(topic for topic in self.topics if node in topic.publishers)
+
+    def read_by(self, node: str) -> tuple[Topic, ...]:
+        """Topics that a node listens to, by the name of its executable."""
+        return tuple(topic for topic in self.topics if node in topic.subscribers)
 
 
 def load_wire(heads: Sequence[str] | None = ("a", "b", "c", "d"), folder: Path | None = None) -> Wire:
@@ -171,10 +206,10 @@ def load_wire(heads: Sequence[str] | None = ("a", "b", "c", "d"), folder: Path |
             raise InputError(f"head '{head}' makes no topic name; name heads by small letters and digits, such as 'a'")
     if heads is not None and len(set(heads)) != len(heads):
         raise InputError(f"heads {list(heads)}: one stands twice; name each head once")
-    folder = share() / "msg_defs" if folder is None else folder
+    folder = definitions() if folder is None else folder
     templates: dict[str, tuple[Topic, Path]] = {}
     for path in sorted(folder.glob("*.yaml")):
-        for key, content in schema.load(path, "wire")["topics"].items():
+        for key, content in schema.load(path, "wire").get("topics", {}).items():
             if key in templates:
                 raise InputError(f"{path}: topic '{key}' is already defined in {templates[key][1].name}; keep one")
             templates[key] = _template(key, content), path
@@ -186,6 +221,32 @@ def load_wire(heads: Sequence[str] | None = ("a", "b", "c", "d"), folder: Path |
         if names.count(name) > 1:
             raise InputError(f"{folder}: several topics have the name {name}; give each its own")
     return Wire(topics)
+
+
+def load_services(folder: Path | None = None) -> tuple[Service, ...]:
+    """The services of the contract; `folder` as for `load_wire`.
+
+    Raises:
+        InputError: a file breaks the schema, two services share a key, or a node answers two by one name.
+    """
+    folder = definitions() if folder is None else folder
+    found: dict[str, Service] = {}
+    answered: set[tuple[str, str]] = set()
+    for path in sorted(folder.glob("*.yaml")):
+        for key, content in schema.load(path, "wire").get("services", {}).items():
+            texts = content["name"], content["type"]
+            service = Service(key, *texts, tuple(content["servers"]), tuple(content["callers"]), content["meaning"])
+            again = {(node, service.name) for node in service.servers} & answered
+            if key in found or again:
+                raise InputError(f"{path}: service '{key}' ({service.name}) is already defined; keep one")
+            found[key] = service
+            answered |= {(node, service.name) for node in service.servers}
+    return tuple(found.values())
+
+
+def definitions() -> Path:
+    """Folder of the package's definitions."""
+    return share() / "msg_defs"
 
 
 def markdown_table(wire: Iterable[Topic]) -> str:
@@ -232,6 +293,7 @@ def _template(key: str, content: Mapping[str, Any]) -> Topic:
             Field(row["name"], row["unit"], row["meaning"], tuple(row.get("bits", ())))
             for row in content.get("columns", content.get("fields"))
         ),
+        subscribers=tuple(content.get("subscribers", ())),
     )
 
 

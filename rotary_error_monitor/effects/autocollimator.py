@@ -117,7 +117,7 @@ class MirrorFlatness(StageEffect):
     title = "mirror's flatness of one order"
     source = "Lou et al. 2019, Section 2.3 (mirror on the rotor)"
     parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
         Parameter("x", "rad", 3e-6, 2, bound=1e-2),
         Parameter("y", "rad", 3e-6, 2, bound=1e-2),
     )

@@ -41,7 +41,7 @@ class DriveCyclicError(StageEffect):
     title = "cyclic error of the drive"
     source = "ISO 230-2, Annex (periodic positioning error); gear mesh and cogging"
     parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("order", "1", 1.0, role=Role.FIXED, bound=200, least=1),
         Parameter("cos", "rad", 3e-6, bound=1e-2),
         Parameter("sin", "rad", 3e-6, bound=1e-2),
     )

@@ -5,15 +5,19 @@ from __future__ import annotations
 import enum
 import inspect
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
 
 Values = NDArray[np.float64]
+
+WITHOUT_BOUND = 1e3
+"""Usual sizes that an effect without a bound may have; the package's own bounds are 10 to 10^4 of them."""
 
 Description = TypeVar("Description")
 """What an effect acts on: the description of a stage, of a machine, or of something of a user's own."""
@@ -41,6 +45,7 @@ class Parameter:
         size: number of components; 1 for a scalar.
         role: how it enters the prediction.
         bound: largest magnitude that is physically sensible.
+        least: smallest value that is, where that is not minus the bound: a period, say, is positive.
     """
 
     name: str
@@ -49,6 +54,12 @@ class Parameter:
     size: int = 1
     role: Role = Role.LINEAR
     bound: float = float("inf")
+    least: float | None = None
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Least and largest value that are physically sensible."""
+        return -self.bound if self.least is None else self.least, self.bound
 
 
 @dataclass(frozen=True)
@@ -129,6 +140,44 @@ class Effect(Generic[Description]):
         """(size,) usual size of each value."""
         return np.concatenate([np.full(p.size, p.scale) for p in self.parameters]) if self.parameters else np.zeros(0)
 
+    def bounds(self) -> tuple[Values, Values]:
+        """Least and largest (size,) of each value."""
+        low, high = np.zeros(self.size), np.zeros(self.size)
+        for parameter, place in zip(self.parameters, self.slices().values(), strict=True):
+            low[place], high[place] = parameter.range
+        return low, high
+
+    def largest(self, location: str) -> Values:
+        """Values of the effect as large as it may be, its shape as it starts."""
+        values, (_, high) = self.start(location), self.bounds()
+        linear = self.indices(Role.LINEAR)
+        values[linear] = (
+            np.minimum(high, WITHOUT_BOUND * self.scales())[linear] if np.isinf(high).any() else high[linear]
+        )
+        return self.held(values)
+
+    def held(self, values: Values) -> Values:
+        """The values, those beyond their bounds put at them."""
+        return np.asarray(np.clip(values, *self.bounds()), np.float64)
+
+    def inward(self, values: Values, index: int, step: float) -> float:
+        """The step of one value, taken the other way where it would leave the bounds."""
+        low, high = (float(bound[index]) for bound in self.bounds())
+        forward, back = float(values[index]) + step, float(values[index]) - step
+        return -step if not low <= forward <= high and low <= back <= high else step
+
+    def at_bounds(self, values: Values) -> dict[str, float]:
+        """Fitted parameters of which a value is at a bound, with that value."""
+        low, high = self.bounds()
+        fitted = self.indices(Role.LINEAR, Role.SHAPE)
+        places = self.slices()
+        found = {}
+        for parameter in self.parameters:
+            for i in range(*places[parameter.name].indices(self.size)):
+                if i in fitted and (values[i] <= low[i] or values[i] >= high[i]):
+                    found[parameter.name] = float(values[i])
+        return found
+
     def report(self, values: Values, covariance: NDArray[np.float64]) -> dict[str, Estimate]:
         """Parameters as the vocabulary names them, with standard deviations, from values and their covariance."""
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -146,19 +195,38 @@ class Effect(Generic[Description]):
         """Value vector from parameters as the vocabulary names them: the inverse of `report`.
 
         Raises:
-            InputError: a parameter is missing, unknown, or of another size.
+            InputError: a parameter is missing, unknown, of another size, or beyond its bounds.
         """
         places = self.slices()
-        if set(parameters) != set(places):
-            raise InputError(f"{self.name}: parameters {sorted(parameters)}; expected {sorted(places)}")
+        if not isinstance(parameters, Mapping) or set(parameters) != set(places):
+            names = sorted(map(str, parameters)) if isinstance(parameters, Mapping) else parameters
+            raise InputError(f"{self.name}: parameters {excerpt(names)}; expected {sorted(places)}")
         values = np.zeros(self.size)
         for name, place in places.items():
-            given = np.atleast_1d(np.asarray(parameters[name], dtype=np.float64))
+            given: NDArray[np.float64] = np.empty(0)
+            with suppress(TypeError, ValueError, OverflowError):
+                given = np.atleast_1d(np.asarray(parameters[name], dtype=np.float64))
             if given.shape != values[place].shape or not np.isfinite(given).all():
                 raise InputError(
-                    f"{self.name}: {name} = {parameters[name]}; expected {values[place].size} finite number(s)"
+                    f"{self.name}: {name} = {excerpt(parameters[name])}; expected {values[place].size} finite number(s)"
                 )
             values[place] = given
+        return self.checked(values)
+
+    def checked(self, values: Values) -> Values:
+        """The values.
+
+        Raises:
+            InputError: one is not finite or beyond its bounds.
+        """
+        for parameter, place in zip(self.parameters, self.slices().values(), strict=True):
+            low, high = parameter.range
+            if not (np.all(values[place] >= low) and np.all(values[place] <= high)):
+                told = ", ".join(f"{value:g}" for value in values[place])
+                raise InputError(
+                    f"{self.name}: {parameter.name} = {told} {parameter.unit}; "
+                    f"physically sensible is {low:g} to {high:g} {parameter.unit}"
+                )
         return values
 
 

@@ -40,7 +40,7 @@ class GraduationError(StageEffect):
     title = "graduation error of one order"
     source = "Lou et al. 2019, Section 2.2; Geckeler et al. 2006 (Fourier description of division errors)"
     parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
         Parameter("cos", "rad", 3e-6, bound=1e-3),
         Parameter("sin", "rad", 3e-6, bound=1e-3),
     )
@@ -147,7 +147,7 @@ class HeadMissedCounts(StageEffect):
     name = "head_missed_counts"
     title = "counts lost by a head"
     source = "incremental counting: a lost count stays lost"
-    parameters = (Parameter("time", "s", 1.0, role=Role.FIXED), Parameter("step", "rad", 2e-5, bound=1.0))
+    parameters = (Parameter("time", "s", 1.0, role=Role.FIXED, bound=1e9), Parameter("step", "rad", 2e-5, bound=1.0))
     acts_on = (HEAD,)
     is_step = True
 

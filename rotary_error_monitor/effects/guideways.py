@@ -127,7 +127,7 @@ class CyclicError(MachineEffect):
     title = "cyclic error of an axis"
     source = "ISO 230-2, Annex (periodic positioning error); pitch of a screw, period of a scale"
     parameters = (
-        Parameter("period", "m", 1e-2, role=Role.SHAPE, bound=10.0),
+        Parameter("period", "m", 1e-2, role=Role.SHAPE, bound=10.0, least=1e-4),
         Parameter("cos", "m", 3e-6, bound=1e-2),
         Parameter("sin", "m", 3e-6, bound=1e-2),
     )

@@ -6,6 +6,7 @@ import importlib
 import importlib.metadata
 import importlib.util
 import inspect
+import logging
 import pkgutil
 import sys
 from collections.abc import Iterable, Sequence
@@ -15,10 +16,11 @@ from typing import TypeVar
 
 import rotary_error_monitor.effects as room
 from rotary_error_monitor.effects.effect import AnyEffect, Effect
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
 
 ENTRY_POINTS = "rotary_error_monitor.effects"
 _OF_USER = f"{ENTRY_POINTS}.of_user."
+_LOG = logging.getLogger(ENTRY_POINTS)
 
 Kind = TypeVar("Kind", bound=AnyEffect)
 
@@ -28,7 +30,7 @@ def load_effects(kind: type[Kind], files: Sequence[Path] = ()) -> tuple[Kind, ..
 
     Args:
         kind: the base class, such as `StageEffect`.
-        files: Python files of a user, each with effect classes of its own.
+        files: Python files of a user, each with effect classes of its own; they run as code, which is logged.
 
     Raises:
         InputError: a file or a plug-in cannot be loaded, a file holds no effect, an effect has no parameters, or two
@@ -61,7 +63,7 @@ def effect_named(name: str, effects: Iterable[Kind]) -> Kind:
     """
     known = {effect.name: effect for effect in effects}
     if name not in known:
-        raise InputError(f"no effect is called '{name}'; known are {', '.join(sorted(known))}")
+        raise InputError(f"no effect is called '{excerpt(name)}'; known are {', '.join(sorted(known))}")
     return known[name]
 
 
@@ -71,6 +73,7 @@ def _own_modules() -> list[ModuleType]:
 
 
 def _plugged_module(entry: importlib.metadata.EntryPoint) -> ModuleType:
+    _LOG.warning("%s: %s runs as code", _origin(entry), entry.value)
     try:
         module = entry.load()
     except Exception as error:  # whatever a plug-in raises is reported with its name
@@ -91,6 +94,7 @@ def _module_of(file: Path) -> ModuleType:
         raise InputError(f"{file}: no Python file; --effects takes the path of a .py file with effect classes")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
+    _LOG.warning("%s: effects of your own run as code, with all that you may do", file)
     try:
         spec.loader.exec_module(module)
     except Exception as error:  # whatever a user's file raises is reported with its place

@@ -52,7 +52,7 @@ class AxisHarmonic(_AxisEffect):
     title = "shape of encoder or gear"
     source = "ISO 230-1, 3.4.17 (ECC); oval and three-lobed wheels, strain wave gears"
     parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("order", "1", 1.0, role=Role.FIXED, bound=4, least=1),
         Parameter("cos", "rad", 3e-4, bound=0.1),
         Parameter("sin", "rad", 3e-4, bound=0.1),
     )

@@ -60,7 +60,7 @@ class CircleHarmonic(QuadratureEffect):
     title = "harmonic of the circle"
     source = "Fourier series of the radius; order 4: Dai et al. 2004, Meas. Sci. Technol. 15, 444"
     parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("order", "1", 1.0, role=Role.FIXED, bound=12, least=1),
         Parameter("cos", "count", 1.0, bound=200.0),
         Parameter("sin", "count", 1.0, bound=200.0),
     )
@@ -114,7 +114,10 @@ class SignalClipping(QuadratureEffect):
     name = "signal_clipping"
     title = "signals beyond the converters' range"
     source = "limit of an analogue-to-digital converter"
-    parameters = (Parameter("level", "count", 500.0, 4, role=Role.FIXED), Parameter("part", "1", 1.0, bound=2.0))
+    parameters = (
+        Parameter("level", "count", 500.0, 4, role=Role.FIXED, bound=2.0**32),
+        Parameter("part", "1", 1.0, bound=2.0),
+    )
     rank = 5
     has_level = True
 

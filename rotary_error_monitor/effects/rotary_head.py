@@ -18,7 +18,7 @@ class RotaryHarmonic(MachineEffect):
     title = "harmonic of a rotary axis's positioning"
     source = "ISO 230-1, 3.4.17 (ECC); eccentricity and shape of scale or gear"
     parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("order", "1", 1.0, role=Role.FIXED, bound=12, least=1),
         Parameter("cos", "rad", 1e-5, bound=1e-2),
         Parameter("sin", "rad", 1e-5, bound=1e-2),
     )

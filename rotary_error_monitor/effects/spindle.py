@@ -24,7 +24,7 @@ class SpindleRadial(StageEffect):
     title = "synchronous radial error motion of one order"
     source = "ISO 230-7, synchronous radial error motion"
     parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
         Parameter("x", "m", 1e-6, 2, bound=1e-3),
         Parameter("y", "m", 1e-6, 2, bound=1e-3),
     )
@@ -46,7 +46,7 @@ class SpindleTilt(StageEffect):
     title = "synchronous tilt error motion of one order"
     source = "ISO 230-7, synchronous tilt error motion"
     parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED),
+        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
         Parameter("x", "rad", 3e-6, 2, bound=1e-2),
         Parameter("y", "rad", 3e-6, 2, bound=1e-2),
     )
@@ -72,7 +72,7 @@ class BearingAsynchronous(StageEffect):
     title = "asynchronous error motion of the bearing"
     source = "ISO 230-7, asynchronous error motion; cage and ball-pass orders of rolling bearings"
     parameters = (
-        Parameter("order", "1", 1.0, role=Role.SHAPE, bound=100.0),
+        Parameter("order", "1", 1.0, role=Role.SHAPE, bound=100.0, least=0.01),
         Parameter("radial_cos", "m", 5e-7, bound=1e-3),
         Parameter("radial_sin", "m", 5e-7, bound=1e-3),
         Parameter("tilt", "rad", 1e-6, bound=1e-2),
@@ -110,9 +110,8 @@ class BearingAsynchronous(StageEffect):
         if set(parameters) != {"order", "radial", "tilt", "phase"}:
             raise InputError(f"{self.name}: parameters {sorted(parameters)}; expected order, phase, radial, tilt")
         radial, phase = float(parameters["radial"]), float(parameters["phase"])
-        return np.array(
-            [parameters["order"], radial * math.cos(phase), radial * math.sin(phase), parameters["tilt"]], np.float64
-        )
+        parts = radial * math.cos(phase), radial * math.sin(phase)
+        return self.checked(np.array([parameters["order"], *parts, parameters["tilt"]], np.float64))
 
 
 class LoadCompliance(StageEffect):

@@ -1,15 +1,15 @@
-"""What a recording of a stage and its twin must fulfil before they are worth a diagnosis."""
+"""How long a recording of a stage must be to be worth a diagnosis."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from rotary_error_monitor.effects.rotor import LVDT, Array
+from rotary_error_monitor.effects.rotor import LVDT
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.twin.recording import StageRecording
-from rotary_error_monitor.twin.stage import Signals, StageTwin
+from rotary_error_monitor.twin.stage import Signals
 from rotary_error_monitor.twin.stage_noise import COMMAND
 
 SHORTEST = 12.0
@@ -19,12 +19,30 @@ gap 11 showed one, of 112 from 12 to 16 s none."""
 FEWEST_TURNS = 1.0
 """Turns of the stage below which an order cannot be told from a drift."""
 
-ABSURD = 0.4
-"""Residual over what the twin shows, as a geometric mean over the instruments, from which it describes another stage.
-The strongest effects of the gap cases stay below 0.1; twins of other drawn stages give 0.5 and more."""
 
-TOUCHED = 0.05
-"""An instrument that agrees this well with the twin says that the stage is the right one."""
+FINEST = 1e-12
+"""Noise of a reading, rad or m, that no instrument comes below; less than that is a stand-in for not known."""
+
+
+def check_noise(streams: Iterable[str], std: Mapping[str, float]) -> None:
+    """Refuse a twin that states no noise of an instrument: what differs is weighed against that.
+
+    Args:
+        streams: names of the sensors that take part.
+        std: standard deviation of one sample of each kind of sensor, rounding included: head, autocollimator, lvdt.
+
+    Raises:
+        InputError: it is next to nothing.
+    """
+    sections = {"head": "encoder", "autocollimator": "autocollimator", LVDT: "lvdt"}
+    kinds = {name.partition("_")[0] for name in streams}
+    for kind, size in std.items():
+        if kind in kinds and size < FINEST:
+            unit = "m" if kind == LVDT else "rad"
+            raise InputError(
+                f"stage.{sections[kind]}: noise and resolution together are {size:g} {unit}; differences are weighed "
+                f"against the noise: state the standard deviation of one reading, above {FINEST:g} {unit}"
+            )
 
 
 def check_extent(recording: StageRecording, raw: Signals, noise: Mapping[str, float]) -> None:
@@ -47,40 +65,6 @@ def check_extent(recording: StageRecording, raw: Signals, noise: Mapping[str, fl
         f"out and to tell effects from noise; record at least {SHORTEST:g} s and {FEWEST_TURNS:g} turn. "
         f"What can be said: {_describe(raw, noise)}{damage}"
     )
-
-
-def check_stage(recording: StageRecording, raw: Signals, twin: StageTwin) -> None:
-    """Refuse a twin that no instrument agrees with.
-
-    Args:
-        recording: what was measured.
-        raw: (n, k) measured minus predicted of each sensor.
-        twin: that predicted.
-
-    Raises:
-        InputError: the twin describes another stage.
-    """
-    ratios: dict[str, list[float]] = {}
-    for name, values in raw.items():
-        ratios.setdefault(name.partition("_")[0], []).append(_over_signal(recording, twin, name, values))
-    by_instrument = {name: float(np.mean(found)) for name, found in ratios.items()}
-    if len(by_instrument) < 2 or min(by_instrument.values()) < TOUCHED:
-        return
-    if np.exp(np.mean(np.log(list(by_instrument.values())))) > ABSURD:
-        raise InputError(
-            "the twin predicts none of the instruments: measured and predicted differ by "
-            f"{_listed({name: f'{ratio:.0%}' for name, ratio in by_instrument.items()})} of what the twin shows. "
-            "It describes another stage; give the twin of this one"
-        )
-
-
-def _over_signal(recording: StageRecording, twin: StageTwin, name: str, residual: Array) -> float:
-    """Usual size of a sensor's residual over that of what the twin shows there beside the rotation."""
-    shown = recording.streams[name].values - residual
-    if name in recording.heads:
-        shown = shown - twin.state(name).command[:, None]
-    size = float(np.median(np.abs(shown - shown.mean(axis=0))))
-    return float(np.median(np.abs(residual))) / max(size, np.finfo(np.float64).tiny)
 
 
 def _describe(raw: Signals, noise: Mapping[str, float]) -> str:

@@ -100,7 +100,7 @@ def _rms(held_out: HeldOut, weighing: Weighing, members: tuple[int, ...]) -> flo
     columns = np.concatenate([np.arange(weighing.nuisances), weighing.nuisances + weighing.columns_of(members)])
     widths = [100 * weighing.candidates[i].effect.scales()[weighing.candidates[i].linear] for i in members]
     prior = np.concatenate([np.ones(weighing.nuisances), *(1 / np.square(width) for width in widths)])
-    return held_out.rms(columns.astype(np.intp), prior)
+    return held_out.rms(columns.astype(np.intp), prior, weighing.bounds_of(members))
 
 
 def _groups(

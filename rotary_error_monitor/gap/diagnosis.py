@@ -38,6 +38,11 @@ class FoundCause:
     probability: float
     parameters: Mapping[str, Estimate]
 
+    @property
+    def at_bounds(self) -> Mapping[str, float]:
+        """Parameters that the recording drives to a bound of what is physically sensible, with that value."""
+        return self.cause.effect.at_bounds(self.cause.values)
+
     def as_mapping(self) -> dict[str, Any]:
         """Row of `diagnosis.json`."""
         return {
@@ -45,6 +50,7 @@ class FoundCause:
             "location": self.cause.location,
             "probability": self.probability,
             "parameters": {name: _estimate(value) for name, value in self.parameters.items()},
+            **({"at_bounds": dict(self.at_bounds)} if self.at_bounds else {}),
         }
 
 
@@ -143,18 +149,46 @@ def diagnose(
         alternatives = weigh_alternatives(stage, unknown)
     gap = measure_gap(stage.fit, problem.conditions, _floor(problem, stage))
     progress("where")
+    causes = tuple(_found(cause, stage, alternatives) for cause in stage.fit.causes)
     return Diagnosis(
         verdict,
-        tuple(_found(cause, stage, alternatives) for cause in stage.fit.causes),
+        causes,
         tuple(Ranked(*row) for row in alternatives.ranking),
         tuple(Group(keys, problem.advice(tuple(keys), stage.fit.causes)) for keys in alternatives.groups),
         tuple(problem.where(stage.fit.causes, stage.fit.rest, verdict is Verdict.EXPLAINED)),
         gap,
         () if stage.settled else tuple(f for f in stage.findings if f.log_chance < stage.log_alarm)[:12],
         problem.remarks(stage.fit.rest)
+        + _at_bounds(causes)
+        + _left_out(selection)
         + (() if stage is selection.chosen else _disbelieved(problem, selection.chosen)),
         _figures(problem, stage.fit.causes),
         selection,
+    )
+
+
+def _at_bounds(causes: Sequence[FoundCause]) -> tuple[str, ...]:
+    """Estimates at a bound: the effect was not allowed to be larger, so its size is not what the recording says."""
+    return tuple(
+        f"{' at '.join(filter(None, found.cause.key))}: {name} is at its bound, {value:g} {_unit(found.cause, name)}; "
+        "the recording asks for more, which is not physically sensible: look for another cause or a wrong description"
+        for found in causes
+        for name, value in found.at_bounds.items()
+    )
+
+
+def _unit(cause: Cause, name: str) -> str:
+    return next(parameter.unit for parameter in cause.effect.parameters if parameter.name == name)
+
+
+def _left_out(selection: Selection) -> tuple[str, ...]:
+    if not selection.dropped:
+        return ()
+    names = ", ".join(" at ".join(filter(None, key)) for key in selection.dropped)
+    count = len(selection.dropped)
+    return (
+        f"{count} candidate{'s' if count > 1 else ''} left out, with which the twin gives values that are not finite: "
+        f"{names}",
     )
 
 

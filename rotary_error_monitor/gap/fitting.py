@@ -9,8 +9,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.gap.bounded import solve_within
 from rotary_error_monitor.gap.normal import BlockNormal, combine, stack, subtract, width_of
-from rotary_error_monitor.gap.problem import Array, Columns, Problem, Rows
+from rotary_error_monitor.gap.problem import Array, Columns, Problem, Rows, SparseRows
+from rotary_error_monitor.twin.finite import UnpredictableError
 
 MOST_STEPS = 6
 _SETTLED = 1e-2
@@ -18,6 +20,9 @@ _SETTLED = 1e-2
 
 _NEARLY_SETTLED = 1.0
 """The same for a fit that another one starts from."""
+
+MOST_HALVINGS = 10
+"""Halvings of a step to sizes that the twin cannot predict: what is left of it then changes nothing."""
 
 
 @dataclass(frozen=True)
@@ -56,34 +61,37 @@ class Fit:
 
 
 def fit_causes(problem: Problem, causes: Sequence[Cause], near: Fit | None = None) -> Fit:
-    """Size the causes from where they start.
+    """Size the causes from where they start, within the bounds of their parameters.
 
     Args:
         problem: recording beside twin.
-        causes: effects with first values.
+        causes: effects with first values; those beyond their bounds are put at them.
         near: a fit whose columns of the uncertain parameters are near enough for a start; they hardly depend on the
             causes.
+
+    Raises:
+        UnpredictableError: the twin gives numbers that are not finite, of whatever size the causes are.
     """
-    sized = tuple(causes)
+    idle = tuple(_without_size(cause) for cause in causes)
+    sized, data = _predictable(problem, idle, tuple(c.with_values(c.effect.held(c.values)) for c in causes))
     uncertain = problem.nuisance(sized) if near is None else near.nuisance
     count = width_of(uncertain)
     leading, settled = None, _SETTLED if near is None else _NEARLY_SETTLED
     if count and sized:
-        known = stack(problem, problem.residual(sized), [uncertain]) if near is None else near.blocks
+        known = stack(problem, data, [uncertain]) if near is None else near.blocks
         leading = known.gram[:, :count, :count]
     for step in range(MOST_STEPS + 1):
-        data = problem.residual(sized)
         columns = tuple(_columns(problem, sized))
         blocks = stack(problem, data, [uncertain, *columns], leading)
         total = blocks.total()
         gram = total.gram + np.diag(np.concatenate([np.ones(count), np.full(len(total.moment) - count, 1e-12)]))
         scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
         factor = cho_factor(gram * np.outer(scale, scale) + 1e-12 * np.eye(len(gram)))
-        change = scale * cho_solve(factor, scale * total.moment)
+        change = _held(sized, gram, total.moment, scale * cho_solve(factor, scale * total.moment))
         covariance = np.outer(scale, scale) * cho_solve(factor, np.eye(len(gram)))
         if step == MOST_STEPS or not sized or _gain(change[count:], covariance[count:, count:]) < settled:
             break
-        sized = _moved(sized, change[count:])
+        sized, data = _predictable(problem, sized, _moved(sized, change[count:]))
     rest = subtract(data, combine(problem, [uncertain], [change[:count]])) if count else data
     return Fit(
         sized, _spread(sized, covariance[count:, count:]), data, uncertain, change[:count], columns, rest, blocks
@@ -102,7 +110,45 @@ def _free(cause: Cause) -> list[int]:
 
 
 def _columns(problem: Problem, causes: Sequence[Cause]) -> list[Columns]:
-    return [problem.signature(cause, _free(cause), causes) for cause in causes]
+    found = [problem.signature(cause, _free(cause), causes) for cause in causes]
+    # What shows nowhere has no rows, but its place.
+    empty = [SparseRows(len(_free(cause)), {}, {}) for cause in causes]
+    return [rows if width_of(rows) else none for rows, none in zip(found, empty, strict=True)]
+
+
+def _without_size(cause: Cause) -> Cause:
+    values = cause.effect.held(cause.values)
+    values[cause.effect.indices(Role.LINEAR)] = 0.0
+    return cause.with_values(values)
+
+
+def _predictable(
+    problem: Problem, before: tuple[Cause, ...], after: tuple[Cause, ...]
+) -> tuple[tuple[Cause, ...], Rows]:
+    """The causes after a step, which is halved until the twin can predict them, and the rows that they leave."""
+    for _ in range(MOST_HALVINGS):
+        try:
+            return after, problem.residual(after)
+        except UnpredictableError:
+            halves = (0.5 * (old.values + new.values) for old, new in zip(before, after, strict=True))
+            after = tuple(cause.with_values(values) for cause, values in zip(after, halves, strict=True))
+    return before, problem.residual(before)
+
+
+def change_bounds(causes: Sequence[Cause], nuisances: int) -> tuple[Array, Array]:
+    """Least and largest change (nuisances + k,) of uncertain parameters, which have none, and causes' free values."""
+    low, high = [np.full(nuisances, -np.inf)], [np.full(nuisances, np.inf)]
+    for cause in causes:
+        free, (least, largest) = _free(cause), cause.effect.bounds()
+        low.append(np.minimum(least[free] - cause.values[free], 0.0))
+        high.append(np.maximum(largest[free] - cause.values[free], 0.0))
+    return np.concatenate(low), np.concatenate(high)
+
+
+def _held(causes: Sequence[Cause], gram: Array, moment: Array, change: Array) -> Array:
+    """The change that keeps the causes within their bounds; the others make up for what is held."""
+    low, high = change_bounds(causes, len(change) - sum(len(_free(cause)) for cause in causes))
+    return solve_within(gram, moment, low, high, change)
 
 
 def _moved(causes: Sequence[Cause], change: Array) -> tuple[Cause, ...]:
@@ -112,12 +158,8 @@ def _moved(causes: Sequence[Cause], change: Array) -> tuple[Cause, ...]:
         values = cause.values.copy()
         values[free] += change[place : place + len(free)]
         place += len(free)
-        moved.append(cause.with_values(np.clip(values, -_bounds(cause), _bounds(cause))))
+        moved.append(cause.with_values(cause.effect.held(values)))
     return tuple(moved)
-
-
-def _bounds(cause: Cause) -> Array:
-    return np.concatenate([np.full(p.size, p.bound) for p in cause.effect.parameters])
 
 
 def _spread(causes: Sequence[Cause], covariance: Array) -> tuple[Array, ...]:

@@ -13,7 +13,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.gap.fitting import Fit, fit_causes
+from rotary_error_monitor.gap.bounded import solve_within
+from rotary_error_monitor.gap.fitting import Fit, change_bounds, fit_causes
 from rotary_error_monitor.gap.problem import Array, Conditions, Problem
 
 RESAMPLES = 2000
@@ -37,6 +38,7 @@ def held_out_squares(fit: Fit, conditions: Conditions) -> Array:
     blocks, count = fit.blocks, len(fit.nuisance_values)
     columns = np.arange(blocks.moment.shape[1], dtype=np.intp)
     prior = np.where(columns < count, 1.0, 0.0)
+    bounds = change_bounds(fit.causes, count)
     left = np.empty(len(blocks.power))
     for label in np.unique(conditions.labels):
         test = conditions.labels == label
@@ -45,6 +47,7 @@ def held_out_squares(fit: Fit, conditions: Conditions) -> Array:
         scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
         inner = gram * np.outer(scale, scale) + _RIDGE * np.eye(len(gram))
         solved = scale * np.linalg.solve(inner, scale * train.moment)
+        solved = solve_within(gram, train.moment, *bounds, solved)
         left[test] = blocks.squares(columns, solved)[test]
     return left
 

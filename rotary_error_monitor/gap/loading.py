@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from rotary_error_monitor.bags.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.mount import MountDescription, load_mount
 from rotary_error_monitor.description.quadrature import QuadratureDescription, load_quadrature
-from rotary_error_monitor.description.schema import LOADER
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
@@ -92,7 +91,8 @@ def load_twin(path: Path, effect_files: Sequence[Path] = ()) -> TwinFile:
 def load_problem(recording: Path, twin: TwinFile, most_rate: float = MOST_RATE) -> DiagnosableProblem:
     """A recording beside a twin: a bag for a stage or a machine, a text file for a mount or a pair of signals.
 
-    A bag whose end is missing gives what is readable, and the problem's remarks say how much that is.
+    A bag whose end or one of whose files is missing gives what is readable, and the problem's remarks say how much that
+    is and what its streams lack.
 
     Args:
         recording: its bag or file.
@@ -107,7 +107,7 @@ def load_problem(recording: Path, twin: TwinFile, most_rate: float = MOST_RATE) 
     if isinstance(twin.description, QuadratureDescription):
         return _quadrature_problem(recording, twin, twin.description)
     reader = BagReader(recording)
-    remarks = (reader.damage,) if reader.damage else ()
+    remarks = reader.remarks
     try:
         if isinstance(twin.description, StageDescription):
             return _stage_problem(reader, twin, twin.description, remarks, most_rate)
@@ -142,12 +142,7 @@ def improved_twin(twin: TwinFile, causes: Sequence[Cause]) -> dict[str, Any]:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = yaml.load(path.read_text(encoding="utf-8"), LOADER)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); give the path of a twin's YAML file") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: no valid YAML: {error}") from error
+    content = read_yaml(path, "a twin's YAML file").content
     if not isinstance(content, dict):
         raise InputError(f"{path}: no twin; expected a mapping with a section {_SECTIONS}")
     return content
@@ -168,7 +163,16 @@ def _stage_problem(
     reader.check_topics(needed)
     optional = [stage_topic(name) for name in ("lvdt", "force", "temperature")]
     names = [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
-    recording = record_stage(reader.read_blocks(names), letters, most_rate)
+    window = reader.window(names)
+    blocks = reader.read_blocks(names, window)
+    elsewhere = [name for name in needed if not blocks[name]]
+    if elsewhere and window is not None:
+        raise InputError(
+            f"{reader.path}: {', '.join(elsewhere)} and the others do not overlap in time: {window.remark}"
+        )
+    recording = record_stage(blocks, letters, most_rate)
+    if window is not None and window.remark:
+        remarks = (*remarks, window.remark)
     recording = StageRecording(recording.start_ns, recording.streams, (*remarks, *recording.remarks))
     effects = tuple(effect for effect in twin.effects if isinstance(effect, StageEffect))
     problem = stage_problem(stage, recording, effects, twin.known)

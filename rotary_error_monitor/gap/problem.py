@@ -122,10 +122,10 @@ class Candidate:
         return self.effect.indices(Role.LINEAR)
 
     def cause(self, amplitudes: Array) -> Cause:
-        """The effect with these values of its linear parameters."""
+        """The effect with these values of its linear parameters; those beyond their bounds are put at them."""
         values = self.start.copy()
         values[self.linear] = amplitudes
-        return Cause(self.effect, self.location, values)
+        return Cause(self.effect, self.location, self.effect.held(values))
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.gap.chances import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.normal import combine
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Finding, Problem
+from rotary_error_monitor.gap.strain import find_strain
 from rotary_error_monitor.gap.weighing import Weighing, Weight
+from rotary_error_monitor.twin.finite import UnpredictableError
 
 MOST_EXCHANGES = 2
 """How often causes are replaced at one size before it is taken as it is."""
@@ -100,9 +101,16 @@ class Stage:
 
 @dataclass(frozen=True)
 class Selection:
-    """All sizes tried, the last one chosen."""
+    """All sizes tried, the last one chosen.
+
+    Attributes:
+        stages: one for each size.
+        dropped: names and locations of candidates that were left out: with them the twin gives numbers that are not
+            finite.
+    """
 
     stages: tuple[Stage, ...]
+    dropped: tuple[tuple[str, str], ...] = ()
 
     @property
     def null(self) -> Stage:
@@ -128,14 +136,20 @@ def select_causes(
         false_alarms: largest chance that anything at all is found in a recording without a gap.
         most: largest number of effects combined.
         progress: called with a few words at the beginning of each step.
+
+    Raises:
+        UnpredictableError: the twin gives numbers that are not finite without any effect.
     """
     search = _Search(problem, false_alarms)
     progress("residual")
     stages = [search.look(fit_causes(problem, ()), None)]
     while not stages[-1].settled and len(stages) <= most and search.can_grow(stages[-1]):
         progress(f"{len(stages)} effect{'s' if len(stages) > 1 else ''}")
-        stages.append(search.spare(search.exchange(search.grow(stages[-1], len(stages)))))
-    return Selection(tuple(stages))
+        grown = search.grow(stages[-1], len(stages))
+        if grown is None:
+            break
+        stages.append(search.spare(search.exchange(grown)))
+    return Selection(tuple(stages), tuple(search.dropped))
 
 
 class _Search:
@@ -148,6 +162,7 @@ class _Search:
         self._columns: dict[tuple[str, str, bytes], Columns] = {}
         self._learnt = False
         self._promising: list[tuple[str, str, bytes]] = []
+        self.dropped: dict[tuple[str, str], None] = {}
 
     def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Stage:
         """Test what a fit leaves."""
@@ -182,8 +197,32 @@ class _Search:
         """Whether there is an effect left that could join the set."""
         return bool(stage.weighing.singles(self._members(stage)))
 
-    def grow(self, stage: Stage, size: int) -> Stage:
-        """The best set of one more effect."""
+    def grow(self, stage: Stage, size: int) -> Stage | None:
+        """The best set of one more effect; None where there is none that the twin can predict."""
+        while self.can_grow(stage):
+            best = self._best(stage, size)
+            fit = self._fit_or_drop(stage, best, stage.fit)
+            if fit is not None:
+                # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the
+                # causes.
+                return self.look(fit, best, stage.fit.squares)
+        return None
+
+    def _fit_or_drop(self, stage: Stage, weight: Weight, near: Fit | None = None, in_order: bool = True) -> Fit | None:
+        """A set sized, from a near fit if there is one; where the twin cannot predict it, its newcomers are dropped."""
+        weighing, members = stage.weighing, self._members(stage)
+        try:
+            causes = weighing.causes(weight)
+            if near is not None:
+                causes = fit_causes(self._problem, causes, near).causes
+            return self._fit_in_order(causes) if in_order else fit_causes(self._problem, causes)
+        except UnpredictableError:
+            for member in set(weight.members) - set(members) or weight.members:
+                weighing.drop(member)
+                self.dropped[weighing.candidates[member].key] = None
+            return None
+
+    def _best(self, stage: Stage, size: int) -> Weight:
         weighing = stage.weighing
         included = self._members(stage)
         singles = sorted(weighing.singles(included), key=lambda w: -w.log_evidence)
@@ -193,14 +232,11 @@ class _Search:
             beside = [w.members[-1] for w in singles[:SHORTLIST]]
             pair = weighing.best_pair(sorted({*(w.members[0] for w in alone), *beside}))
             best = max((w for w in (best, pair) if w is not None), key=lambda w: w.log_evidence)
-        if stage.newcomer is not None and best.log_evidence <= weighing.weigh(included).log_evidence:
+        newcomer = stage.newcomer if stage.newcomer and stage.newcomer.members[-1] in weighing.free(()) else None
+        if newcomer is not None and best.log_evidence <= weighing.weigh(included).log_evidence:
             # So small for its kind that its size alone speaks against it: it stands out nonetheless.
-            best = stage.newcomer
-        else:
-            best = weighing.exchange(best)
-        causes = fit_causes(self._problem, weighing.causes(best), stage.fit).causes
-        # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the causes.
-        return self.look(self._fit_in_order(causes), best, stage.fit.squares)
+            return newcomer
+        return weighing.exchange(best)
 
     def _fit_in_order(self, causes: Sequence[Cause]) -> Fit:
         """The causes sized, neighbours swapped where that explains more: what one adds the next one may distort."""
@@ -220,7 +256,7 @@ class _Search:
         self._promising = list(dict.fromkeys([*self._promising, *((*c.key, c.start.tobytes()) for c in found)]))
 
     def _findings(self, fit: Fit) -> list[Finding]:
-        found = [*self._problem.structure(fit.rest), *_strained(fit)]
+        found = [*self._problem.structure(fit.rest), *find_strain(fit)]
         return sorted(found, key=lambda finding: finding.log_chance)
 
     def _log_alarm(self, findings: Sequence[Finding]) -> float:
@@ -239,8 +275,8 @@ class _Search:
             if set(better.members) == set(members) or better.log_evidence < full.log_evidence + 1.0 or wanted in left:
                 break
             left.append({cause.key for cause in stage.fit.causes})
-            fit = self._fit_in_order(stage.weighing.causes(better))
-            if fit.squares + _cost(better, full) >= stage.fit.squares:
+            fit = self._fit_or_drop(stage, better)
+            if fit is None or fit.squares + _cost(better, full) >= stage.fit.squares:
                 break
             stage = self.look(fit, better, stage.fit.squares + stage.added)
         return self._rivals(stage) if stage.settled or self._nearly(stage) else stage
@@ -266,7 +302,9 @@ class _Search:
         ]
         best, lowest = stage, stage.fit.squares - 2.0
         for weight in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
-            fit = fit_causes(self._problem, fit_causes(self._problem, weighing.causes(weight), stage.fit).causes)
+            fit = self._fit_or_drop(stage, weight, stage.fit, in_order=False)
+            if fit is None:
+                continue
             # What is likelier on the table, but was not chosen, has no credit for that.
             price = max(_cost(weight, full), 2 * (full.log_evidence - weight.log_evidence), 0.0)
             if fit.squares + price < lowest:
@@ -318,13 +356,17 @@ class _Search:
         """All candidates so far and those that the remainder proposes, weighed on data with the causes put back."""
         proposed = [(*c.key, c.start.tobytes()) for c in self._remember(self._problem.candidates(fit.rest, fit.causes))]
         included = {cause.key for cause in fit.causes}
-        wanted = [key for key in dict.fromkeys([*proposed, *self._promising]) if self._known[key].key not in included]
+        left_out = included | set(self.dropped)
+        wanted = [key for key in dict.fromkeys([*proposed, *self._promising]) if self._known[key].key not in left_out]
         candidates = [self._known[key] for key in wanted]
         distortions = self._problem.distortions(candidates, fit.causes)
         others = []
         for key, candidate, distortion in zip(wanted, candidates, distortions, strict=True):
             distorted = distortion > (DISTORTED if key in self._promising else BADLY_DISTORTED)
-            others.append((candidate, self._columns_of(key, fit.causes if distorted else ())))
+            try:
+                others.append((candidate, self._columns_of(key, fit.causes if distorted else ())))
+            except UnpredictableError:
+                self.dropped[candidate.key] = None
         return self._weigh(fit, others)
 
     def _columns_of(self, key: tuple[str, str, bytes], beside: Sequence[Cause]) -> Columns:
@@ -369,24 +411,3 @@ def _cost(other: Weight, chosen: Weight) -> float:
     That is known from the table; what a set explains is known only when it is sized exactly.
     """
     return 2 * (chosen.log_evidence - other.log_evidence) + other.gain - chosen.gain
-
-
-def _strained(fit: Fit) -> list[Finding]:
-    """Tests of the twin's uncertain parameters: moved further than their uncertainty allows, together or one alone.
-
-    A strong effect that resembles a parameter is taken up by it and leaves nothing in the rows; here it shows. Fitted
-    values scatter less than their prior, so the tests hold their level.
-    """
-    moved = fit.nuisance_values
-    if len(moved) == 0:
-        return []
-    together = float(np.sum(np.square(moved)))
-    furthest = float(np.max(np.abs(moved)))
-    alone = min(0.0, log_normal_tail(furthest) + float(np.log(2 * len(moved))))
-    words = "twin: parameters beyond their uncertainty"
-    return [
-        Finding(
-            "twin", "parameters", log_chi_square_tail(together, len(moved)), max(0.0, together - len(moved)), words
-        ),
-        Finding("twin", "parameter", alone, max(0.0, furthest**2 - 1), words),
-    ]

@@ -27,6 +27,8 @@ def describe_cause(found: FoundCause) -> str:
     """Name, place, size and probability."""
     place = f" at {found.cause.location}" if found.cause.location else ""
     sizes = ", ".join(f"{name} {describe_estimate(value)}" for name, value in found.parameters.items())
+    held = ", ".join(found.at_bounds)
+    sizes += f"; {held} at the bound of what is physically sensible" if held else ""
     return f"{found.cause.effect.name}{place} ({sizes}; probability {found.probability:.0%})"
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.effects.effect import Role
+from rotary_error_monitor.gap.bounded import solve_within
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.normal import BlockNormal, Normal
 from rotary_error_monitor.gap.problem import Array, Conditions
@@ -26,7 +27,8 @@ class Gap:
         before: without the causes, the twin's uncertain parameters as the recording has them within their uncertainty.
         after: with the causes, sized on the other conditions.
         noise_floor: what noise alone leaves.
-        shrink: `(before - after) / (before - noise_floor)`; 0 where nothing was to shrink.
+        shrink: `(before - after) / (before - noise_floor)`; 0 where nothing was to shrink, and -1 where the causes make
+            it worse by as much as was to shrink, or by more.
         interval: its 95 % interval, from resampled blocks.
     """
 
@@ -47,11 +49,12 @@ def measure_gap(fit: Fit, conditions: Conditions, floor: float | None = None, se
         seed: of the resampling.
     """
     amplitudes, widths = _amplitudes(fit)
+    bounds = _bounds(fit)
     blocks = _calibrated(fit.blocks, fit.nuisance_values, amplitudes)
     before, after = blocks.power.copy(), blocks.power.copy()
     for label in np.unique(conditions.labels):
         test = conditions.labels == label
-        solved = _solve(blocks.total(~test), widths)
+        solved = _solve(blocks.total(~test), widths, bounds)
         after[test] = blocks.squares(np.arange(len(amplitudes)), solved)[test]
     expected = float(blocks.count.sum())
     freedom = len(amplitudes)
@@ -71,8 +74,14 @@ class HeldOut:
         self._whole = blocks.total()
         self._parts = [blocks.total(conditions.labels == label) for label in np.unique(conditions.labels)]
 
-    def rms(self, columns: NDArray[np.intp], prior: Array) -> float:
-        """Root mean square of held-out rows, the columns sized with these prior precisions on the other conditions."""
+    def rms(self, columns: NDArray[np.intp], prior: Array, bounds: tuple[Array, Array]) -> float:
+        """Root mean square of held-out rows, the columns sized on the other conditions.
+
+        Args:
+            columns: (p,) which of them.
+            prior: (p,) prior precision of each.
+            bounds: (p,) least and largest amplitude of each.
+        """
         total, whole = 0.0, self._whole
         inner = np.ix_(columns, columns)
         for part in self._parts:
@@ -80,13 +89,14 @@ class HeldOut:
             scale = 1 / np.sqrt(np.diag(gram))
             moment = whole.moment[columns] - part.moment[columns]
             solved = scale * np.linalg.solve(gram * np.outer(scale, scale), scale * moment)
+            solved = solve_within(gram, moment, *bounds, solved)
             fitted = float(solved @ part.gram[inner] @ solved)
             total += part.power - 2 * float(part.moment[columns] @ solved) + fitted
         return float(np.sqrt(max(total, 0.0) / whole.count))
 
 
 def _shrink(before: float, after: float, floor: float) -> float:
-    return (before - after) / (before - floor) if before > floor else 0.0
+    return max((before - after) / (before - floor), -1.0) if before > floor else 0.0
 
 
 def _amplitudes(fit: Fit) -> tuple[Array, Array]:
@@ -102,6 +112,18 @@ def _amplitudes(fit: Fit) -> tuple[Array, Array]:
                 float(np.sqrt(fit_variance(fit, cause.key, index))) if index in shapes else float(scales[index])
             )
     return np.asarray(values), np.asarray(widths)
+
+
+def _bounds(fit: Fit) -> tuple[Array, Array]:
+    """Least and largest value of each column's amplitude; shapes are told by how far they are moved."""
+    low, high = [np.zeros(0)], [np.zeros(0)]
+    for cause in fit.causes:
+        own, (least, largest) = cause.effect.indices(Role.LINEAR, Role.SHAPE), cause.effect.bounds()
+        base = cause.values.copy()
+        base[cause.effect.indices(Role.LINEAR)] = 0.0
+        low.append(least[own] - base[own])
+        high.append(largest[own] - base[own])
+    return np.concatenate(low), np.concatenate(high)
 
 
 def fit_variance(fit: Fit, key: tuple[str, str], index: int) -> float:
@@ -122,10 +144,11 @@ def _calibrated(blocks: BlockNormal, nuisance_values: Array, amplitudes: Array) 
     return BlockNormal(blocks.gram[:, own, own], (blocks.moment + added)[:, own], power, blocks.count)
 
 
-def _solve(train: Normal, widths: Array) -> Array:
+def _solve(train: Normal, widths: Array, bounds: tuple[Array, Array]) -> Array:
     gram = train.gram + np.diag(1 / np.square(_WIDE * widths))
     scale = 1 / np.sqrt(np.diag(gram))
-    return np.asarray(scale * np.linalg.solve(gram * np.outer(scale, scale), scale * train.moment), np.float64)
+    solved = np.asarray(scale * np.linalg.solve(gram * np.outer(scale, scale), scale * train.moment), np.float64)
+    return solve_within(gram, train.moment, *bounds, solved)
 
 
 def _interval(before: Array, after: Array, ratio: float, seed: int) -> tuple[float, float]:
@@ -133,6 +156,6 @@ def _interval(before: Array, after: Array, ratio: float, seed: int) -> tuple[flo
     draws = np.random.default_rng(seed).integers(0, len(before), (RESAMPLES, len(before)))
     a, b = np.sqrt(before[draws].sum(axis=1)), np.sqrt(np.maximum(after[draws].sum(axis=1), 0.0))
     floor = b * np.sqrt(ratio)
-    shrink = np.where(a > floor, (a - b) / np.where(a > floor, a - floor, 1.0), 0.0)
+    shrink = np.maximum(np.where(a > floor, (a - b) / np.where(a > floor, a - floor, 1.0), 0.0), -1.0)
     low, high = np.percentile(shrink, [2.5, 97.5])
     return float(low), float(high)

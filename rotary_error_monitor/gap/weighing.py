@@ -6,7 +6,8 @@ For columns X with white data y and amplitudes of usual size s, the marginal lik
 
 relative to no effect at all (MacKay, Information Theory, Inference, and Learning Algorithms, chapter 28: the second
 term is the Occam factor). The amplitude's own prior density is left out, so that an effect larger than usual is not
-held against it. The twin's uncertain parameters are integrated out beforehand. Each candidate also pays for the places,
+held against it; but where an amplitude would pass the bound of its parameter it stays there, and the gain is what is
+left with that. The twin's uncertain parameters are integrated out beforehand. Each candidate also pays for the places,
 orders and moments that were searched to propose it.
 """
 
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.gap.bounded import descend_within
 from rotary_error_monitor.gap.chances import log_chi_square_tail
 from rotary_error_monitor.gap.normal import BlockNormal, Normal, stack, width_of
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Problem, Rows
@@ -83,14 +85,28 @@ class Weighing:
         )
         scales = [candidate.effect.scales()[candidate.linear] for candidate in self.candidates]
         self._scale = np.concatenate([np.zeros(0), *scales])
+        bounds = [candidate.effect.bounds() for candidate in self.candidates]
+        pairs = list(zip(bounds, self.candidates, strict=True))
+        self._low = np.concatenate([np.zeros(0), *(low[candidate.linear] for (low, _), candidate in pairs)])
+        self._high = np.concatenate([np.zeros(0), *(high[candidate.linear] for (_, high), candidate in pairs)])
         sizes = np.concatenate([[0], np.cumsum([len(scale) for scale in scales])]).astype(np.intp)
         self._places = [np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(sizes)]
         self.normal: Normal = self.blocks.total().without(self.nuisances)
+        self._dropped: set[int] = set()
         self._effects = len({candidate.effect.name for candidate in self.candidates})
+
+    def drop(self, member: int) -> None:
+        """Propose a candidate no more: the twin cannot predict it."""
+        self._dropped.add(member)
 
     def columns_of(self, members: Sequence[int]) -> NDArray[np.intp]:
         """Positions of the members' columns among those of all candidates."""
         return np.concatenate([self._places[i] for i in members]) if members else np.zeros(0, np.intp)
+
+    def bounds_of(self, members: Sequence[int]) -> tuple[Array, Array]:
+        """Least and largest amplitude of the nuisances, which have none, and of the members' columns."""
+        index, free = self.columns_of(members), np.full(self.nuisances, np.inf)
+        return np.concatenate([-free, self._low[index]]), np.concatenate([free, self._high[index]])
 
     def position(self, key: tuple[str, str]) -> int | None:
         """Position of a candidate by name and location."""
@@ -130,8 +146,21 @@ class Weighing:
         part = np.einsum("kij,ki->kj", vectors, unit * self.normal.moment[index])
         solved = np.where(seen, part / np.where(seen, values, 1.0), 0.0)
         occam = 0.5 * np.linalg.slogdet(np.eye(index.shape[1]) + gram * scale[:, :, None] * scale[:, None, :])[1]
-        amplitudes = unit * np.einsum("kij,kj->ki", vectors, solved)
-        return np.sum(part * solved, axis=1), seen.sum(axis=1), occam, amplitudes
+        amplitudes, gain = unit * np.einsum("kij,kj->ki", vectors, solved), np.sum(part * solved, axis=1)
+        self._hold(index, unit > 0, amplitudes, gain)
+        return gain, seen.sum(axis=1), occam, amplitudes
+
+    def _hold(self, index: NDArray[np.intp], shown: NDArray[np.bool_], amplitudes: Array, gain: Array) -> None:
+        """Bring amplitudes (k, w) within their bounds, and the gain (k,) of those sets to what is left of it."""
+        beyond = np.any((amplitudes < self._low[index]) | (amplitudes > self._high[index]), axis=1)
+        if not beyond.any():
+            return
+        chosen, visible = index[beyond], shown[beyond]
+        gram = self.normal.gram[chosen[:, :, None], chosen[:, None, :]] * visible[:, :, None] * visible[:, None, :]
+        moment = self.normal.moment[chosen] * visible
+        held = descend_within(gram, moment, self._low[chosen], self._high[chosen], amplitudes[beyond])
+        amplitudes[beyond] = held
+        gain[beyond] = np.maximum(np.sum((2 * moment - np.einsum("kij,kj->ki", gram, held)) * held, axis=1), 0.0)
 
     def singles(self, beside: Sequence[int] = ()) -> list[Weight]:
         """Each candidate beside the given ones, in the order of the candidates; those themselves are left out."""
@@ -143,7 +172,7 @@ class Weighing:
 
     def free(self, beside: Sequence[int]) -> list[int]:
         """Candidates that can stand beside the given ones: the same effect at the same place counts once."""
-        taken = {self.candidates[i].key for i in beside}
+        taken = {self.candidates[i].key for i in (*beside, *self._dropped)}
         return [i for i, candidate in enumerate(self.candidates) if candidate.key not in taken]
 
     def best_pair(self, shortlist: Sequence[int]) -> Weight | None:

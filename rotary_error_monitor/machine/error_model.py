@@ -86,11 +86,39 @@ def monitored_jacobian(model: MachineModel, positions: ArrayLike) -> Array:
     return np.ascontiguousarray(np.moveaxis(jacobian if on_tool else -jacobian, -1, 0))
 
 
-def propagate_covariance(model: MachineModel, positions: ArrayLike, covariance: ArrayLike) -> Array:
+def described_components(
+    model: MachineModel,
+    positions: ArrayLike,
+    *,
+    direction: ArrayLike | None = None,
+    temperature: ArrayLike | None = None,
+) -> Array:
+    """(n, 6) components of the monitored axis as the description has them, in its stator's frame like live ones.
+
+    Raises:
+        InputError: no axis of the machine is monitored, or a shape does not fit it.
+    """
+    poses = check_poses(model, positions, direction, temperature)
+    axis = _monitored_axis(model)
+    errors = model.components.at(poses.positions, poses.direction, poses.temperature)
+    turn = turns(model, poses.positions)[:, :, model.rotary.tolist().index(axis), None]
+    turned = rotate(turn, _shift_and_rotation(errors[:, axis]))
+    return np.ascontiguousarray(np.moveaxis(turned, -1, 0).swapaxes(1, 2).reshape(-1, 6))
+
+
+def stated_deviations(model: MachineModel) -> Array:
+    """(6,) standard uncertainty of the described components, as stated (`errors.linear`, `errors.angular`), or zero."""
+    stated = [model.uncertainty.get("errors.linear", 0.0)] * 3 + [model.uncertainty.get("errors.angular", 0.0)] * 3
+    return np.array(stated)
+
+
+def propagate_covariance(
+    model: MachineModel, positions: ArrayLike, covariance: ArrayLike, described: ArrayLike | None = None
+) -> Array:
     """(n, 6, 6) covariance of the offset from that (n, 6, 6) of the monitored axis's components.
 
     A component whose variance is NaN is not observable and comes from the description: it counts with the standard
-    uncertainty that the description states (`errors.linear`, `errors.angular`; none stated: zero), uncorrelated.
+    uncertainty `described` (6,), by default that which the description states, uncorrelated.
 
     Raises:
         InputError: shapes do not fit, or no axis of the machine is monitored.
@@ -99,7 +127,7 @@ def propagate_covariance(model: MachineModel, positions: ArrayLike, covariance: 
     given = np.moveaxis(np.asarray(covariance, dtype=np.float64), 0, -1)
     if given.shape != jacobian.shape:
         raise InputError(f"covariance of shape {given.shape[::-1]}; expected ({jacobian.shape[-1]}, 6, 6)")
-    stated = [model.uncertainty.get("errors.linear", 0.0)] * 3 + [model.uncertainty.get("errors.angular", 0.0)] * 3
+    stated = stated_deviations(model) if described is None else np.asarray(described, dtype=np.float64)
     known = np.where(np.isnan(given), np.diag(np.square(stated))[:, :, None], given)
     half = _product(jacobian, known)
     return np.ascontiguousarray(np.moveaxis(_product(half, np.swapaxes(jacobian, 0, 1)), -1, 0))

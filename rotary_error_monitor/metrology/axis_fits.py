@@ -8,15 +8,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.stats import f as f_distribution
 
 from rotary_error_monitor.errors import InputError
 
 Array = NDArray[np.float64]
+
+MEDIAN_OF_TWO_SQUARES = 2 * math.log(2)
+"""Median of the sum of two squared standard normal values."""
+
+MEDIAN_EFFICIENCY = 0.4
+"""Information in the median of squares beside that in their mean, for normal values."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +36,9 @@ class LineFit:
         point_covariance: (3, 3) m².
         direction_covariance: (3, 3) rad².
         scatter: root mean square distance of the points from what was fitted, m.
+        departures: (n,) distance of each point from what was fitted, over what its covariance or, without one, the
+            scatter of all explains.
+        ratio: root mean square residual over what the covariances explain, freedom counted; 1 without covariances.
     """
 
     point: Array
@@ -36,6 +46,8 @@ class LineFit:
     point_covariance: Array
     direction_covariance: Array
     scatter: float
+    departures: Array = field(default_factory=lambda: np.zeros(0))
+    ratio: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -99,7 +111,8 @@ def fit_line_in_space(points: Array, covariances: Array | None = None) -> LineFi
         away = points - centre - parameters[2] * first - parameters[3] * second
         return _whitened(away, [e1, e2], covariances)
 
-    parameters, covariance, scatter = _refine(residuals, np.zeros(4), points, covariances)
+    parameters, covariance, scatter, ratio = _refine(residuals, np.zeros(4), points, covariances)
+    departures = np.linalg.norm(residuals(parameters).reshape(-1, 2), axis=1)
     tilted, _, _ = _tilted(direction, first, second, parameters[:2])
     if tilted @ (points[-1] - points[0]) < 0:
         tilted = -tilted
@@ -110,6 +123,8 @@ def fit_line_in_space(points: Array, covariances: Array | None = None) -> LineFi
         point_covariance=basis @ covariance[2:, 2:] @ basis.T,
         direction_covariance=basis @ covariance[:2, :2] @ basis.T,
         scatter=scatter,
+        departures=departures if covariances is not None else departures / max(scatter, np.finfo(np.float64).tiny),
+        ratio=ratio,
     )
 
 
@@ -126,7 +141,7 @@ def fit_plane(points: Array, covariances: Array | None = None) -> PlaneFit:
         tilted, _, _ = _tilted(normal, first, second, parameters[:2])
         return _whitened(points - centre - parameters[2] * normal, [tilted], covariances)
 
-    parameters, covariance, scatter = _refine(residuals, np.zeros(3), points, covariances)
+    parameters, covariance, scatter, _ = _refine(residuals, np.zeros(3), points, covariances)
     tilted, _, _ = _tilted(normal, first, second, parameters[:2])
     basis = np.stack([first, second], axis=1)
     return PlaneFit(centre + parameters[2] * normal, tilted, basis @ covariance[:2, :2] @ basis.T, scatter)
@@ -192,7 +207,9 @@ def _fit_rings(tracks: Sequence[Array], covariances: Sequence[Array] | None) -> 
     start = _ring_start(tracks, centre, np.stack([first, second, normal]))
     points = np.concatenate(list(tracks))
     stacked = None if covariances is None else np.concatenate(list(covariances))
-    parameters, covariance, scatter = _refine(residuals, start, points, stacked)
+    parameters, covariance, scatter, ratio = _refine(residuals, start, points, stacked)
+    halves = np.split(residuals(parameters), 2 * np.cumsum([len(track) for track in tracks])[:-1])
+    departures = np.concatenate([np.linalg.norm(half.reshape(2, -1), axis=0) for half in halves])
     tilted, _, _ = _tilted(normal, first, second, parameters[:2])
     basis = np.stack([first, second], axis=1)
     line = LineFit(
@@ -201,6 +218,8 @@ def _fit_rings(tracks: Sequence[Array], covariances: Sequence[Array] | None) -> 
         point_covariance=basis @ covariance[2:4, 2:4] @ basis.T,
         direction_covariance=basis @ covariance[:2, :2] @ basis.T,
         scatter=scatter,
+        departures=departures if covariances is not None else departures / max(scatter, np.finfo(np.float64).tiny),
+        ratio=ratio,
     )
     return line, parameters[4::2], parameters[5::2], covariance
 
@@ -214,6 +233,20 @@ def _ring_start(tracks: Sequence[Array], centre: Array, axes: Array) -> Array:
         start[4 + 2 * k] = np.hypot(x, y).mean()
         start[5 + 2 * k] = height.mean()
     return start
+
+
+def find_outlying_points(line: LineFit, false_alarm: float) -> NDArray[np.int64]:
+    """Indices of points that stand off from what was fitted further than the others let expect, farthest first.
+
+    The scale is the median distance, so that what all points have in common, such as the straightness of the axis,
+    counts as their scatter. `false_alarm` bounds the probability that clean points show any.
+    """
+    squares = line.departures**2
+    scale = float(np.median(squares)) / MEDIAN_OF_TWO_SQUARES
+    freedom = max(1.0, MEDIAN_EFFICIENCY * 2 * len(squares))
+    limit = 2 * float(f_distribution.isf(false_alarm / max(1, len(squares)), 2, freedom))
+    found = np.flatnonzero(squares > limit * scale)
+    return np.asarray(found[np.argsort(-squares[found])], dtype=np.int64)
 
 
 def estimate_squareness(first: LineFit, second: LineFit) -> Squareness:
@@ -308,8 +341,8 @@ def _whitened(away: Array, directions: Sequence[Array], covariances: Array | Non
 
 def _refine(
     residuals: Callable[[Array], Array], start: Array, points: Array, covariances: Array | None
-) -> tuple[Array, Array, float]:
-    """Parameters of least squares, their covariance, and the scatter of the points in m."""
+) -> tuple[Array, Array, float, float]:
+    """Parameters of least squares, their covariance, the scatter of the points in m, and its ratio to the noise."""
     size = float(np.ptp(points, axis=0).max())
     scale = np.maximum(np.abs(start), min(size, 1.0))
     solution = least_squares(residuals, start, method="lm", x_scale=scale, xtol=1e-14, ftol=1e-14, gtol=1e-14)
@@ -317,8 +350,10 @@ def _refine(
     normal = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
     square = float(solution.fun @ solution.fun)
     scatter = math.sqrt(square / len(points))
+    freedom, ratio = max(1, len(solution.fun) - len(start)), 1.0
     if covariances is None:
-        normal = normal * square / max(1, len(solution.fun) - len(start))
+        normal = normal * square / freedom
     else:
         scatter *= math.sqrt(float(np.trace(covariances.mean(axis=0))) / 3)
-    return np.asarray(solution.x, dtype=np.float64), np.asarray(normal, dtype=np.float64), scatter
+        ratio = math.sqrt(square / freedom)
+    return np.asarray(solution.x, dtype=np.float64), np.asarray(normal, dtype=np.float64), scatter, ratio

@@ -66,11 +66,33 @@ class HeadLayout:
         return np.asarray(inverse)
 
     @cached_property
+    def view(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(2, h) weights for what the heads see of a displacement x, y over the radius, and what that is, (2, 2).
+
+        The latter takes a displacement to what is seen of it: itself, or its part across the line of two opposed heads.
+        """
+        inverse = np.linalg.pinv(self.sensitivity, rcond=LEAK)
+        seen = (inverse @ self.sensitivity)[1:, 1:]
+        return np.asarray(inverse[1:], float), np.asarray(np.where(np.abs(seen) < 1e-12, 0.0, seen), float)
+
+    @cached_property
     def projector(self) -> NDArray[np.float64]:
         """(h, h) what of the readings no rotation and no displacement explains."""
         rest = np.eye(len(self.azimuths)) - self.sensitivity @ np.linalg.pinv(self.sensitivity, rcond=LEAK)
         rest[np.abs(rest) < 1e-12] = 0.0
         return np.asarray(rest)
+
+    @cached_property
+    def parity(self) -> NDArray[np.float64]:
+        """(redundancy, h) orthonormal combinations of the readings that no rotation and no displacement changes.
+
+        The parity vector of fault detection (Potter and Suman 1977): zero but for noise, whatever the rotor does.
+        """
+        left, size, _ = np.linalg.svd(self.projector)
+        rows = left[:, : self.redundancy].T * (size[: self.redundancy] > 0.5)[:, None]
+        largest = np.abs(rows).argmax(axis=1)
+        signs = np.sign(rows[np.arange(len(rows)), largest])  # the sign of a singular vector is arbitrary
+        return np.asarray(rows * signs[:, None])
 
     @cached_property
     def observable(self) -> tuple[str, ...]:
@@ -112,12 +134,16 @@ class RingPose:
         covariance: (m, 3, 3) of theta (rad), x and y (m).
         disagreement: (m,) contradiction among the heads in standard deviations (root of chi-square per redundancy);
             zero without redundancy.
+        parity: (m, redundancy) of the readings, rad.
+        seen: (m, 2) what the heads see of the displacement, m: all of it, or one direction where they tell no more.
     """
 
     theta: NDArray[np.float64]
     centre: NDArray[np.float64]
     covariance: NDArray[np.float64]
     disagreement: NDArray[np.float64]
+    parity: NDArray[np.float64]
+    seen: NDArray[np.float64]
 
 
 def estimate_ring_pose(
@@ -143,7 +169,11 @@ def estimate_ring_pose(
     scale = np.array([1.0, radius, radius])
     products = layout.weights[:, None] * layout.weights[None] * (scale[:, None] * scale)[:, :, None]
     covariance = np.moveaxis(_sum_over_heads(products.reshape(9, -1), spread).reshape(3, 3, -1), -1, 0)
-    return RingPose(theta, centre, covariance, _disagreement(layout, relative, spread))
+    parity = _sum_over_heads(layout.parity, relative).T
+    seen = centre
+    if set(layout.observable) != set(COMPONENTS):
+        seen = radius * np.stack([*_sum_over_heads(layout.view[0], relative)], axis=1)
+    return RingPose(theta, centre, covariance, _disagreement(layout, relative, spread), parity, seen)
 
 
 def _disagreement(

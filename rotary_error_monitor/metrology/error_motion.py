@@ -81,6 +81,10 @@ def radial_covariance_at(covariance: NDArray[np.float64], height: float) -> NDAr
     return np.asarray(sensitivity @ covariance @ sensitivity.T)
 
 
+NO_STEP = 1e-6
+"""A step smaller than this part of the noise adds less than a part in 1e12 to its variance."""
+
+
 def reading_variance(
     noise: float, resolution: float, gain: NDArray[np.float64], travel: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -96,7 +100,7 @@ def reading_variance(
         gain: (m,) sum of the squared weights of the samples.
         travel: (m,) how far the signal moves over the samples.
     """
-    if resolution == 0.0:
+    if resolution <= NO_STEP * noise:
         return gain * noise**2
     steps = np.pi * travel / resolution
     shared = np.exp(-((2 * np.pi * noise / resolution) ** 2)) / (1.0 + 2.0 * steps * steps)

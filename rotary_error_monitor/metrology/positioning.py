@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -198,24 +199,37 @@ def _bidirectional(forward: DirectionFigures, backward: DirectionFigures) -> Bid
 
 
 def find_outliers(runs: PositioningRuns, *, false_alarm: float = 0.01) -> tuple[Outlier, ...]:
-    """Readings too far from the median of their target and direction; they are reported, never removed here.
+    """Readings too far from the median of their target and direction, as `find_outlying`; none is removed here."""
+    blocks = [(FORWARD, runs.forward)] + ([] if runs.backward is None else [(BACKWARD, runs.backward)])
+    return find_outlying(blocks, false_alarm=false_alarm)
+
+
+def find_outlying(
+    blocks: Sequence[tuple[int, NDArray[np.float64]]], *, false_alarm: float = 0.01, least_scale: float = 0.0
+) -> tuple[Outlier, ...]:
+    """Readings (m, n) by target and cycle, a block for each direction, that are too far from their target's median.
 
     The scale is the median distance between two readings at one target: an unbiased, robust measure for any number
     of cycles, which pools all targets and both directions. `false_alarm` bounds the probability that a clean, normally
-    distributed test shows any outlier (Bonferroni over all readings): a reading's distance from the median of its
-    group has a smaller variance than the reading, since the two are correlated.
+    distributed test shows any outlier (Bonferroni over all readings). NaN marks a reading that is not there.
+    `least_scale` is a standard deviation of a reading that is not fallen below, such as that of rounding.
     """
-    blocks = [(FORWARD, runs.forward)] + ([] if runs.backward is None else [(BACKWARD, runs.backward)])
     scale = _pooled_scale([values for _, values in blocks])
+    if scale is None:
+        return ()
+    scale = max(scale, least_scale)
     readings = sum(int(np.isfinite(values).sum()) for _, values in blocks)
     groups = sum(int((np.isfinite(values).sum(axis=1) > 0).sum()) for _, values in blocks)
     freedom = max(1.0, SCALE_EFFICIENCY * (readings - groups))
     limit = float(stdtrit(freedom, 1 - false_alarm / (2 * readings)))
     found = []
     for direction, values in blocks:
-        excess = values - np.nanmedian(values, axis=1, keepdims=True)
+        visited = np.isfinite(values).any(axis=1)
+        excess = np.full_like(values, np.nan)
+        excess[visited] = values[visited] - np.nanmedian(values[visited], axis=1, keepdims=True)
         ratio = np.abs(excess) / scale if scale > 0 else np.where(excess == 0, 0.0, np.inf)
-        for target, cycle in np.argwhere(np.nan_to_num(ratio, nan=0.0) > limit):
+        far = limit * _reach(np.isfinite(values).sum(axis=1))[:, None]
+        for target, cycle in np.argwhere(np.nan_to_num(ratio, nan=0.0) > far):
             found.append(
                 Outlier(
                     int(target),
@@ -244,12 +258,24 @@ def remove_outliers(runs: PositioningRuns, outliers: tuple[Outlier, ...]) -> Pos
     return PositioningRuns(runs.targets, forward, backward, runs.rotary)
 
 
-def _pooled_scale(blocks: list[NDArray[np.float64]]) -> float:
+def _reach(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """How far from the median of `counts` (m,) normal readings one of them strays, in that by which one alone does.
+
+    Far out the likeliest way to such a distance is that the half of the readings that holds the median, k of them,
+    strays the other way by 1/k of it: as for a normal value of variance 1 + 1/k. Of two readings none is the median.
+    """
+    return np.asarray(np.where(counts > 2, np.sqrt(1 + 1 / (counts // 2 + 1)), 1.0))
+
+
+def _pooled_scale(blocks: list[NDArray[np.float64]]) -> float | None:
+    """Standard deviation of a reading; None where no target has two."""
     distances = []
     for values in blocks:
         first, second = np.triu_indices(values.shape[1], k=1)
         distances.append(np.abs(values[:, first] - values[:, second]).ravel())
     pooled = np.concatenate(distances)
+    if not np.isfinite(pooled).any():
+        return None
     return float(np.nanmedian(pooled) / (math.sqrt(2) * MEDIAN_OF_ABSOLUTE_NORMAL))
 
 

@@ -11,6 +11,7 @@ turned over about its long axis (straightedge reversal) shows the curvature as w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
@@ -24,10 +25,8 @@ from scipy.sparse import csr_array
 from scipy.stats import chi2
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.overlaps import Overlap, Residual, compare_overlaps, overlap_warnings
 from rotary_error_monitor.metrology.straightness import LineMethod, Straightness, check_profile, estimate_straightness
-
-LEAST_OVERLAP = 0.15
-"""Share of the mirror's length that two placements should share (Zhou et al. 2023, Section 2.1)."""
 
 MIRROR_ORDERS = range(2, 7)
 """Legendre orders of the mirror's unknown form; orders 0 and 1 are its placement."""
@@ -38,14 +37,17 @@ TURNED_ORDERS = range(2, 13)
 MIRROR_RANGE = 3.8
 """Mean peak-to-valley of a sum of those Legendre polynomials with coefficients of standard deviation 1."""
 
-DISAGREEMENT = 1e-3
-"""Probability below which segments are said to disagree in an overlap, where the mirror's flatness is stated."""
-
-UNKNOWN_DISAGREEMENT = 0.01
-"""The same for a mirror of unknown flatness: an overlap shows only a part of its form, so suspicion comes earlier."""
-
 ANY_RANGE = 1e-3
 """Range allowed to the form of a mirror that a turned placement shows whatever it is, m."""
+
+DETAIL = 1e-3
+"""Probability that noise alone is taken for detail that the spline's nodes are too far apart for."""
+
+LARGEST_STEP = 5.0
+"""Times the median step up to which samples are unevenly spaced; a longer one is a gap."""
+
+FEWEST_POSITIONS = 100
+"""Intervals in which a profile is given at least: between them a straight line does for a bow to a part in 10,000."""
 
 DEGREE = 3
 
@@ -72,7 +74,7 @@ class Segment:
     Attributes:
         positions: (n,) axis positions, m, in any order.
         readings: (n,) displacement readings, m.
-        noise: standard deviation of a reading, m.
+        noise: standard deviation of a reading, or (n,) of each, m.
         start: axis position where the mirror begins, m; None for the first sample.
         turned: the mirror is turned over about its long axis, so that its form counts the other way; readings keep
             their sign as the axis goes (those of a sensor that now looks the other way are negated).
@@ -80,31 +82,9 @@ class Segment:
 
     positions: NDArray[np.float64]
     readings: NDArray[np.float64]
-    noise: float
+    noise: float | NDArray[np.float64]
     start: float | None = None
     turned: bool = False
-
-
-@dataclass(frozen=True)
-class Overlap:
-    """Evidence in one overlap.
-
-    Attributes:
-        segments: indices of the two segments.
-        first, last: the overlap on the axis, m.
-        share: its length over that of the mirror.
-        difference: root mean square difference of the two, averaged in cells, after splicing, m.
-        expected: the same as the readings' noise explains it, m.
-        probability: of so large a difference by that noise.
-    """
-
-    segments: tuple[int, int]
-    first: float
-    last: float
-    share: float
-    difference: float
-    expected: float
-    probability: float
 
 
 @dataclass(frozen=True)
@@ -112,7 +92,8 @@ class SplicedProfile:
     """A profile over the whole axis, in the frame of the first segment.
 
     Attributes:
-        positions: (n,) m.
+        positions: (n,) m, evenly spaced, the nodes of the spline among them.
+        nodes: (m,) of the spline, m.
         profile: (n,) m.
         covariance: (n, n) m², of sensor noise and of what is unknown of the mirror.
         slopes, offsets: (k,) how each segment lies in the first one's frame, rad and m.
@@ -121,6 +102,7 @@ class SplicedProfile:
     """
 
     positions: NDArray[np.float64]
+    nodes: NDArray[np.float64]
     profile: NDArray[np.float64]
     covariance: NDArray[np.float64]
     slopes: NDArray[np.float64]
@@ -161,13 +143,17 @@ def splice_segments(segments: Sequence[Segment], mirror: Mirror, *, spacing: flo
     ordered = sorted(range(len(segments)), key=lambda k: float(segments[k].positions.min(initial=np.inf)))
     parts = [_levelled(segments[k], mirror, k) for k in ordered]
     _check_meeting(parts, ordered)
-    knots = _knots(parts, spacing)
-    solution = _solve(parts, mirror, knots)
-    overlaps = _overlaps(parts, ordered, mirror, solution)
-    warnings = _warnings(overlaps, unknown=_form_prior(parts, mirror) is None)
+    solution = _solve(parts, mirror, _knots(parts, spacing))
+    if spacing is None and _shows_detail(parts, solution):
+        solution = _solve(parts, mirror, _fine_knots(parts), _roughness(parts))
+    residuals = [Residual(p.positions, _residual(p, k, solution), p.noise) for k, p in enumerate(parts)]
+    breaks = solution.spline.t[DEGREE : len(solution.spline.t) - DEGREE]
+    overlaps = compare_overlaps(residuals, ordered, mirror.length, breaks)
+    warnings = overlap_warnings(overlaps, unknown=_form_prior(parts, mirror) is None)
     order = np.argsort(ordered)
     return SplicedProfile(
         positions=solution.positions,
+        nodes=breaks,
         profile=solution.profile,
         covariance=solution.covariance,
         slopes=solution.slopes[order],
@@ -187,7 +173,7 @@ class _Part:
     positions: NDArray[np.float64]
     heights: NDArray[np.float64]
     along: NDArray[np.float64]
-    noise: float
+    noise: NDArray[np.float64]
     side: float
 
 
@@ -204,12 +190,13 @@ class _Solution:
 
 def _levelled(segment: Segment, mirror: Mirror, number: int) -> _Part:
     check_profile(segment.positions, segment.readings)
-    if not segment.noise > 0:
-        raise InputError(
-            f"segment {number + 1}: noise {segment.noise:g} m; give the standard deviation of a reading, above 0"
-        )
     order = np.argsort(segment.positions, kind="stable")
     positions, heights = segment.positions[order], segment.readings[order]
+    noise = np.broadcast_to(segment.noise, positions.shape)[order]
+    if not np.all(noise > 0):
+        raise InputError(
+            f"segment {number + 1}: noise {noise.min():g} m; give the standard deviation of a reading, above 0"
+        )
     start = float(positions[0]) if segment.start is None else segment.start
     distance = positions - start
     slack = 1e-6 * mirror.length
@@ -227,7 +214,7 @@ def _levelled(segment: Segment, mirror: Mirror, number: int) -> _Part:
                 f"calibrated from {first:g} m to {last:g} m"
             )
         heights = heights - side * np.interp(distance, mirror.profile[:, 0], mirror.profile[:, 1])
-    return _Part(positions, heights, 2 * distance / mirror.length - 1, segment.noise, side)
+    return _Part(positions, heights, 2 * distance / mirror.length - 1, noise, side)
 
 
 @dataclass(frozen=True)
@@ -263,10 +250,14 @@ def _check_meeting(parts: Sequence[_Part], ordered: Sequence[int]) -> None:
 def _knots(parts: Sequence[_Part], spacing: float | None) -> NDArray[np.float64]:
     first = min(float(part.positions[0]) for part in parts)
     last = max(float(part.positions[-1]) for part in parts)
-    if spacing is None:
-        spacing = max(2 * max(float(np.median(np.diff(part.positions))) for part in parts), (last - first) / 1000)
-    breaks = np.linspace(first, last, max(2, round((last - first) / spacing) + 1))
     samples = np.concatenate([part.positions for part in parts])
+    if spacing is None:
+        usual = max(float(np.median(np.diff(part.positions))) for part in parts)
+        longest = float(np.diff(np.sort(samples)).max())
+        spacing = max(2 * usual, (last - first) / 1000)
+        if 1 < longest / spacing <= LARGEST_STEP / 2:  # so few nodes that each two have a sample between them
+            spacing = (last - first) / max(1, math.floor((last - first) / longest))
+    breaks = np.linspace(first, last, max(2, round((last - first) / spacing) + 1))
     count, _ = np.histogram(samples, breaks)
     if np.any(count == 0):
         at = int(np.argmin(count))
@@ -276,17 +267,44 @@ def _knots(parts: Sequence[_Part], spacing: float | None) -> NDArray[np.float64]
     return np.concatenate([np.full(DEGREE, first), breaks, np.full(DEGREE, last)])
 
 
+def _shows_detail(parts: Sequence[_Part], solution: _Solution) -> bool:
+    """Whether readings depart from the spline by more than their noise: the profile is finer than its nodes."""
+    square = sum(float(((_residual(part, k, solution) / part.noise) ** 2).sum()) for k, part in enumerate(parts))
+    readings = sum(part.positions.size for part in parts)
+    unknowns = len(solution.spline.c) + 2 * (len(parts) - 1)
+    return readings > unknowns and float(chi2.sf(square, readings - unknowns)) < DETAIL
+
+
+def _fine_knots(parts: Sequence[_Part]) -> NDArray[np.float64]:
+    """A node for each reading of the placement that has fewest."""
+    first = min(float(part.positions[0]) for part in parts)
+    last = max(float(part.positions[-1]) for part in parts)
+    spacing = max(max(float(np.median(np.diff(part.positions))) for part in parts), (last - first) / 1000)
+    breaks = np.linspace(first, last, max(2, round((last - first) / spacing) + 1))
+    return np.concatenate([np.full(DEGREE, first), breaks, np.full(DEGREE, last)])
+
+
+def _roughness(parts: Sequence[_Part]) -> float:
+    """Root mean square of the readings' third differences, m: how much a spline through all of them may bend."""
+    third = np.concatenate([np.diff(part.heights, 3) for part in parts if part.positions.size > DEGREE])
+    return float(np.sqrt(np.mean(third**2))) if third.size else 0.0
+
+
 def _form(part: _Part, orders: int) -> NDArray[np.float64]:
     """(n, orders) Legendre polynomials of the mirror's form, as it lies in a placement."""
     polynomials = legendre.legvander(part.along, MIRROR_ORDERS[0] + orders - 1)[:, MIRROR_ORDERS[0] :]
     return np.asarray(part.side * polynomials, dtype=np.float64)
 
 
-def _solve(parts: Sequence[_Part], mirror: Mirror, knots: NDArray[np.float64]) -> _Solution:
-    """Spline, placements and mirror form: the spline's banded block is eliminated, the small rest is solved dense."""
+def _solve(parts: Sequence[_Part], mirror: Mirror, knots: NDArray[np.float64], roughness: float = 0.0) -> _Solution:
+    """Spline, placements and mirror form: the spline's banded block is eliminated, the small rest is solved dense.
+
+    Where the spline has a node for each reading, its third differences are taken to be about `roughness`, m, which
+    bridges nodes without a reading of their own.
+    """
     samples = np.concatenate([part.positions for part in parts])
     heights = np.concatenate([part.heights for part in parts])
-    weights = np.concatenate([np.full(part.positions.size, 1 / part.noise) for part in parts])
+    weights = np.concatenate([1 / part.noise for part in parts])
     middle = float(samples.mean())
     design = csr_array(BSpline.design_matrix(samples, knots, DEGREE)).multiply(weights[:, None]).tocsr()
     form = _form_prior(parts, mirror)
@@ -297,7 +315,17 @@ def _solve(parts: Sequence[_Part], mirror: Mirror, knots: NDArray[np.float64]) -
     if form is not None:
         prior[count:] = (MIRROR_RANGE / form.range) ** 2
 
-    factor = cholesky_banded(_upper_band(csr_array(design.T @ design)))
+    normal = csr_array(design.T @ design)
+    if roughness > 0:
+        third = csr_array(np.diff(np.eye(design.shape[1]), DEGREE, axis=0)) / roughness
+        normal = csr_array(normal + third.T @ third)
+    try:
+        factor = cholesky_banded(_upper_band(normal))
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"the readings do not determine the curve between {samples.min():g} and {samples.max():g} m: a part of it "
+            "has none; measure there as well"
+        ) from error
     cross = np.asarray(design.T @ rest)
     gain = cho_solve_banded((factor, False), cross)
     rhs = np.asarray(design.T @ target)
@@ -307,7 +335,8 @@ def _solve(parts: Sequence[_Part], mirror: Mirror, knots: NDArray[np.float64]) -
     placed = inverse @ (rest.T @ target - cross.T @ alone)
     coefficients = alone - gain @ placed
 
-    positions = np.linspace(knots[0], knots[-1], len(coefficients))
+    intervals = len(knots) - 2 * DEGREE - 1
+    positions = np.linspace(knots[0], knots[-1], intervals * math.ceil(FEWEST_POSITIONS / intervals) + 1)
     basis = BSpline.design_matrix(positions, knots, DEGREE).toarray()
     through = basis @ gain
     covariance = basis @ cho_solve_banded((factor, False), basis.T) + through @ inverse @ through.T
@@ -336,68 +365,8 @@ def _upper_band(matrix: csr_array) -> NDArray[np.float64]:
     return band
 
 
-def _overlaps(
-    parts: Sequence[_Part], ordered: Sequence[int], mirror: Mirror, solution: _Solution
-) -> tuple[Overlap, ...]:
-    """Each two neighbours compared cell by cell, the cells as long as the knots are apart."""
-    breaks = solution.spline.t[DEGREE : len(solution.spline.t) - DEGREE]
-    residuals = [_residual(part, k, solution) for k, part in enumerate(parts)]
-    found = []
-    for k in range(len(parts) - 1):
-        first = float(max(parts[k].positions[0], parts[k + 1].positions[0]))
-        last = float(min(parts[k].positions[-1], parts[k + 1].positions[-1]))
-        counts, means = [], []
-        for part, residual in zip(parts[k : k + 2], residuals[k : k + 2], strict=True):
-            inside = (part.positions >= first) & (part.positions <= last)
-            counts.append(np.histogram(part.positions[inside], breaks)[0])
-            sums = np.histogram(part.positions[inside], breaks, weights=residual[inside])[0]
-            means.append(sums / np.maximum(counts[-1], 1))
-        both = (counts[0] > 0) & (counts[1] > 0)
-        difference = (means[0] - means[1])[both]
-        variance = parts[k].noise ** 2 / counts[0][both] + parts[k + 1].noise ** 2 / counts[1][both]
-        found.append(
-            Overlap(
-                segments=(ordered[k], ordered[k + 1]),
-                first=first,
-                last=last,
-                share=(last - first) / mirror.length,
-                difference=float(np.sqrt(np.mean(difference**2))),
-                expected=float(np.sqrt(np.mean(variance))),
-                probability=float(chi2.sf(np.sum(difference**2 / variance), max(1, both.sum() - 2))),
-            )
-        )
-    return tuple(found)
-
-
 def _residual(part: _Part, number: int, solution: _Solution) -> NDArray[np.float64]:
     """Readings minus all that the solution knows: profile, placement and mirror form."""
     placed = solution.slopes[number] * part.positions + solution.offsets[number]
     form = _form(part, len(solution.form)) @ solution.form
     return cast("NDArray[np.float64]", part.heights - solution.spline(part.positions) - placed - form)
-
-
-def _warnings(overlaps: Sequence[Overlap], *, unknown: bool) -> tuple[str, ...]:
-    warnings = []
-    for overlap in overlaps:
-        pair = f"segments {overlap.segments[0] + 1} and {overlap.segments[1] + 1}"
-        if overlap.share < LEAST_OVERLAP:
-            warnings.append(
-                f"{pair} share {overlap.share:.1%} of the mirror's length; {LEAST_OVERLAP:.0%} is good practice"
-            )
-        if overlap.probability < (UNKNOWN_DISAGREEMENT if unknown else DISAGREEMENT):
-            finding = (
-                f"{pair} differ by {overlap.difference * 1e6:.3f} µm in their overlap, where noise explains "
-                f"{overlap.expected * 1e6:.3f} µm"
-            )
-            if unknown:
-                raise InputError(
-                    f"{finding}, and the mirror's flatness is unknown; have the mirror calibrated, state its flatness, "
-                    "or measure a placement a second time with the mirror turned over"
-                )
-            warnings.append(f"{finding}; noise, flatness or the placement is not as stated")
-    if unknown and overlaps:
-        warnings.append(
-            "the mirror's flatness is unknown: its curvature grows with every joint and stays unseen in all overlaps; "
-            "one placement measured a second time with the mirror turned over would show it"
-        )
-    return tuple(warnings)

@@ -1,8 +1,7 @@
-"""Straightness of a linear axis: reference lines and figures (ISO 230-1), repeated runs."""
+"""Straightness of a linear axis: reference lines and figures (ISO 230-1)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -113,94 +112,3 @@ def check_profile(positions: NDArray[np.float64], profile: NDArray[np.float64]) 
         raise InputError(
             f"{len(positions)} sample(s) at one position make no profile; at least two positions are needed"
         )
-
-
-@dataclass(frozen=True)
-class Run:
-    """One pass over a guideway: positions (n,) m, readings (n,) m, direction +1 or -1."""
-
-    positions: NDArray[np.float64]
-    readings: NDArray[np.float64]
-    direction: int
-
-
-@dataclass(frozen=True)
-class RepeatedRuns:
-    """What repeated passes over the same guideway have in common and where they differ, on common positions.
-
-    Attributes:
-        positions: (n,) m.
-        mean: (n,) mean of the forward and backward means, m.
-        reversal: (n,) forward mean minus backward mean, m; None if all runs go one way.
-        spread: (n,) standard deviation of a run about the mean of its direction, m.
-        largest_deviation: largest distance of any run from the mean of its direction, m.
-        standard_uncertainty: of `mean` by repetition, pooled over the positions, m.
-    """
-
-    positions: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    reversal: NDArray[np.float64] | None
-    spread: NDArray[np.float64]
-    largest_deviation: float
-    standard_uncertainty: float
-
-
-def combine_runs(runs: Sequence[Run], *, spacing: float | None = None) -> RepeatedRuns:
-    """Mean, reversal part and repeatability of runs that need not share their sample positions.
-
-    Each run is averaged in cells of `spacing` (m; by default twice the largest median sample spacing) over the range
-    that all runs cover. Each run's mean height is removed: a shift of the sensor between runs is no repeatability.
-
-    Raises:
-        InputError: fewer than two runs in a direction, runs that do not overlap, or a run with a gap.
-    """
-    for run in runs:
-        check_profile(run.positions, run.readings)
-    counts = {sign: sum(run.direction == sign for run in runs) for sign in (1, -1)}
-    if sum(counts.values()) != len(runs):
-        raise InputError(f"directions {sorted({run.direction for run in runs})}: +1 and -1 are known")
-    if not any(counts.values()) or 1 in counts.values():
-        raise InputError(
-            f"{counts[1]} runs forward and {counts[-1]} backward; repeatability needs two in each direction"
-        )
-    edges = _common_cells(runs, spacing)
-    cells = np.stack([_cell_means(run, edges) for run in runs])
-    cells = cells - cells.mean(axis=1, keepdims=True)
-    directions = np.array([run.direction for run in runs])
-    means = {sign: cells[directions == sign].mean(axis=0) for sign, count in counts.items() if count}
-    residuals = cells - np.stack([means[int(sign)] for sign in directions])
-    freedom = len(runs) - len(means)
-    variance = (residuals**2).sum(axis=0) / freedom
-    share = sum(1 / counts[sign] for sign in means) / len(means) ** 2
-    return RepeatedRuns(
-        positions=(edges[1:] + edges[:-1]) / 2,
-        mean=np.mean(list(means.values()), axis=0),
-        reversal=means[1] - means[-1] if len(means) == 2 else None,
-        spread=np.sqrt(variance),
-        largest_deviation=float(np.abs(residuals).max()),
-        standard_uncertainty=float(np.sqrt(variance.mean() * share)),
-    )
-
-
-def _common_cells(runs: Sequence[Run], spacing: float | None) -> NDArray[np.float64]:
-    first = max(float(run.positions.min()) for run in runs)
-    last = min(float(run.positions.max()) for run in runs)
-    if spacing is None:
-        spacing = 2 * max(float(np.median(np.abs(np.diff(run.positions)))) for run in runs)
-    count = int((last - first) / spacing)
-    if count < 2:
-        raise InputError(f"all runs share only {first:g} m to {last:g} m, cells of {spacing:g} m need more")
-    return np.linspace(first, last, count + 1)
-
-
-def _cell_means(run: Run, edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    index = np.searchsorted(edges, run.positions, side="right") - 1
-    index[run.positions == edges[-1]] = len(edges) - 2
-    inside = (index >= 0) & (index < len(edges) - 1)
-    count = np.bincount(index[inside], minlength=len(edges) - 1)
-    if np.any(count == 0):
-        at = int(np.argmin(count))
-        raise InputError(
-            f"a run has no sample from {edges[at]:g} m to {edges[at + 1]:g} m; measure it again without the gap"
-        )
-    return np.bincount(index[inside], weights=run.readings[inside], minlength=len(edges) - 1) / count

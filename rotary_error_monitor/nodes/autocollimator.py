@@ -16,9 +16,9 @@ from geometry_msgs.msg import Vector3Stamped
 
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.managed import driver_profile
 from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.qos import driver_profile
 from rotary_error_monitor.nodes.sensor import MOCK, MOCK_SETTINGS, POLL_RATE, RATE, SensorNode, source_setting
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.iio import QuadrantDetector
@@ -36,7 +36,7 @@ class Autocollimator(SensorNode):
         *MOCK_SETTINGS,
         RATE,
         POLL_RATE,
-        Setting("vector3.topic", "/autocollimator/tilt", "topic of a third-party driver: rotation vector in rad"),
+        Setting("vector3.topic", "autocollimator/tilt", "topic of a third-party driver: rotation vector in rad"),
         Setting(
             "iio.device", "/sys/bus/iio/devices/iio:device0", "folder of the quadrant detector's converter in sysfs"
         ),
@@ -72,7 +72,7 @@ class Autocollimator(SensorNode):
         source = Gathered(FIELDS)
 
         def receive(message: Vector3Stamped) -> None:
-            source.add(messages.measured_ns(message.header), (message.vector.x, message.vector.y))
+            source.add(messages.measured_ns(message.header), (message.vector.x, message.vector.y), self.now_ns())
 
         self.listen(self.setting("vector3.topic"), Vector3Stamped, driver_profile(), receive)
         return source

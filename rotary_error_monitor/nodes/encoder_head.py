@@ -17,9 +17,9 @@ from sensor_msgs.msg import JointState
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.managed import driver_profile
 from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.qos import driver_profile
 from rotary_error_monitor.nodes.sensor import MOCK, MOCK_SETTINGS, POLL_RATE, RATE, SensorNode, source_setting
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.counter import Counter
@@ -43,7 +43,7 @@ class EncoderHead(SensorNode):
         *MOCK_SETTINGS,
         RATE,
         POLL_RATE,
-        Setting("joint_state.topic", "/joint_states", "topic of the third-party driver"),
+        Setting("joint_state.topic", "joint_states", "topic of the third-party driver"),
         Setting("joint_state.joint", "", "name of the joint in its messages; empty for their only one"),
         Setting("counter.device", "/sys/bus/counter/devices/counter0/count0", "folder of the count in sysfs"),
         Setting("counter.reverse", False, "whether the counter counts against the positive rotation"),
@@ -81,7 +81,7 @@ class EncoderHead(SensorNode):
         return Polled(_FIELDS, Counter(folder, counts, reverse=self.setting("counter.reverse")))
 
     def _joint_state(self) -> Source:
-        source = JointStateSource(self.setting("joint_state.joint"))
+        source = JointStateSource(self.setting("joint_state.joint"), self.now_ns)
         self.listen(self.setting("joint_state.topic"), JointState, driver_profile(), source.receive)
         return source
 
@@ -95,10 +95,10 @@ class EncoderHead(SensorNode):
 class JointStateSource(Gathered):
     """Readings that a third-party driver publishes as joint states; angles that wrap are made continuous."""
 
-    def __init__(self, joint: str) -> None:
-        """Take the joint of that name, or the only one where it is empty."""
+    def __init__(self, joint: str, now_ns: Callable[[], int]) -> None:
+        """Take the joint of that name, or the only one where it is empty; `now_ns` is the node's clock."""
         super().__init__(_FIELDS)
-        self._joint = joint
+        self._joint, self._now_ns = joint, now_ns
         self._angle: float | None = None
 
     def receive(self, message: JointState) -> None:
@@ -111,7 +111,7 @@ class JointStateSource(Gathered):
         if not np.isfinite(angle):
             raise InputError(f"position of joint '{self._joint}' is {angle}; expected a finite angle in rad")
         unwrapped = angle if self._angle is None else unwrap_angle(angle, self._angle)
-        self.add(messages.measured_ns(message.header), (unwrapped,))
+        self.add(messages.measured_ns(message.header), (unwrapped,), self._now_ns())
         self._angle = unwrapped
 
 

@@ -6,29 +6,39 @@ ros2 run rotary_error_monitor error_estimator --ros-args -p stage:=my_stage.yaml
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
+from std_srvs.srv import Trigger
+
+from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.wire import Topic
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings, error_motion_from_block
+from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
+from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 NAME = "error_estimator"
 _HUMAN_PERIOD = 50_000_000
+_WATCH_PERIOD = 0.05  # s, between two looks whether there is something to say at once
+_SILENT_AFTER = 0.5  # s without an estimate from which it is said: beyond what a computer that is busy takes
 _DEFAULTS = EstimatorSettings()
-_CATCH_UP = 10
+_TOLD_SCALE = 2.0
+"""Factor on the uncertainty of the heads from which it is worth a warning; noise makes 1.1 now and then."""
 
 
 class ErrorEstimator(ManagedNode):
     """Passes blocks to the pipeline's estimator as they come and publishes what it gives.
 
-    It goes on without a stream that falls silent, as long as two opposed heads are left, and says so. Samples that are
-    older than `max_age` at their arrival are dropped: after a restart, the middleware delivers some of the past.
+    It goes on without a stream that falls silent or is doubted, as long as two opposed heads are left, and says so, at
+    once in the log and each second in the diagnostics. Samples that are older than `max_age` at their arrival are
+    dropped: after a restart, the middleware delivers some of the past. The service `~/reset` makes it believe all
+    streams again, until they are contradicted anew.
     """
 
     settings = (
@@ -51,6 +61,12 @@ class ErrorEstimator(ManagedNode):
             "contradiction among the heads, in standard deviations, from which nothing is published",
             (1.0, 1e6),
         ),
+        Setting(
+            "check_turns",
+            _DEFAULTS.check_turns,
+            "part of a turn against which the stage's description is held before it counts as verified; 0.0 for none",
+            (0.0, 1.0),
+        ),
         Setting("max_age", 1.0, "samples older than this at their arrival are dropped, s", (0.01, 60.0)),
     )
 
@@ -63,23 +79,26 @@ class ErrorEstimator(ManagedNode):
                 patience_ns=round(self.setting("patience") * NANOSECONDS),
                 max_gap_ns=round(self.setting("max_gap") * NANOSECONDS),
                 disagreement_limit=self.setting("disagreement_limit"),
+                max_age_ns=round(self.setting("max_age") * NANOSECONDS),
+                check_turns=self.setting("check_turns"),
             ),
         )
-        self._behind: set[str] = set()
-        self._max_age_ns = round(self.setting("max_age") * NANOSECONDS)
+        self._said: dict[str, str] = {}
         self._samples, self._pose = self.wire.topic("error_motion_samples"), self.wire.topic("error_motion_pose")
         self._sample_publisher, self._pose_publisher = self.publish_on(self._samples), self.publish_on(self._pose)
         self._pose_ns = 0
         self._reported = (0, 0, 0)
         self._components = 0
         now_ns, patience = self.now_ns(), self.setting("patience")
-        self._output = StreamWatch(self._samples.name, patience, 1.0, now_ns)
+        self._output = StreamWatch(self._samples.name, patience, _SILENT_AFTER, now_ns)
         self._inputs = {}
         for stream in self._estimator.inputs:
             topic = self._topic(stream)
             self._inputs[stream] = StreamWatch(topic.name, patience, 1.0, now_ns)
-            self.listen_to_blocks(topic, self._receiver(stream))
+            self.listen_to_bytes(topic, self._receiver(stream))
         self.after_messages(self._estimate)
+        self.serve(Trigger, "~/reset", self._reset)
+        self.every(_WATCH_PERIOD, self._watch)
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """Each stream that comes in, and the estimate."""
@@ -90,32 +109,53 @@ class ErrorEstimator(ManagedNode):
         head = stream.removeprefix("head_")
         return self.wire.topic("head_samples", head) if head != stream else self.wire.topic(f"{stream}_samples")
 
-    def _receiver(self, stream: str) -> Callable[[SampleBlock], None]:
-        watch = self._inputs[stream]
+    def _receiver(self, stream: str) -> Callable[[bytes, int], None]:
+        watch, topic = self._inputs[stream], self._topic(stream).name
 
-        def receive(block: SampleBlock) -> None:
-            now_ns = self.now_ns()
-            watch.observe(block, now_ns)
-            if self._is_old(stream, now_ns - int(block.times_ns[-1])):
-                watch.refuse(f"older than {self._max_age_ns / NANOSECONDS} s; are the clocks of all computers alike?")
-                return
-            self._estimator.accept(stream, block)
+        def receive(data: bytes, received_ns: int) -> None:
+            block = decoder.decode(data)
+            try:
+                if self.is_shared(topic):
+                    self._estimator.belief.streams.distrust(stream, "several publishers share its topic")
+                    raise InputError(self.publishers_of(topic))
+                self._estimator.accept(stream, block, received_ns)
+            except InputError as error:
+                watch.refuse(str(error))
+                raise
+            watch.observe(block, received_ns)
 
+        # single samples that are not finite cost only themselves
+        decoder = BlockDecoder(finite=False)
         return receive
 
     def _estimate(self) -> None:
         """The blocks of all streams that came together are reckoned with once."""
         for estimate in self._estimator.advance():
             self._publish(estimate)
+        self._say_doubts()
 
-    def _is_old(self, stream: str, age_ns: int) -> bool:
-        """Whether to drop a block. Once behind, all is dropped until it is nearly fresh: a backlog must not stay."""
-        limit_ns = self._max_age_ns // _CATCH_UP if stream in self._behind else self._max_age_ns
-        if age_ns > limit_ns:
-            self._behind.add(stream)
-            return True
-        self._behind.discard(stream)
-        return False
+    def _watch(self) -> None:
+        """Say at once what begins or ends to be missing or doubted."""
+        if self.active:
+            silent = self._output.is_stale(self.now_ns())
+            self.tell((silent, self._estimator.status.absent, *sorted(self._said)))
+
+    def _say_doubts(self) -> None:
+        """Log what begins or ceases to be doubted."""
+        doubts = dict(self._estimator.belief.reasons)
+        for what in doubts.keys() - self._said.keys():
+            self.get_logger().warning(f"{what} is not used: {doubts[what]}")
+        for what in self._said.keys() - doubts.keys():
+            self.get_logger().info(f"{what} is used again")
+        self._said = doubts
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        doubts = ", ".join(what for what, _ in self._estimator.belief.reasons)
+        self._estimator.reset()
+        response.success = True
+        response.message = f"believed again: {doubts}" if doubts else "nothing was doubted"
+        self.get_logger().info(f"reset: {response.message}")
+        return response
 
     def _publish(self, estimate: SampleBlock) -> None:
         self._sample_publisher.publish(messages.block_bytes(estimate, self._samples.frame))
@@ -141,28 +181,61 @@ class ErrorEstimator(ManagedNode):
         totals = (status.withheld, status.unobservable, status.saturated)
         withheld, unobservable, saturated = (now - before for now, before in zip(totals, self._reported, strict=True))
         self._reported = totals
-        hidden = [name for bit, name in enumerate(COMPONENTS) if name != "ezc" and not self._components >> bit & 1]
         level, reasons = Level.OK, []
-        for happened, badness, reason in (
-            (withheld, Level.ERROR, f"{withheld} estimates withheld: the heads contradict one another"),
-            (unobservable, Level.ERROR, f"{unobservable} estimates impossible: too few heads"),
-            (flow.level == Level.ERROR, Level.ERROR, f"no estimate: {flow.message}"),
-            (saturated, Level.WARN, f"{saturated} autocollimator samples at the end of its range"),
-            (status.absent, Level.WARN, f"without {', '.join(status.absent)}"),
-            (hidden and flow.level != Level.ERROR, Level.WARN, f"not observable: {', '.join(hidden)}"),
+        for badness, reason in (
+            (Level.ERROR, f"{withheld} estimates withheld: the heads contradict one another" if withheld else ""),
+            (Level.ERROR, f"{unobservable} estimates impossible: {self._lacking()}" if unobservable else ""),
+            (Level.ERROR, f"no estimate: {flow.message}" if flow.level == Level.ERROR else ""),
+            (Level.WARN, f"{saturated} autocollimator samples at the end of its range" if saturated else ""),
+            *self._doubts(flow.level == Level.ERROR),
         ):
-            if happened:
+            if reason:
                 level = max(level, badness)
                 reasons.append(reason)
-        figures = dict(flow.figures) | {
+        return Condition("estimate", level, "; ".join(reasons) or "complete", self._figures(dict(flow.figures)))
+
+    def _lacking(self) -> str:
+        """Why too few heads can be used."""
+        status = self._estimator.status
+        sparse = [name for name in status.sparse if name.startswith("head_")]
+        if sparse:
+            gap = max(status.streams[name].spacing_ns for name in sparse) * 1e-6
+            limit = self.setting("max_gap") * 1e3
+            return f"samples of {', '.join(sparse)} are {gap:.3g} ms apart, more than max_gap of {limit:g} ms"
+        return "too few heads"
+
+    def _doubts(self, silent: bool) -> Iterator[tuple[Level, str]]:
+        """What is missing or doubted while there are estimates."""
+        status, belief = self._estimator.status, self._estimator.belief
+        for what, why in belief.reasons:
+            yield (Level.ERROR if what in ("heads", "ring") else Level.WARN), f"{what}: {why}"
+        yield Level.WARN, f"without {', '.join(status.absent)}" if status.absent else ""
+        hidden = [name for bit, name in enumerate(COMPONENTS) if name != "ezc" and not self._components >> bit & 1]
+        yield Level.WARN, f"not observable: {', '.join(hidden)}" if hidden and not silent else ""
+        if belief.heads.lost:
+            yield Level.WARN, "redundancy is lost: a further fault of a head would show only as a step"
+        if belief.verdict.head_scale > _TOLD_SCALE:
+            scale = belief.verdict.head_scale
+            yield Level.WARN, f"the heads contradict one another: their uncertainty is raised {scale:.1f} times"
+        if belief.verified < 1.0:
+            yield Level.WARN, f"the description is held against the stage: {belief.verified:.0%} of a turn so far"
+
+    def _figures(self, figures: dict[str, object]) -> dict[str, object]:
+        status, belief = self._estimator.status, self._estimator.belief
+        return figures | {
             "estimates": status.estimates,
             "withheld": status.withheld,
             "impossible": status.unobservable,
             "saturated_samples": status.saturated,
+            "clock_set_back": status.restarts,
+            "whole_turns_taken_out": status.turns,
             "disagreement_sigma": status.disagreement,
+            "head_uncertainty_scale": belief.verdict.head_scale,
+            "tilt_uncertainty_scale": belief.verdict.tilt_scale,
+            "command_delay_ms": belief.command.delay * 1e3,
+            "verified": belief.verified,
             "unseen_graduation_orders": " ".join(map(str, status.unseen_orders)),
         }
-        return Condition("estimate", level, "; ".join(reasons) or "complete", figures)
 
 
 def main(args: Sequence[str] | None = None) -> int:

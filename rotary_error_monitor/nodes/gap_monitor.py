@@ -109,7 +109,7 @@ class GapMonitor(ManagedNode):
             "chance that a gap is seen on a day without one; each diagnosis of the day gets its share",
             (1e-6, 0.5),
         ),
-        Setting("effects", "", "Python files with effects of your own, joined by ':'"),
+        Setting("effects", "", "Python files with effects of your own, joined by ':'; they run as code", at_start=True),
         Setting("folder", "", "folder that keeps recording and report of the latest diagnosis; empty keeps nothing"),
         Setting("max_age", 2.0, "samples older than this at their arrival are dropped, s", (0.01, 3600.0)),
     )
@@ -120,7 +120,7 @@ class GapMonitor(ManagedNode):
         effects = [Path(name) for name in self.setting("effects").split(os.pathsep) if name]
         load_twin(twin, effects)
         self._process = DiagnosisProcess(
-            self.wire,
+            self.contract,
             ["--twin", str(twin), "--false-alarms", repr(self._false_alarms()), *_repeated("--effects", effects)],
             self.setting("patience"),
             self._kept_folder(),
@@ -130,9 +130,10 @@ class GapMonitor(ManagedNode):
             *(self.wire.topic(key) for key in _NEEDED),
         ]
         helpful = [self.wire.topic(key) for key in _HELPFUL]
+        self._recorded = dict(zip(self.wire.names, self.contract.names, strict=True))
         self._recent = RecentTurns(
-            {topic.name: topic.columns for topic in (*needed, *helpful)},
-            self.wire.topic("command_samples").name,
+            {self._recorded[topic.name]: topic.columns for topic in (*needed, *helpful)},
+            self.contract.topic("command_samples").name,
             self.setting("turns"),
             _SHORTEST,
             self.setting("longest"),
@@ -189,7 +190,7 @@ class GapMonitor(ManagedNode):
                 limit = self._max_age_ns / NANOSECONDS
                 watch.refuse(f"more than {limit:g} s from now; are the clocks of all computers alike?")
                 return
-            self._recent.push(topic.name, block)
+            self._recent.push(self._recorded[topic.name], block)
 
         return receive
 

@@ -6,37 +6,58 @@ ros2 run rotary_error_monitor linuxcnc_bridge --ros-args -p enter:="nsenter --ta
 
 from __future__ import annotations
 
+import math
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.controller.connection import Connection
+from rotary_error_monitor.controller.gate import GateLimits
+from rotary_error_monitor.controller.intake import PRESENT
+from rotary_error_monitor.controller.kinematics import ROTARY
 from rotary_error_monitor.controller.modules import SYSTEM_PYTHON
 from rotary_error_monitor.controller.protocol import (
+    Absent,
     ClearRequest,
     CorrectionRequest,
     End,
+    HaltRequest,
     Hello,
     LinkSettings,
     Record,
     State,
 )
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.applied_corrections import AppliedCorrections
+from rotary_error_monitor.nodes.correction_listener import ControllerReport, CorrectionListener
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 NAME = "linuxcnc_bridge"
 SILENCE = 0.3
 """After this long without a word, s, the link counts as hung."""
 
-_RETRY_PERIOD = 1.0
+_RETRY_PERIOD = 0.5
+"""Time after which a link that has ended is started again, s: a start takes a tenth of a second of a core."""
+
+_SHORTEST_REPORT = 1e-3
+"""Time in which a rate is reckoned at least, s: diagnostics come once a second, or twice in a row at worst."""
+
+_LAG = 1e-6
+"""An offset is behind from here on, m or rad: far above its counts of 1e-10, and a tenth of usual corrections."""
+
+_LONGEST_LAG = 1.0
+"""One that is behind for so long, s, does not come: the controller's own limits bring one about within hundredths."""
+
+CONTROLLER_AWAY = "the controller is out of reach"
+LINK_SILENT = "the link to the controller is silent"
 _DEFAULTS = LinkSettings()
 
 
@@ -44,41 +65,99 @@ class LinuxcncBridge(ManagedNode):
     """Publishes where the program has the machine's joints, and moves them by the corrections that come back.
 
     The positions leave the corrections out: they say where the machine should be, and what has to be corrected there.
-    Corrections that grow old are held, and nothing is published while the machine is off, not homed, or out of reach.
+    Corrections are believed as whole messages of one publisher or not at all, and followed within limits of the
+    bridge's own. While none comes that is believed, the last one is held. Nothing is published while the machine is
+    off, not homed, or out of reach.
     """
 
     settings = (
         Setting("rate", 250.0, "joint states and offset updates per second, 1/s", (100.0, 1000.0)),
         Setting("count", _DEFAULTS.count, "size of one external offset count, m and rad", (1e-11, 1e-9)),
-        Setting("max_age", _DEFAULTS.max_age, "age at which corrections are held, s", (0.01, 10.0)),
+        Setting("max_age", GateLimits.max_age, "oldest correction that is believed, s", (0.01, 10.0)),
+        Setting(
+            "clock_tolerance",
+            GateLimits.clock_tolerance,
+            "how far a correction's stamp may lie in the future, s",
+            (0.0, 1.0),
+        ),
+        Setting("corrected", "", "letters of the axes that each correction names; empty for all of the controller's"),
         Setting("largest_linear", _DEFAULTS.largest_linear, "largest correction of a linear axis, m", (0.0, 5e-3)),
         Setting("largest_rotary", _DEFAULTS.largest_rotary, "largest correction of a rotary axis, rad", (0.0, 0.05)),
-        Setting("enter", "", "command that runs what follows it where LinuxCNC runs; empty where that is here"),
-        Setting("home", "", "home folder of the user that runs LinuxCNC; empty for the same user"),
-        Setting("python", SYSTEM_PYTHON, "interpreter for which LinuxCNC's modules are installed"),
+        Setting(
+            "speed_linear",
+            _DEFAULTS.speed_linear,
+            "how fast the correction of a linear axis may change, m/s",
+            (1e-6, 0.1),
+        ),
+        Setting(
+            "speed_rotary",
+            _DEFAULTS.speed_rotary,
+            "how fast the correction of a rotary axis may change, rad/s",
+            (1e-5, 1.0),
+        ),
+        Setting(
+            "acceleration_linear",
+            _DEFAULTS.acceleration_linear,
+            "acceleration of the correction of a linear axis, m/s^2",
+            (1e-4, 10.0),
+        ),
+        Setting(
+            "acceleration_rotary",
+            _DEFAULTS.acceleration_rotary,
+            "acceleration of the correction of a rotary axis, rad/s^2",
+            (1e-3, 100.0),
+        ),
+        Setting(
+            "enter",
+            "",
+            "command that runs what follows it where LinuxCNC runs; empty where that is here",
+            at_start=True,
+        ),
+        Setting("home", "", "home folder of the user that runs LinuxCNC; empty for the same user", at_start=True),
+        Setting("python", SYSTEM_PYTHON, "interpreter for which LinuxCNC's modules are installed", at_start=True),
     )
     hardware = "linuxcnc"
 
     def open(self) -> None:
-        """Begin to look for LinuxCNC."""
+        """Begin to look for LinuxCNC.
+
+        Raises:
+            InputError: simulated time is asked for.
+        """
+        if self._simulated:
+            raise InputError(
+                f"{self.get_fully_qualified_name()}: parameter 'use_sim_time' is true; expected false, for a real "
+                "controller keeps the system's time"
+            )
         self._topic = self.wire.topic("machine_joint_states")
         self._joint_states = self.publish_on(self._topic)
-        self.listen_to(self.wire.topic("axis_corrections"), self._follow)
+        self._applied = AppliedCorrections(self)
+        self._listener = CorrectionListener(
+            self,
+            controller=self._controller,
+            follow=lambda correction: self._send(CorrectionRequest(correction.positions)),
+            halt=lambda: self._send(HaltRequest()),
+        )
         self.serve(Trigger, "~/clear_offsets", self._clear)
         self._link = LinkSettings(
             period=1.0 / self.setting("rate"),
-            count=self.setting("count"),
-            largest_linear=self.setting("largest_linear"),
-            largest_rotary=self.setting("largest_rotary"),
-            max_age=self.setting("max_age"),
-        )
+            **{
+                name: self.setting(name)
+                for name in (
+                    "count", "largest_linear", "largest_rotary", "speed_linear", "speed_rotary", "acceleration_linear",
+                    "acceleration_rotary",
+                )
+            },
+        )  # fmt: skip
         self._connection: Connection | None = None
         self._names: tuple[str, ...] = ()
         self._state: State | None = None
-        self._absence = "not reached yet"
+        self._loss, self._absence = "", "not reached yet"
         self._published = 0
-        self._reported_ns = self.now_ns()
         self._lost = False
+        self._misfit = ""
+        self._heard = self._caught_up = self._reported = time.monotonic()
+        self._slowed = self._taken_over = -math.inf
         self._connect()
         self.every(_RETRY_PERIOD, self._retry)
 
@@ -86,24 +165,29 @@ class LinuxcncBridge(ManagedNode):
         """Let go of LinuxCNC; the external offsets stay as they are."""
         connection = getattr(self, "_connection", None)
         if connection is not None:
+            self._closing = True
             connection.close()
             self._connection = None
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """The controller, the machine, and what becomes of the corrections."""
-        rate = self._published * NANOSECONDS / max(now_ns - self._reported_ns, 1)
-        self._published, self._reported_ns = 0, now_ns
-        state = self._state
-        if state is None:
-            return [Condition("controller", Level.ERROR, self._absence, {"rate_hz": rate})]
-        age = (now_ns - state.stamp_ns) / NANOSECONDS
-        figures = {"axes": " ".join(self._names), "rate_hz": rate, "age_ms": age * 1e3}
-        if age > SILENCE:
-            return [Condition("controller", Level.ERROR, f"the link has been silent for {age:.2g} s", figures)]
-        controller = Condition("controller", Level.OK, "connected", figures)
-        return [controller, self._machine(state), self._corrections(state)]
+        now = time.monotonic()
+        rate = self._published / max(now - self._reported, _SHORTEST_REPORT)
+        self._published, self._reported = 0, now
+        figures = {"rate_hz": rate, "age_ms": "none" if self._state is None else self._silence() * 1e3}
+        if self._state is not None:
+            figures["axes"] = " ".join(self._names)
+        absence = self._away()
+        if self._state is None or absence:
+            controller = Condition("controller", Level.ERROR, absence, figures)
+            machine = Condition("machine", Level.STALE, "not known: the controller is out of reach")
+        else:
+            controller = Condition("controller", Level.OK, "connected", figures)
+            machine = self._machine(self._state)
+        return [controller, machine, self._listener.condition()]
 
     def _connect(self) -> None:
+        self._closing = False
         environment = {**os.environ, "HOME": self.setting("home")} if self.setting("home") else None
         self._connection = Connection(
             self._link,
@@ -124,16 +208,42 @@ class LinuxcncBridge(ManagedNode):
     def _receive(self, record: Record) -> None:
         """Take a record over, on the connection's thread: publishing needs no executor, which would cost more."""
         with self.busy:
+            self._heard = time.monotonic()
             if isinstance(record, State):
-                self._state = record
-                self._publish(record)
+                self._take(record)
             elif isinstance(record, Hello):
-                self._names = record.names
-                self.get_logger().info(f"connected to LinuxCNC with the axes {' '.join(record.names)}")
+                self._greet(record)
+            elif isinstance(record, Absent):
+                self._miss(record.reason)
             elif isinstance(record, End):
-                self._lose(record.reason)
+                self._miss(record.reason or "the link has ended")
+                self._lost = True
 
-    def _publish(self, state: State) -> None:
+    def _greet(self, hello: Hello) -> None:
+        self._names = hello.names
+        self._loss, self._absence = "", "the link has told of no machine yet"
+        corrected = tuple("".join(self.setting("corrected").split())) or hello.names
+        largest = self._link.course_limits(name in ROTARY for name in hello.names).largest
+        try:
+            self._listener.believe(
+                GateLimits(hello.names, largest, corrected, self.setting("max_age"), self.setting("clock_tolerance"))
+            )
+        except InputError as error:
+            self._listener.believe(None)
+            self._misfit = f"parameter 'corrected': {error}"
+            self.get_logger().error(self._misfit)
+        else:
+            self._misfit = ""
+        self.get_logger().info(f"connected to LinuxCNC with the axes {' '.join(hello.names)}")
+
+    def _take(self, state: State) -> None:
+        before, self._state = self._state, state
+        if state.lag <= _LAG or before is None:
+            self._caught_up = self._heard
+        if state.slowed:
+            self._slowed = self._heard
+        if before is not None and state.takeovers > before.takeovers:
+            self._taken_over = self._heard
         if not (state.valid and self.active):
             return
         self._joint_states.publish(
@@ -142,23 +252,35 @@ class LinuxcncBridge(ManagedNode):
             )
         )
         self._published += 1
+        self._applied.publish(state.stamp_ns, self._names, state.effect)
 
-    def _lose(self, reason: str) -> None:
-        if reason != self._absence:
+    def _miss(self, reason: str) -> None:
+        if reason != self._absence and not self._closing:
             self.get_logger().error(f"{reason}; no joint states until LinuxCNC is back")
-        self._absence, self._state, self._lost = reason, None, True
+        if self._state is not None:
+            self._loss = reason  # what is met in looking for it anew says less
+        self._absence, self._state = reason, None
 
-    def _follow(self, message: JointState) -> None:
-        stamp_ns = messages.measured_ns(message.header)
-        corrections, _ = messages.joint_motion(message)
+    def _silence(self) -> float:
+        """Time since the link said something, s."""
+        return time.monotonic() - self._heard
+
+    def _away(self) -> str:
+        """Why the controller is out of reach; empty where it is not."""
+        if self._state is None:
+            return self._absence if self._loss in ("", self._absence) else f"{self._loss}; now: {self._absence}"
+        return f"the link has been silent for {self._silence():.2g} s" if self._silence() > SILENCE else ""
+
+    def _send(self, record: Record) -> None:
         if self._connection is not None:
-            self._connection.send(CorrectionRequest(stamp_ns, corrections))
+            self._connection.send(record)
 
     def _clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._connection is not None and self._state is not None
         response.message = "the external offsets go back to zero" if response.success else self._absence
-        if self._connection is not None and response.success:
-            self._connection.send(ClearRequest())
+        if response.success:
+            self._send(ClearRequest())
+        self.get_logger().info(f"clear_offsets: {response.message}")
         return response
 
     def _machine(self, state: State) -> Condition:
@@ -166,21 +288,34 @@ class LinuxcncBridge(ManagedNode):
             return Condition("machine", Level.WARN, f"{state.trouble}; no joint states are published")
         return Condition("machine", Level.OK, "on and homed")
 
-    def _corrections(self, state: State) -> Condition:
+    def _controller(self) -> ControllerReport:
+        """How LinuxCNC fares, for whoever says what becomes of the corrections."""
+        state, away = self._state, self._away()
+        if state is None or away:
+            return ControllerReport(CONTROLLER_AWAY if state is None else LINK_SILENT)
         figures: dict[str, object] = {
-            "age_ms": "none" if state.correction_age < 0 else state.correction_age * 1e3,
             "lag_nm": state.lag * 1e9,
             "changed_by_others": state.takeovers,
             "dropped": self._connection.dropped if self._connection is not None else 0,
         }
         figures |= {f"offset_{name.lower()}": offset for name, offset in zip(self._names, state.offsets, strict=True)}
-        if state.refused:
-            return Condition("corrections", Level.ERROR, f"refused: {state.refused}; the last one is held", figures)
-        if state.trouble:
-            return Condition("corrections", Level.WARN, state.trouble, figures)
+        for what, values in (("effect", state.effect), ("to_go", state.to_go)):
+            figures |= {f"{what}_{name.lower()}": value for name, value in zip(self._names, values, strict=False)}
+        return ControllerReport(self._misfit or state.trouble, tuple(self._remarks(state)), figures)
+
+    def _remarks(self, state: State) -> Iterator[str]:
+        now = time.monotonic()
         if state.limited:
-            return Condition("corrections", Level.WARN, "soft limits of the controller clip the offsets", figures)
-        return Condition("corrections", Level.OK, "applied", figures)
+            yield "soft limits of the controller clip the offsets"
+        elif now - self._caught_up > _LONGEST_LAG:
+            yield (
+                f"an offset has been {state.lag * 1e6:.3g} um (or urad) behind for {now - self._caught_up:.1f} s: "
+                "the controller does not follow (OFFSET_AV_RATIO of its axes?)"
+            )
+        if now - self._slowed <= PRESENT:
+            yield "slowed by the bridge's limits"
+        if now - self._taken_over <= PRESENT:
+            yield "another hand has changed the offsets"
 
 
 def main(args: Sequence[str] | None = None) -> int:

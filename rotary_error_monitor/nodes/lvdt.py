@@ -16,9 +16,9 @@ from geometry_msgs.msg import Vector3Stamped
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.managed import driver_profile
 from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.qos import driver_profile
 from rotary_error_monitor.nodes.sensor import MOCK, MOCK_SETTINGS, SensorNode, mock_settings, source_setting
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.mock import MockSource, mock_stage
@@ -34,7 +34,7 @@ class Lvdt(SensorNode):
     settings = (
         source_setting(MOCK, "vector3"),
         *MOCK_SETTINGS,
-        Setting("vector3.topic", "/lvdt/displacement", "topic of a third-party driver: displacement in m"),
+        Setting("vector3.topic", "lvdt/displacement", "topic of a third-party driver: displacement in m"),
         Setting(
             "mock.height",
             0.0,

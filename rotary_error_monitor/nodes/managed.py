@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any, ClassVar
 
@@ -22,8 +22,7 @@ from rclpy.context import Context
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
@@ -33,22 +32,27 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages, parameters
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, diagnostic_array
 from rotary_error_monitor.nodes.parameters import Setting, cell_settings
-from rotary_error_monitor.nodes.worker import NotByExecutor, Worker
+from rotary_error_monitor.nodes.protection import SECURITY, judge_node, security_conditions
+from rotary_error_monitor.nodes.publishers import Listening
+from rotary_error_monitor.nodes.qos import OVERRIDABLE, profile
+from rotary_error_monitor.nodes.worker import MessageInfo, NotByExecutor, Worker
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 AUTOSTART = Setting("autostart", True, "configure and activate at start; false waits for a life cycle manager")
 _DIAGNOSTICS_PERIOD = 1.0
+_STANDSTILL = 0.8  # s, a little less than a report takes: a simulation that is alive moves its clock many times in it
+_TELL_PERIOD = 0.2  # s; what comes and goes many times a second shall not flood anybody
 _SIM_TIME = "use_sim_time"
-_OVERRIDABLE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 
 
 class ManagedNode(LifecycleNode):
     """A life cycle node that starts by itself, talks by the wire contract only, and says at 1 Hz how it fares.
 
     Attributes:
-        settings: parameters of the node beside `autostart` and `stage`; read when the node configures.
+        settings: parameters of the node beside `autostart`, `security` and `stage`; read when the node configures.
         stage: description of the rotary stage, from `open()` on.
-        wire: the contract for the heads of that stage.
+        contract: the wire contract for the heads of that stage, as it stands in `msg_defs/` and in bags.
+        wire: the same with the names that topics have in the node's namespace.
         active: whether the life cycle state is active; messages are handled only then.
         busy: held by whatever callback runs, so that callbacks of worker and executor take turns.
         end: done once the node shall end: by a signal, or with the exception that its worker met.
@@ -68,7 +72,8 @@ class ManagedNode(LifecycleNode):
         """Declare the parameters; nothing else happens before the node configures.
 
         Raises:
-            InputError: a parameter is unknown, has the wrong type, or is out of range.
+            InputError: a parameter is unknown, has the wrong type, or is out of range; or security is enforced and not
+                in effect.
         """
         super().__init__(
             name,
@@ -78,18 +83,23 @@ class ManagedNode(LifecycleNode):
         )
         self.active = False
         self.stage: StageDescription
+        self.contract: Wire
         self.wire: Wire
-        self._settings = (AUTOSTART, *cell_settings("stage"), *self.settings)
+        self._settings = (AUTOSTART, SECURITY, *cell_settings("stage"), *self.settings)
         self.end = Future()
         self._failure: InputError | None = None
-        self._refusals: dict[str, int] = {}
+        self._refusals: dict[str, tuple[int, str]] = {}
+        self._listening = Listening(self)
+        self._told: tuple[object, float] = (None, 0.0)
         self._entities: list[Callable[[], object]] = []
+        self._moved = (0, 0.0)
         self._worker = Worker(self.context, self.now_ns, self._fail)
         self.busy = threading.RLock()  # callbacks of the worker and of the executor take turns
         self._configured = False
         self._simulated = bool(self.get_parameter(_SIM_TIME).value)
         parameters.declare(self, self._settings)
-        self.add_on_set_parameters_callback(self._refuse_while_configured)
+        self._security = judge_node(self)
+        self.add_on_set_parameters_callback(self._judge_parameters)
 
     # What a node of the package fills in.
 
@@ -120,7 +130,7 @@ class ManagedNode(LifecycleNode):
             messages.message_class(topic.type),
             topic.name,
             profile(topic),
-            qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
+            qos_overriding_options=OVERRIDABLE,
         )
         self._entities.append(partial(self.destroy_lifecycle_publisher, publisher))
         return publisher
@@ -131,11 +141,25 @@ class ManagedNode(LifecycleNode):
 
     def listen_to_bytes(self, topic: Topic, callback: Callable[[bytes, int], None]) -> None:
         """The same with the message as it is serialised, and when it was received, timestamp (ns)."""
+        self.listen_to_numbered(topic, lambda data, received_ns, _: callback(data, received_ns))
 
-        def received(both: tuple[bytes, int]) -> None:
-            callback(*both)
+    def listen_to_numbered(
+        self, topic: Topic, callback: Callable[[bytes, int, int | None], None], depth: int | None = None
+    ) -> None:
+        """The same with the number that its publisher gave the message, None where the middleware knows none.
 
-        self._subscribe(topic.name, messages.message_class(topic.type), profile(topic), received, raw=True)
+        Args:
+            topic: of the contract.
+            callback: takes bytes, timestamp (ns), number.
+            depth: messages that may wait for this node, by default those of the contract.
+        """
+
+        def received(message: tuple[bytes, int, int | None]) -> None:
+            callback(*message)
+
+        qos = profile(topic)
+        qos.depth = depth or qos.depth
+        self._subscribe(topic.name, messages.message_class(topic.type), qos, received, raw=True)
 
     def listen_to_blocks(self, topic: Topic, callback: Callable[[SampleBlock], None]) -> None:
         """The same for sample blocks, without building a message: they come thousands of times a second."""
@@ -143,8 +167,8 @@ class ManagedNode(LifecycleNode):
         self.listen_to_bytes(topic, lambda data, _: callback(decoder.decode(data)))
 
     def listen(self, name: str, kind: type[Any], qos: QoSProfile, callback: Callable[[messages.Message], None]) -> None:
-        """The same for a topic outside the contract, such as that of a third-party driver."""
-        self._subscribe(name, kind, qos, lambda both: callback(both[0]), raw=False)
+        """The same for a topic outside the contract, such as that of a third-party driver; it may be relative."""
+        self._subscribe(self.resolve_topic_name(name), kind, qos, lambda received: callback(received[0]), raw=False)
 
     def gather(self, period: float) -> None:
         """Let messages gather for `period` s after the first has come, and handle them together."""
@@ -170,20 +194,24 @@ class ManagedNode(LifecycleNode):
         """Call back, while active, once after the messages that came together were handed to their listeners."""
         self._worker.after_messages(partial(self._handle, self.get_name(), lambda _: callback(), None))
 
-    def every(self, period: float, callback: Callable[[], None]) -> None:
-        """Call back every `period` s of real time, in any state: a halted `/clock` or a pause must not hide."""
+    def every(self, period: float, callback: Callable[[], None], *, in_turn: bool = True) -> None:
+        """Call back every `period` s of real time, in any state: a halted `/clock` or a pause must not hide.
+
+        Where it is not `in_turn` with other callbacks, it takes `busy` itself for as long as it needs.
+        """
 
         def guarded() -> None:
             with self.busy:
                 callback()
 
-        timer = self.create_timer(period, guarded, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        timer = self.create_timer(period, guarded if in_turn else callback, clock=clock)
         self._entities.append(partial(self.destroy_timer, timer))
 
     def refuse(self, source: str, error: InputError) -> None:
         """Take note of input that cannot be used: counted, shown in the diagnostics, logged at most once a second."""
-        self._refusals[source] = self._refusals.get(source, 0) + 1
-        self._failure = error
+        count, _ = self._refusals.get(source, (0, ""))
+        self._refusals[source] = count + 1, str(error)
         self.get_logger().error(f"{source}: {error}", throttle_duration_sec=1.0)
 
     def _subscribe(
@@ -191,14 +219,18 @@ class ManagedNode(LifecycleNode):
         name: str,
         kind: type[Any],
         qos: QoSProfile,
-        callback: Callable[[tuple[messages.Message, int]], None],
+        callback: Callable[[tuple[messages.Message, int, int | None]], None],
         *,
         raw: bool,
     ) -> None:
-        """Have the worker call back with each message and when it was received, by the node's clock."""
+        """Have the worker call back with each message, when it was received by the node's clock, and its number."""
+        source = self._listening.source(name)
 
-        def guarded(message: messages.Message, received_ns: int) -> None:
-            self._handle(name, callback, (message, self.now_ns() if self._simulated else received_ns))
+        def guarded(message: messages.Message, about: MessageInfo) -> None:
+            number = about["publication_sequence_number"]
+            source.note(number, time.monotonic())
+            received_ns = self.now_ns() if self._simulated else about["received_timestamp"]
+            self._handle(name, callback, (message, received_ns, number))
 
         subscription = self.create_subscription(
             kind,
@@ -207,9 +239,10 @@ class ManagedNode(LifecycleNode):
             qos,
             callback_group=NotByExecutor(),
             raw=raw,
-            qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
+            qos_overriding_options=OVERRIDABLE,
         )
         self._worker.serve(subscription, guarded)
+        self._listening.subscribed(name, subscription)
         self._entities.append(partial(self.destroy_subscription, subscription))
 
     def _handle(self, source: str, callback: Callable[[Any], None], argument: messages.Message) -> None:
@@ -247,7 +280,8 @@ class ManagedNode(LifecycleNode):
         self._simulated = bool(self.setting(_SIM_TIME))
         try:
             self.stage = load_stage(self.setting("stage") or None)
-            self.wire = load_wire(tuple(self.stage.encoder.azimuths))
+            self.contract = load_wire(tuple(self.stage.encoder.azimuths))
+            self.wire = self.contract.within(self.get_namespace())
             self._open_diagnostics()
             self.open()
             parameters.check_known(self, [*self._parameters], opened=True)
@@ -264,11 +298,13 @@ class ManagedNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to handle messages."""
         self.active = True
+        self.get_logger().info("active")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Fall silent; diagnostics go on."""
         self.active = False
+        self.get_logger().info("inactive")
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -294,11 +330,19 @@ class ManagedNode(LifecycleNode):
         for destroy in reversed(self._entities):
             destroy()
         self._entities.clear()
+        self._listening.clear()
 
-    def _refuse_while_configured(self, changed: list[Parameter]) -> SetParametersResult:
-        names = {setting.name for setting in self._settings} | {_SIM_TIME}
-        late = [parameter.name for parameter in changed if parameter.name in names] if self._configured else []
-        if late:
+    def _judge_parameters(self, changed: list[Parameter]) -> SetParametersResult:
+        """Refuse what no node could use, and everything that is read when the node configures once it has."""
+        settings = {setting.name: setting for setting in self._settings}
+        for parameter in changed:
+            if parameter.name in settings:
+                try:
+                    settings[parameter.name].check(parameter.value, self.get_fully_qualified_name())
+                except InputError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
+        late = [each.name for each in changed if each.name in settings or each.name == _SIM_TIME]
+        if late and self._configured:
             return SetParametersResult(
                 successful=False, reason=f"{', '.join(late)}: read when the node configures; clean it up first"
             )
@@ -309,7 +353,18 @@ class ManagedNode(LifecycleNode):
         topic = self.wire.topic("diagnostics")
         publisher = self.create_publisher(messages.message_class(topic.type), topic.name, profile(topic))
         self._entities.append(partial(self.destroy_publisher, publisher))
-        self.every(_DIAGNOSTICS_PERIOD, lambda: publisher.publish(self.diagnose()))
+        self._diagnostics = publisher
+        self.every(_DIAGNOSTICS_PERIOD, self._speak, in_turn=False)
+
+    def _speak(self) -> None:
+        self._diagnostics.publish(self.diagnose())
+
+    def tell(self, what: object) -> None:
+        """Publish the diagnostics at once where `what` they would say is not what it was at the last call."""
+        now = time.monotonic()
+        if what != self._told[0] and now - self._told[1] >= _TELL_PERIOD:
+            self._told = what, now
+            self._speak()
 
     def diagnose(self) -> messages.Message:
         """The message for `/diagnostics`: the life cycle, the node's conditions, and what had to be refused."""
@@ -317,26 +372,46 @@ class ManagedNode(LifecycleNode):
             return self._diagnose(self.now_ns())
 
     def _diagnose(self, now_ns: int) -> messages.Message:
-        state = Condition("state", Level.OK, "active") if self.active else Condition("state", Level.WARN, "inactive")
-        conditions = [state, *self.conditions(now_ns)]
-        for source, count in self._refusals.items():
-            conditions.append(
-                Condition(f"refused {source}", Level.ERROR, str(self._failure), {"refused_messages": count})
-            )
+        conditions = [self._life(now_ns), *self.conditions(now_ns), *self._wrong_publishers()]
+        conditions += security_conditions(self._security)
+        for source, (count, reason) in self._refusals.items():
+            conditions.append(Condition(f"refused {source}", Level.ERROR, reason, {"refused_messages": count}))
         self._refusals.clear()
-        return diagnostic_array(messages.stamp_from_ns(now_ns), self.get_name(), self.hardware, conditions)
+        return self.report(now_ns, conditions)
 
+    def report(self, now_ns: int, conditions: Iterable[Condition]) -> messages.Message:
+        """Message for `/diagnostics`; two machines in two namespaces are told apart by it."""
+        name = self.get_fully_qualified_name().lstrip("/")
+        return diagnostic_array(messages.stamp_from_ns(now_ns), name, self.hardware, conditions)
 
-def profile(topic: Topic) -> QoSProfile:
-    """Quality of service of a contract's topic."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=topic.qos.depth,
-        reliability=ReliabilityPolicy[topic.qos.reliability.upper()],
-        durability=DurabilityPolicy[topic.qos.durability.upper()],
-    )
+    def _life(self, now_ns: int) -> Condition:
+        if self._simulated and now_ns == 0:
+            reason = f"{_SIM_TIME} is set, but nothing has come on /clock: time stands still"
+            return Condition("state", Level.ERROR, reason)
+        if (still := self._standstill(now_ns)) > _STANDSTILL:
+            reason = f"{_SIM_TIME} is set, and nothing new has come on /clock for {still:.1f} s: time stands still"
+            return Condition("state", Level.ERROR, reason)
+        if not self.active:
+            return Condition("state", Level.WARN, "inactive")
+        return Condition("state", Level.OK, "active")
 
+    def _standstill(self, now_ns: int) -> float:
+        """How long simulated time has not moved, s of real time, as far as successive reports tell."""
+        now = time.monotonic()
+        if not self._simulated or now_ns != self._moved[0]:
+            self._moved = now_ns, now
+        return now - self._moved[1]
 
-def driver_profile() -> QoSProfile:
-    """Quality of service that fits the publisher of any driver: best effort listens to reliable ones as well."""
-    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+    def is_shared(self, topic: str) -> bool:
+        """Whether several publishers speak on a topic that this node listens to."""
+        return self._listening.is_shared(topic)
+
+    def publishers_of(self, topic: str) -> str:
+        """Who publishes a topic that several publish, in words."""
+        return self._listening.publishers_of(topic)
+
+    def _wrong_publishers(self) -> Iterator[Condition]:
+        everyones = self.wire.topic("diagnostics").name
+        for topic, reasons in self._listening.wrong():
+            if topic != everyones:
+                yield Condition(f"publishers of {topic}", Level.ERROR, "; ".join(reasons))

@@ -27,6 +27,7 @@ from std_msgs.msg import Header
 
 from rotary_error_monitor.bags.cdr_blocks import encode_block
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.pipeline.joints import joint_motion_of
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
 
 Message: TypeAlias = Any
@@ -50,6 +51,11 @@ def message_class(name: str) -> type[Any]:
         raise InputError(
             f"message type '{name}' is not installed; a ROS package '{package}' should define it"
         ) from None
+
+
+def type_name(kind: Any) -> str:  # noqa: ANN401 (rclpy's own name for it is a protocol)
+    """Name of a message class, such as `sensor_msgs/msg/JointState`."""
+    return f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
 
 
 def stamp_from_ns(stamp_ns: int) -> Time:
@@ -148,17 +154,9 @@ def joint_motion(message: JointState) -> tuple[dict[str, float], dict[str, float
     """Positions (m, rad) and velocities (m/s, rad/s) by joint; without velocities the second is empty.
 
     Raises:
-        InputError: there is not one position for each name, or a number is not finite.
+        InputError: there is not one position for each name, a name stands twice, or a number is not finite.
     """
-    names, positions, velocities = list(message.name), list(message.position), list(message.velocity)
-    if len(positions) != len(names) or len(velocities) not in (0, len(names)):
-        raise InputError(
-            f"a joint state holds {len(names)} names, {len(positions)} positions, {len(velocities)} velocities; "
-            "expected as many of each (velocities may be left out)"
-        )
-    if not all(map(math.isfinite, [*positions, *velocities])):
-        raise InputError(f"a joint state holds positions {positions}, velocities {velocities}; all must be finite")
-    return dict(zip(names, positions, strict=True)), dict(zip(names, velocities, strict=False))
+    return joint_motion_of(message.name, message.position, message.velocity)
 
 
 def measured_ns(stamped: Header) -> int:

@@ -11,11 +11,16 @@ from collections.abc import Sequence
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState, Temperature
 
-from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.controller.gate import GateLimits
+from rotary_error_monitor.controller.protocol import LinkSettings
+from rotary_error_monitor.controller.shaping import Course
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.applied_corrections import AppliedCorrections
+from rotary_error_monitor.nodes.correction_listener import ControllerReport, CorrectionListener
 from rotary_error_monitor.nodes.diagnostics import Condition
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.parameters import cell_settings
+from rotary_error_monitor.nodes.parameters import Setting, cell_settings
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.sensor import MOCK_SETTINGS, RATE, BlockSender, mock_settings
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
@@ -26,12 +31,22 @@ NAME = "mock_controller"
 _FORCE_PERIOD = 50_000_000
 _JOINT_STATE_PERIOD = 10_000_000
 _TEMPERATURE_PERIOD = NANOSECONDS
+_LONGEST_DELAY = NANOSECONDS
+"""How long a wake-up may come late, ns; more, or less than nothing, is a clock that was set."""
 
 
 class MockController(ManagedNode):
-    """Publishes what a controller and the sensors around a stage would; with a machine also where its axes are."""
+    """Publishes what a controller and the sensors around a stage would; with a machine also where its axes are.
 
-    settings = (*cell_settings("machine"), *MOCK_SETTINGS, RATE)
+    Its corrections are believed and followed as `linuxcnc_bridge` does by default, without moving anything.
+    """
+
+    settings = (
+        *cell_settings("machine"),
+        *MOCK_SETTINGS,
+        RATE,
+        Setting("max_age", GateLimits.max_age, "oldest correction that is believed, s", (0.01, 10.0)),
+    )
 
     def open(self) -> None:
         """Begin to send."""
@@ -47,16 +62,19 @@ class MockController(ManagedNode):
                 ("temperature", _TEMPERATURE_PERIOD, "stage_temperature", self._temperature),
             )
         ]
+        self._listener: CorrectionListener | None = None
         if self.setting("machine"):
             self._open_machine()
 
     def conditions(self, now_ns: int) -> list[Condition]:
-        """The streams that go out."""
-        return [sender.watch.report(now_ns) for sender in self._senders]
+        """The streams that go out, and with a machine what becomes of the corrections."""
+        streams = [sender.watch.report(now_ns) for sender in self._senders]
+        return streams if self._listener is None else [*streams, self._listener.condition()]
 
     def _open_machine(self) -> None:
         machine = load_machine(self.setting("machine"))
         motion = MachineMotion(machine, self._plant)
+        self._listener = self._follow_corrections(machine)
         joints, warmth = self.wire.topic("machine_joint_states"), self.wire.topic("machine_temperature")
         joint_publisher, warmth_publisher = self.publish_on(joints), self.publish_on(warmth)
 
@@ -81,6 +99,37 @@ class MockController(ManagedNode):
 
         self.at_each(_JOINT_STATE_PERIOD, send_joints)
         self.at_each(_TEMPERATURE_PERIOD, send_temperature)
+
+    def _follow_corrections(self, machine: MachineDescription) -> CorrectionListener:
+        """Bring corrections about as a controller would, and say what is in effect."""
+        letters = machine.letters
+        limits = LinkSettings().course_limits(axis.kind == "rotary" for axis in machine.axes)
+        course = Course(limits, (0.0,) * len(letters))
+        applied = AppliedCorrections(self)
+        last_ns = 0
+
+        def advance(due_ns: int) -> None:
+            nonlocal last_ns
+            # A wake-up that comes late is for all that became due, but not for a clock that was set.
+            if not 0 < due_ns - last_ns <= _LONGEST_DELAY:
+                last_ns = due_ns - _JOINT_STATE_PERIOD
+            for time_ns in range(last_ns + _JOINT_STATE_PERIOD, due_ns + 1, _JOINT_STATE_PERIOD):
+                course.advance(time_ns)
+            last_ns = due_ns
+            applied.publish(due_ns, letters, course.positions)
+
+        def fare() -> ControllerReport:
+            return ControllerReport("", ("slowed by the controller's limits",) if course.slowed else ())
+
+        listener = CorrectionListener(
+            self,
+            controller=fare,
+            follow=lambda correction: course.aim(correction.positions),
+            halt=course.halt,
+        )
+        listener.believe(GateLimits(letters, limits.largest, letters, self.setting("max_age")))
+        self.at_each(_JOINT_STATE_PERIOD, advance)
+        return listener
 
     def _joint_state(self, block: SampleBlock) -> JointState:
         topic = self.wire.topic("command_joint_states")

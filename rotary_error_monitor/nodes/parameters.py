@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -40,6 +41,7 @@ class Setting:
         meaning: what it does, with its unit.
         bounds: smallest and largest value, for numbers.
         choices: the values allowed, for text; empty where any text will do.
+        at_start: given at the start or never, for what runs programs: who may set parameters shall not run any.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Setting:
     meaning: str
     bounds: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
+    at_start: bool = False
 
     @property
     def expected(self) -> str:
@@ -60,7 +63,7 @@ class Setting:
 
     def descriptor(self) -> ParameterDescriptor:
         """The description that `ros2 param describe` shows and rclpy holds values against."""
-        descriptor = ParameterDescriptor(name=self.name, description=self.expected)
+        descriptor = ParameterDescriptor(name=self.name, description=self.expected, read_only=self.at_start)
         if self.bounds is None:
             return descriptor
         low, high = self.bounds
@@ -82,7 +85,7 @@ class Setting:
 
 
 def _numbers(value: object) -> Iterable[float]:
-    values = value if isinstance(value, list) else [value]
+    values = value if isinstance(value, list | tuple | array) else [value]  # rclpy makes arrays of lists of numbers
     return (number for number in values if isinstance(number, float))
 
 

@@ -28,22 +28,24 @@ from rclpy.utilities import try_shutdown
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.deadline import end_within
 from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.protection import check_environment, explained
 
 BAD_INPUT = 2
 
-_ENDING = (signal.SIGINT, signal.SIGTERM)
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _LAST_MOMENTS = 3.0
 """What libraries may take to put themselves away once the node has done so, s."""
 
 
 def run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None = None) -> int:
-    """Run one node until SIGINT or SIGTERM; for the main thread of a process that does nothing else.
+    """Run one node until SIGINT, SIGTERM or SIGHUP; for the main thread of a process that does nothing else.
 
-    Both signals stay without effect afterwards: a second one shall not strike while the process puts itself away.
+    The signals stay without effect afterwards: a second one shall not strike while the process puts itself away.
 
     Returns:
-        Exit code: 0 after a signal, 2 after wrong input, which is said on standard error.
+        Exit code: 0 after a signal; 2 after wrong input, or where security is enforced and cannot be had, which is
+        said on standard error.
     """
     code = 1
     try:
@@ -68,12 +70,15 @@ def _run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None) -> i
     with ExitStack() as stack:
         try:
             signals = stack.enter_context(EndSignals())
+            check_environment(args)
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
             stack.callback(try_shutdown)
             node = node_class()
             stack.callback(node.stop)
-        except (InputError, RuntimeError) as error:  # rcl refuses command lines and parameter files by the latter
+        except InputError as error:
             return _refused(error)
+        except RuntimeError as error:  # so rcl refuses command lines, parameter files and keys
+            return _refused(explained(error))
         try:
             _spin(node, signals)
         except InputError as error:
@@ -82,7 +87,9 @@ def _run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None) -> i
 
 
 class EndSignals:
-    """SIGINT and SIGTERM while in its `with` statement: nothing is interrupted by them, one callback is told.
+    """SIGINT, SIGTERM and SIGHUP while in its `with` statement: nothing is interrupted by them, one callback is told.
+
+    A SIGHUP that whoever started the process has it ignore stays ignored.
 
     Python's own handlers run on the main thread once it is back from C, and rcl's wait goes on through signals. The
     interpreter writes each signal's number to a descriptor at once, though, which a thread can wait for.
@@ -100,7 +107,8 @@ class EndSignals:
         self._thread = threading.Thread(target=self._watch, name="signals")
         self._thread.start()
         for number in _ENDING:
-            signal.signal(number, _go_on)
+            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
+                signal.signal(number, _go_on)
         return self
 
     def __exit__(
@@ -141,10 +149,25 @@ def _spin(node: ManagedNode, signals: EndSignals) -> None:
     gc.collect()
     gc.freeze()
     try:
-        executor.spin_until_future_complete(node.end)
+        _spin_until(executor, node)
         node.end.result()
     finally:
         executor.shutdown()
+
+
+def _spin_until(executor: SingleThreadedExecutor, node: ManagedNode) -> None:
+    """Run callbacks until the node shall end.
+
+    The executor's own `spin_until_future_complete` hangs one more callback to the future for each one that it runs.
+    """
+    woken = node.create_guard_condition(_nothing)
+    node.end.add_done_callback(lambda _: woken.trigger())
+    while node.context.ok() and not node.end.done():
+        executor.spin_once()
+
+
+def _nothing() -> None:
+    """What is done when the executor is woken: nothing but to look whether the node shall end."""
 
 
 def _refused(error: Exception) -> int:

@@ -6,56 +6,131 @@ ros2 run rotary_error_monitor recorder --ros-args -p folder:=bags/monday
 from __future__ import annotations
 
 import sys
+import threading
+import time
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
+
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from rotary_error_monitor.bags.writer import BagWriter, RecordingStoppedError
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.signals.blocks import NANOSECONDS
+from rotary_error_monitor.signals.numbering import MessageCount
 
 NAME = "recorder"
+LOST = "messages that never came"
+"""What the bag calls the messages that were lost on the way to its recorder."""
+
 _GATHER = 0.02  # s; nothing waits for the recorder, and the middleware knows when each message was received
+_HISTORY = 5000
+"""Messages of each topic that may wait for the recorder: 25 s of 200 blocks a second, 2.5 s of the shortest blocks."""
+
+_SLOW = 0.5
+"""Time, s, that messages may wait for the disk before it is said: a tenth of what publishers keep."""
+
+_PATIENCE = 0.3
+"""Time, s, that a diagnostic waits for the disk before it says that this hangs."""
 
 
 class Recorder(ManagedNode):
-    """Writes every message of the contract, byte for byte as it came.
+    """Writes every message of the contract, byte for byte as it came; in a namespace, of the cell there.
 
-    What arrived is out of the process within `flush_period` and survives `kill -9`. A full disk ends the recording: it
-    is said in the log and in the diagnostics, the bag keeps what it has, and the node goes on saying so.
+    What arrived is out of the process within `flush_period` and survives `kill -9`. While the node is paused or the
+    disk is slow, messages wait; what is lost all the same is counted and said. A full disk ends the recording, and so
+    does a folder that somebody removes: it is said in the log and in the diagnostics, the bag keeps what it has, and
+    the node goes on saying so. No other recorder and no recovery takes the bag meanwhile.
     """
 
     settings = (
         Setting("folder", "", "folder of the new bag; empty for bag_<date>_<time> in the working directory"),
         Setting("flush_period", 0.2, "longest time that a message stays in the process, s", (0.01, 10.0)),
+        Setting(
+            "max_file_size",
+            1 << 30,
+            "size from which the recording goes on in a new file of the bag, bytes; 0 for one file however long",
+            (0, 1 << 62),
+        ),
+        Setting(
+            "max_file_duration",
+            900.0,
+            "time after which the recording goes on in a new file of the bag, s; 0 for one file however long",
+            (0.0, 1e9),
+        ),
     )
 
     def open(self) -> None:
         """Create the bag and listen to every topic."""
         folder = self.setting("folder") or datetime.now(UTC).strftime("bag_%Y%m%d_%H%M%S")
-        topics = tuple(self.wire)
+        topics = tuple(self.contract)  # a bag of one machine is the same in any namespace
         period = self.setting("flush_period")
         try:
-            self._bag: BagWriter | None = BagWriter(Path(folder), topics, flush_period=period)
+            self._bag: BagWriter | None = BagWriter(
+                Path(folder),
+                topics,
+                flush_period=period,
+                max_file_size=self.setting("max_file_size"),
+                max_file_duration=self.setting("max_file_duration"),
+            )
         except OSError as error:
             raise InputError(f"parameter 'folder': {folder} cannot be written ({error}); give another path") from error
         self._reported = (0, self.now_ns())
-        for topic in topics:
-            self.listen_to_bytes(topic, self._receiver(topic.name))
+        heard = dict(zip((topic.name for topic in topics), self.wire, strict=True))
+        self._counts = {name: MessageCount(partial(self.count_publishers, topic.name)) for name, topic in heard.items()}
+        self._lost: dict[str, int] = {}
+        self._said = 0
+        self._begun: float | None = None
+        self._waited = 0.0
+        for name, topic in heard.items():
+            self.listen_to_numbered(topic, self._receiver(name), _HISTORY)
         self.gather(_GATHER)
-        self.every(period, self._flush)
+        self._ending = threading.Event()
+        self._flusher = threading.Thread(target=self._flush_regularly, args=(period, self._ending), name="flush")
+        self._flusher.start()
         self.get_logger().info(f"recording {len(topics)} topics to {folder}")
+        if not self._bag.locked:
+            self.get_logger().warning(
+                f"the file system of {folder} knows no locks: let nobody recover the bag while it is recorded"
+            )
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to record; what was published while the node was inactive is not lost but not wanted."""
+        for count in self._counts.values():
+            count.forget()
+        return super().on_activate(state)
 
     def release(self) -> None:
         """Close the bag with its index."""
         bag = getattr(self, "_bag", None)
         self._bag = None
-        if bag is not None and bag.stopped is None:
+        if bag is None:
+            return
+        self._ending.set()
+        self._flusher.join()
+        if bag.stopped is None:
+            self._say_lost(bag)
             self._guard(bag.close)
+
+    def diagnose(self) -> messages.Message:
+        """The message for `/diagnostics`, also while the disk takes nothing and everything else waits for it."""
+        if self.busy.acquire(timeout=_PATIENCE):
+            try:
+                return super().diagnose()
+            finally:
+                self.busy.release()
+        begun = self._begun
+        waiting = time.monotonic() - begun if begun is not None else _PATIENCE
+        text = (
+            f"the disk has taken nothing for {waiting:.1f} s; messages wait, and are lost once publishers forget them"
+        )
+        return self.report(self.now_ns(), [Condition("recording", Level.ERROR, text, {"waiting_s": waiting})])
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """How the recording goes."""
@@ -63,40 +138,77 @@ class Recorder(ManagedNode):
         if bag is None:
             return []
         count, (before, before_ns) = bag.counts.total(), self._reported
-        self._reported = (count, now_ns)
+        lost, waited = sum(self._lost.values()), self._waited
+        self._reported, self._waited = (count, now_ns), 0.0
         elapsed = (now_ns - before_ns) / NANOSECONDS
-        silent = [topic.name for topic in self.wire if not bag.counts[topic.name]]
+        silent = [topic.name for topic in self.contract if not bag.counts[topic.name]]
         figures = {
-            "bag": bag.folder,
+            "bag": bag.moved or bag.folder,
             "messages": count,
             "rate_hz": (count - before) / elapsed if elapsed > 0 else 0.0,
+            "lost_messages": lost,
+            "lost_of": _listed(self._lost) or "none",
+            "longest_wait_ms": waited * 1e3,
             "silent_topics": ", ".join(silent) or "none",
         }
         if bag.stopped is not None:
             return [Condition("recording", Level.ERROR, bag.stopped, figures)]
+        reasons = []
+        if lost > self._said:
+            reasons.append(f"{lost - self._said} messages lost since the last report; of all: {_listed(self._lost)}")
+            self._said = lost
         if count == before:
-            return [Condition("recording", Level.WARN, "nothing arrived since the last report", figures)]
-        return [Condition("recording", Level.OK, "recording", figures)]
+            reasons.append("nothing arrived since the last report")
+        if waited > _SLOW:
+            reasons.append(f"messages waited up to {waited:.1f} s to be written")
+        if bag.moved is not None:
+            reasons.append(f"the folder was renamed to {bag.moved}; recording goes on there")
+        return [Condition("recording", Level.WARN if reasons else Level.OK, "; ".join(reasons) or "recording", figures)]
 
-    def _receiver(self, topic: str) -> Callable[[bytes, int], None]:
-        def receive(data: bytes, received_ns: int) -> None:
+    def _receiver(self, topic: str) -> Callable[[bytes, int, int | None], None]:
+        count = self._counts[topic]
+
+        def receive(data: bytes, received_ns: int, number: int | None) -> None:
             bag = self._bag
-            if bag is not None and bag.stopped is None:
-                self._guard(lambda: bag.write(topic, data, received_ns))
+            if bag is None or bag.stopped is not None:
+                return
+            if number is not None:
+                lost = count.observe(number)
+                if lost:
+                    self._lost[topic] = self._lost.get(topic, 0) + lost
+            self._guard(lambda: bag.write(topic, data, received_ns, sequence=number or 0))
+            self._waited = max(self._waited, (self.now_ns() - received_ns) / NANOSECONDS)
 
         return receive
 
-    def _flush(self) -> None:
-        bag = self._bag
-        if bag is not None and bag.stopped is None:
-            self._guard(bag.flush)
+    def _flush_regularly(self, period: float, ending: threading.Event) -> None:
+        """Also where nothing more arrives, and not on the executor: what speaks there must not wait for the disk."""
+        while not ending.wait(period):
+            with self.busy:
+                bag = self._bag
+                if bag is not None and bag.stopped is None:
+                    self._say_lost(bag)
+                    self._guard(bag.flush)
+
+    def _say_lost(self, bag: BagWriter) -> None:
+        """In the log as soon as it is known, and in the bag for whoever reads it later."""
+        text = _listed(self._lost)
+        if text and bag.notes.get(LOST) != text:
+            bag.notes[LOST] = text
+            self.get_logger().warning(f"{LOST}: {text}")
 
     def _guard(self, action: Callable[[], None]) -> None:
         """Do something to the bag; that the recording had to stop is said once here, and in each diagnostic."""
+        self._begun = time.monotonic()
         try:
             action()
         except RecordingStoppedError as error:
             self.get_logger().fatal(str(error))
+        self._begun = None
+
+
+def _listed(lost: dict[str, int]) -> str:
+    return ", ".join(f"{count} of {topic}" for topic, count in sorted(lost.items()))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
@@ -17,6 +17,10 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
 
 from rotary_error_monitor.signals.blocks import NANOSECONDS
+
+MessageInfo: TypeAlias = dict[str, int | None]
+"""Of a message: when it was sent and received (`source_timestamp`, `received_timestamp`, ns of the system), and its
+`publication_sequence_number`."""
 
 _LONGEST_NAP_NS = 5_000_000
 _LONGEST_WAIT_NS = 50_000_000
@@ -64,7 +68,7 @@ class Worker:
         self._fail = fail
         self._beats: list[_Beat] = []
         self._subscriptions: list[Subscription] = []
-        self._callbacks: dict[Subscription, Callable[[Any, int], None]] = {}
+        self._callbacks: dict[Subscription, Callable[[Any, MessageInfo], None]] = {}
         self._after: list[Callable[[], None]] = []
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
@@ -73,8 +77,8 @@ class Worker:
         """Call back at each multiple of `period_ns`, from `start` on, with that instant (ns)."""
         self._beats.append(_Beat(period_ns, callback))
 
-    def serve(self, subscription: Subscription, callback: Callable[[Any, int], None]) -> None:
-        """Call back with each message and when it was received (ns, of the system), from `start` on.
+    def serve(self, subscription: Subscription, callback: Callable[[Any, MessageInfo], None]) -> None:
+        """Call back with each message and what the middleware knows of it, from `start` on.
 
         The subscription's group is `NotByExecutor`.
         """
@@ -147,7 +151,7 @@ class Worker:
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
         if taken is not None:
             message, about = taken
-            self._callbacks[subscription](message, about["received_timestamp"])
+            self._callbacks[subscription](message, about)
         return taken is not None
 
     def _call_if_due(self, beat: _Beat, now_ns: int) -> None:

@@ -2,7 +2,9 @@
 
 The same class runs live and in replay. The monitored axis has the components that the estimator measures; what it
 cannot observe, and every other axis, comes from the machine's description. An offset is computed as soon as the joint
-state of its tick is there; where joint states stay away, nothing is computed and the reason is told.
+state of its tick is there; where inputs stay away or contradict one another, nothing is computed, the last correction
+holds, and the reason is told. Where that lasts and the joint states are sound, the correction goes on, at the rate
+limit, to what the description alone says (`pipeline.holding`).
 
 A machine without a monitored axis is corrected by its description alone: each joint state is a tick of its own.
 """
@@ -10,18 +12,23 @@ A machine without a monitored axis is corrected by its description alone: each j
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.limits import CorrectionState
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.corrections import Compensation, CorrectionSettings, Corrector, Poses
-from rotary_error_monitor.pipeline.estimation import error_motion_from_block
+from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
+from rotary_error_monitor.pipeline.holding import Holding
+from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances, doubts_of
 from rotary_error_monitor.pipeline.joints import AxisPositions, JointTrack, unpack_directions
 from rotary_error_monitor.pipeline.live_components import Carrier
+from rotary_error_monitor.pipeline.thermometer import Thermometer
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 
@@ -34,16 +41,25 @@ class CompensatorSettings(CorrectionSettings):
         patience_ns: how far joint states may stay behind before ticks go without an offset, ns.
         age_limit_ns: oldest joint state from which an offset is computed, ns.
         position_tolerance: largest difference of the monitored axis between encoder and joint states, rad.
+        command_tolerance: difference of command and joint states at one stamp from which the command is not believed,
+            rad; beside it counts what the axis turns within `stamp_tolerance`.
+        stamp_tolerance: how far the stamps of command and joint states may be apart, s.
         ring_height: height of the monitored body's origin above the ring, m.
         ring_azimuth: angle from the machine's x to the stage's x about the axis, rad.
+        hold_limit_ns: how long a correction is held before it goes on to what the description alone says, ns.
+        temperature_patience_ns: how long to wait for the first temperature, ns.
     """
 
     joint_lag_ns: int = 30_000_000
     patience_ns: int = 100_000_000
     age_limit_ns: int = 500_000_000
     position_tolerance: float = 0.05
+    command_tolerance: float = 2e-4
+    stamp_tolerance: float = 2e-3
     ring_height: float = 0.0
     ring_azimuth: float = 0.0
+    hold_limit_ns: int = 2_000_000_000
+    temperature_patience_ns: int = 2_500_000_000
 
 
 @dataclass(frozen=True)
@@ -68,6 +84,12 @@ class Compensator:
         hold: why nothing is computed at present; empty while all is well.
         held: ticks that went without an offset.
         late: ticks refused because they were not after the last one.
+        joints, thermometer: which joint states and temperatures are believed.
+        holding: how long a correction has been held.
+        remarks: what is not as it should be while corrections go on.
+        forbidden: why no correction may go out, whatever the inputs say; empty where they may.
+        unrepeated: ticks (ns) at which the live run used a joint state that the recording lacks; they follow from those
+            that it has.
     """
 
     def __init__(
@@ -75,33 +97,73 @@ class Compensator:
         machine: MachineDescription,
         settings: CompensatorSettings | None = None,
         decisions: Mapping[int, InputsUsed] | None = None,
+        limits: StageLimits | None = None,
     ) -> None:
-        """Compensator of `machine`; `decisions` by stamp (ns) of a tick let a replay repeat a live run."""
+        """Compensator of `machine`.
+
+        Args:
+            machine: that is corrected.
+            settings: how inputs are joined and corrections made.
+            decisions: inputs by stamp (ns) of a tick, as a live run published them; a replay repeats them.
+            limits: of the stage that is the monitored axis: how wrong its description can be at most.
+        """
         self._machine = machine
         self._settings = settings or CompensatorSettings()
-        self._corrector = Corrector(machine, self._settings)
+        self._corrector = Corrector(machine, self._settings, limits or StageLimits())
         self._carrier = Carrier(self._settings.ring_height, self._settings.ring_azimuth)
         self._decisions = decisions
         self._monitored = machine.letters.index(machine.monitored) if machine.monitored else None
         # Without error motion a tick is the joint state's own, so there is nothing to wait for.
         lag_ns = self._settings.joint_lag_ns if machine.monitored else 0
         self.joints = JointTrack(machine, lag_ns, self._settings.patience_ns)
-        self._temperature = machine.reference_temperature
+        self.thermometer = Thermometer(machine)
+        self.holding = Holding(self._settings.hold_limit_ns)
+        chosen = self._settings
+        tolerances = Tolerances(
+            chosen.age_limit_ns, chosen.position_tolerance, chosen.command_tolerance, chosen.stamp_tolerance
+        )
+        self._checks = InputChecks(machine, tolerances)
+        self._first_ns: int | None = None
         self._waiting: list[SampleBlock] = []
         self._own_ticks: list[int] = []
         self._last_tick = -1
         self.hold = ""
         self.held = 0
         self.late = 0
+        self.remarks: tuple[str, ...] = ()
+        self.forbidden = ""
+        self.unrepeated: list[NDArray[np.int64]] = []
+        self._begin_ns: int | None = None
 
     @property
     def state(self) -> CorrectionState:
         """Where the limits stand: last correction, whether an error latched and why."""
         return self._corrector.state
 
+    @property
+    def deviation(self) -> float:
+        """Standard uncertainty of the tool's position at the last report, m; NaN before the first."""
+        return self._corrector.deviation
+
     def reset(self) -> None:
-        """Release a latched error; the next offset decides anew."""
+        """Release a latched error and believe the next inputs wherever they are; the next offset decides anew."""
         self._corrector.state = self._corrector.state.reset()
+        self.joints.reset()
+        self.thermometer.reset()
+
+    def start_from(self, applied: Mapping[str, float]) -> None:
+        """Say what corrections (by axis, m and rad) the controller has in effect: the next ones go on from there."""
+        self._corrector.start_from([applied.get(letter, 0.0) for letter in self._machine.letters])
+
+    def forget_time(self) -> None:
+        """The clock was set back: forget all that was stamped before."""
+        self.joints.clear()
+        self._corrector.forget_time()
+        self.holding.forget_time()
+        self._checks.forget()
+        self._waiting.clear()
+        self._own_ticks.clear()
+        self._last_tick, self._first_ns = -1, None
 
     def push_error_motion(self, block: SampleBlock) -> Compensation:
         """Take in a block of error motion and give what can be computed now; see `accept_error_motion`."""
@@ -125,7 +187,7 @@ class Compensator:
             raise InputError(f"machine {self._machine.name} has no monitored axis that error motion could belong to")
         if not self._waiting and self.joints.stream.newest_ns is None:
             self.joints.stream.expect(int(block.times_ns[0]))
-        fresh = block.times_ns > self._last_tick
+        fresh = block.times_ns > np.maximum.accumulate(np.concatenate([[self._last_tick], block.times_ns[:-1]]))
         if not fresh.all():
             self.late += int((~fresh).sum())
             block = SampleBlock(block.stamp_ns, block.names, block.rows[fresh])
@@ -141,23 +203,35 @@ class Compensator:
         Raises:
             InputError: an axis of the machine is missing.
         """
-        if self.joints.push(stamp_ns, positions, velocities) and self._monitored is None:
+        if not self.joints.push(stamp_ns, positions, velocities):
+            return
+        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
+        if self._monitored is None or self.holding.is_over(stamp_ns):
             self._own_ticks.append(stamp_ns)
 
-    def push_temperature(self, temperature: float) -> None:
-        """Take in the machine's temperature, °C."""
-        if np.isfinite(temperature):
-            self._temperature = temperature
+    def push_temperature(self, temperature: float, stamp_ns: int | None = None) -> None:
+        """Take in the machine's temperature, °C, by default as measured at the last joint state."""
+        newest_ns = self.joints.stream.newest_ns or 0
+        self.thermometer.push(newest_ns if stamp_ns is None else stamp_ns, temperature)
 
     def advance(self) -> Compensation:
         """What can be computed of all that was accepted."""
         if self._monitored is None:
             return self._compute_described()
-        return self._advance()
+        found = self._advance()
+        return found if not self._own_ticks else found.followed_by(self._stand_in())
 
     def finish(self) -> Compensation:
         """What was still waiting for joint states: no more will come."""
         return self._advance(last=True)
+
+    def distance(self) -> float:
+        """How far the description would move the tool from where the held correction has it, m; NaN if unknown."""
+        newest = self.joints.stream.newest_ns
+        if newest is None or self.joints.doubt:
+            return float("nan")
+        poses = self._described_poses(np.array([newest]))
+        return float("nan") if poses is None else float(self._corrector.distance(poses)[0])
 
     def _advance(self, last: bool = False) -> Compensation:
         if not self._waiting:
@@ -176,28 +250,69 @@ class Compensator:
         return found
 
     def _compute(self, ticks: NDArray[np.int64], block: SampleBlock) -> Compensation:
+        assert self._monitored is not None
         motion = error_motion_from_block(block)
         axes, temperature = self._axes_at(ticks)
-        commanded = motion.theta - np.where(motion.observable[:, 5], motion.components[:, 5], 0.0)
-        usable = self._check_inputs(axes, commanded)
+        checked = self._checks.judge(ticks, axes, motion, doubts_of(block))
+        usable, self.hold = checked.usable, checked.hold
+        if usable.any() and (reason := self._missing(int(ticks[-1]))):
+            usable, self.hold = np.zeros(len(ticks), np.bool_), reason
         self.held += int((~usable).sum())
         if not usable.any():
+            self.holding.begin(int(ticks[-1]))
             return Compensation()
         chosen = np.flatnonzero(usable)
+        motion = _without_command(motion, checked.command).at(chosen)
         positions = axes.positions[chosen]
-        positions[:, self._monitored] = commanded[chosen]
-        motion = motion.at(chosen)
-        return self._corrector.compensate(
+        positions[:, self._monitored] = checked.commanded[chosen]
+        warmth = self.thermometer.at(int(ticks[-1]))
+        found = self._corrector.compensate(
             Poses(
                 ticks[chosen],
                 positions,
                 axes.directions[chosen],
+                axes.turned[chosen],
                 axes.age[chosen],
                 temperature[chosen],
+                np.full(len(chosen), warmth.deviation),
                 self._carrier.components(motion),
                 lambda index: self._carrier.covariance(motion.at(index)),
-            )
+            ),
+            apply=not self.forbidden,
         )
+        self._note_flow(found, int(ticks[-1]), checked.remarks)
+        return found
+
+    def _note_flow(self, found: Compensation, time_ns: int, remarks: Sequence[str]) -> None:
+        """Whether corrections flow, and what is not as it should be."""
+        self.hold = self.hold or self._corrector.doubt
+        if found.corrections:
+            self.holding.flow(found.corrections[-1].stamp_ns)
+        elif self.hold:
+            self.holding.begin(time_ns)
+        elif self._corrector.is_ahead_of(time_ns):
+            # Those of the description alone are of later joint states: they end, or live ones would never be the later.
+            self.holding.flow(time_ns)
+        warmth = self.thermometer.trouble(time_ns)
+        self.remarks = tuple(remark for remark in (*remarks, warmth) if remark)
+
+    def _missing(self, time_ns: int) -> str:
+        """What is not there yet without which the first corrections would be wrong; empty where nothing is."""
+        thermometer, first = self.thermometer, self._first_ns
+        if self._decisions is not None or not thermometer.needed or thermometer.has_spoken or first is None:
+            return ""
+        waited, patience = (time_ns - first) * 1e-9, self._settings.temperature_patience_ns * 1e-9
+        return f"no temperature yet; after {patience:g} s that of reference stands in" if waited < patience else ""
+
+    def _stand_in(self) -> Compensation:
+        """Corrections from the description alone, at the joint states' own times, after too long a hold."""
+        ticks = np.array(self._own_ticks)
+        self._own_ticks.clear()
+        sound = self._checks.joints_are_sound()
+        poses = self._described_poses(ticks) if sound else None
+        if poses is None or not self.holding.is_over(int(ticks[-1])):
+            return Compensation()
+        return self._corrector.compensate(poses, described=True, apply=not self.forbidden)
 
     def _compute_described(self) -> Compensation:
         """Compensation at the joint states' own times, from the machine's description alone."""
@@ -205,57 +320,69 @@ class Compensator:
             return Compensation()
         ticks = np.array(self._own_ticks)
         self._own_ticks.clear()
-        axes, temperature = self._axes_at(ticks)
+        poses = self._described_poses(ticks)
         self.joints.trim(int(ticks[-1]))
-        known = np.flatnonzero(axes.known)
-        self.held += len(ticks) - len(known)
-        self.hold = "" if axes.known[-1] else "no joint states yet that tell the direction of travel"
-        if len(known) == 0:
+        self.hold = "" if poses is not None else "no joint states yet that tell the direction of travel"
+        self.hold = self.hold or self._missing(int(ticks[-1]))
+        if poses is None or self.hold:
+            self.held += len(ticks)
             return Compensation()
-        return self._corrector.compensate(
-            Poses(
-                ticks[known],
-                axes.positions[known],
-                axes.directions[known],
-                axes.age[known],
-                temperature[known],
-                None,
-                lambda index: np.zeros((len(index), 6, 6)),
-            )
+        self.held += len(ticks) - len(poses.stamps)
+        found = self._corrector.compensate(poses, apply=not self.forbidden)
+        self._note_flow(found, int(ticks[-1]), ())
+        return found
+
+    def _described_poses(self, ticks: NDArray[np.int64]) -> Poses | None:
+        """Poses at the times of joint states, without error motion; None before the direction of travel is known."""
+        if self._decisions is None:
+            # of its own time a joint state needs no extrapolation, but one before it tells the direction
+            axes = self.joints.at(ticks, None if self._monitored is None else ticks)
+            temperature = np.array([self.thermometer.at(int(tick)).temperature for tick in ticks])
+        else:
+            axes, temperature = self._axes_at(ticks)
+        known = np.flatnonzero(axes.known)
+        if len(known) == 0:
+            return None
+        unknown = np.full((6, 6), 0.0 if self._monitored is None else np.nan)
+        deviation = np.array([self.thermometer.at(int(tick)).deviation for tick in ticks[known]])
+        return Poses(
+            ticks[known],
+            axes.positions[known],
+            axes.directions[known],
+            axes.turned[known],
+            axes.age[known],
+            temperature[known],
+            deviation,
+            None,
+            lambda index: np.tile(unknown, (len(index), 1, 1)),
         )
 
     def _axes_at(self, ticks: NDArray[np.int64]) -> tuple[AxisPositions, NDArray[np.float64]]:
         if self._decisions is None:
-            return self.joints.at(ticks), np.full(len(ticks), self._temperature)
+            return self.joints.at(ticks), np.full(len(ticks), self.thermometer.at(int(ticks[-1])).temperature)
         none = InputsUsed(-1, 0.0, self._machine.reference_temperature)
         used = [self._decisions.get(int(tick), none) for tick in ticks]
-        found = self.joints.at(ticks, np.array([each.joint_stamp_ns for each in used]))
+        stamps = np.array([each.joint_stamp_ns for each in used])
+        found = self.joints.at(ticks, stamps)
+        self._begin_ns = int(ticks[0]) if self._begin_ns is None else self._begin_ns
+        # the first ticks of a recording that was begun in mid-run rest on joint states from before it
+        lost = (stamps >= 0) & ~found.known & (ticks >= self._begin_ns + self._settings.patience_ns)
+        if lost.any():  # what the live run used is not there: what is, counts by the rule
+            self.unrepeated.append(ticks[lost])
+            found = found.replaced(lost, self.joints.at(ticks))
         packed = np.array([each.directions for each in used])
         directions = unpack_directions(packed, len(self._machine.letters))
         temperature = np.array([each.temperature for each in used])
-        return AxisPositions(found.positions, directions, found.age, found.known), temperature
+        return replace(found, directions=directions), temperature
 
-    def _check_inputs(self, axes: AxisPositions, commanded: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which ticks have fresh joint states that agree with the encoder; says why where the last one has not."""
-        limit = self._settings.age_limit_ns * 1e-9
-        fresh = axes.known & (axes.age <= limit)
-        letter = self._machine.monitored
-        told = axes.positions[:, self._monitored]
-        difference = told - commanded
-        difference = difference - 2 * np.pi * np.rint(difference / (2 * np.pi))
-        agree = np.abs(difference) <= self._settings.position_tolerance
-        if not axes.known[-1]:
-            self.hold = "no joint states: the positions of the other axes are unknown"
-        elif not fresh[-1]:
-            self.hold = f"joint states {axes.age[-1]:.2f} s old; limit {limit:.2f} s"
-        elif not agree[-1]:
-            self.hold = (
-                f"axis {letter} stands at {np.degrees(commanded[-1] % (2 * np.pi)):.2f}° by its encoder but at "
-                f"{np.degrees(told[-1] % (2 * np.pi)):.2f}° by the joint states; set the encoder's zero"
-            )
-        else:
-            self.hold = ""
-        return np.asarray(fresh & agree)
+
+def _without_command(motion: ErrorMotion, believed: NDArray[np.bool_]) -> ErrorMotion:
+    """Error motion whose positioning component is not observable where the command is not believed."""
+    if believed.all():
+        return motion
+    observable = motion.observable.copy()
+    observable[~believed, 5] = False
+    return ErrorMotion(motion.theta, motion.components, observable, motion.covariance)
 
 
 def _joined(blocks: Sequence[SampleBlock]) -> SampleBlock:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.machine.correction import AxisCorrections, remaining_offset, solve_axis_corrections
-from rotary_error_monitor.machine.error_model import predict_tool_offset, propagate_covariance
+from rotary_error_monitor.machine.error_model import described_components, predict_tool_offset, propagate_covariance
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.machine.limits import CorrectionState, Level, axis_limits, initial_state, limit_corrections
+from rotary_error_monitor.pipeline.description_spread import DescriptionSpread
 from rotary_error_monitor.pipeline.joints import pack_directions
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
@@ -34,6 +37,7 @@ class CorrectionSettings:
             pose where it hardly does, an axis would turn far for little.
         linear_limits: of corrections of linear axes: warning (m), error (m), rate (m/s).
         rotary_limits: of corrections of rotary axes: warning (rad), error (rad), rate (rad/s).
+        uncertainty_limit: largest standard uncertainty of the tool's position with which corrections are applied, m.
     """
 
     correction_period_ns: int = 10_000_000
@@ -41,6 +45,7 @@ class CorrectionSettings:
     least_reach: float = 0.1
     linear_limits: tuple[float, float, float] = (1e-4, 5e-4, 2e-3)
     rotary_limits: tuple[float, float, float] = (5e-4, 2e-3, 2e-2)
+    uncertainty_limit: float = 1e-5
 
 
 @dataclass(frozen=True)
@@ -50,17 +55,20 @@ class Poses:
     Attributes:
         stamps: (n,) time of each tick, ns.
         positions, directions: (n, axes) in m or rad; sign of travel.
+        turned: (n, axes) probability that the direction is another by then.
         age: (n,) of the joint state that they come from, s.
-        temperature: (n,) °C.
-        live: (n, 6) live components of the monitored axis; none for a machine without.
+        temperature, temperature_deviation: (n,) °C, and its standard uncertainty, K.
+        live: (n, 6) live components of the monitored axis; none where the description alone says them.
         covariance: gives the (k, 6, 6) covariance of the live components of some of the ticks.
     """
 
     stamps: NDArray[np.int64]
     positions: NDArray[np.float64]
     directions: NDArray[np.float64]
+    turned: NDArray[np.float64]
     age: NDArray[np.float64]
     temperature: NDArray[np.float64]
+    temperature_deviation: NDArray[np.float64]
     live: NDArray[np.float64] | None
     covariance: Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
@@ -70,8 +78,10 @@ class Poses:
             self.stamps[chosen],
             self.positions[chosen],
             self.directions[chosen],
+            self.turned[chosen],
             self.age[chosen],
             self.temperature[chosen],
+            self.temperature_deviation[chosen],
             None if self.live is None else self.live[chosen],
             lambda index: self.covariance(chosen[index]),
         )
@@ -103,6 +113,7 @@ class Correction:
         rates: (axes,) its rate of change since the last one, m/s or rad/s.
         level: what became of the wanted correction.
         direction_spanned: whether the axes reach every direction of the tool here.
+        described: whether it comes from the description alone.
         report: what remains; only now and then.
     """
 
@@ -112,6 +123,7 @@ class Correction:
     rates: NDArray[np.float64]
     level: Level
     direction_spanned: bool
+    described: bool
     report: OffsetReport | None
 
 
@@ -122,32 +134,79 @@ class Compensation:
     offsets: tuple[SampleBlock, ...] = ()
     corrections: tuple[Correction, ...] = ()
 
+    def followed_by(self, other: Compensation) -> Compensation:
+        """Both, one after the other."""
+        return Compensation(self.offsets + other.offsets, self.corrections + other.corrections)
+
 
 class Corrector:
-    """Offsets and corrections of one machine, pose after pose.
+    """Offsets and corrections of one machine, pose after pose: the one place where a correction is believed.
+
+    A correction goes out where the search for it ended, where it is no sudden departure from the one before, where the
+    tool's position is known well enough, and within the limits of size and rate.
 
     Attributes:
         state: where the limits stand: last correction, whether an error latched and why.
+        doubt: why corrections are not believed at present; empty while they are.
+        deviation: standard uncertainty of the tool's position at the last report, m; NaN before the first.
     """
 
-    def __init__(self, machine: MachineDescription, settings: CorrectionSettings) -> None:
+    def __init__(self, machine: MachineDescription, settings: CorrectionSettings, limits: StageLimits) -> None:
         self._letters = machine.letters
         self._model = arrange_machine(machine)
         self._settings = settings
         self._limits = axis_limits(machine, linear=settings.linear_limits, rotary=settings.rotary_limits)
+        self._spread = DescriptionSpread(self._model, limits)
+        self._linear = np.array([axis.kind == "linear" for axis in machine.axes])
+        measured = [axis.letter == machine.monitored for axis in machine.axes]  # its encoder tells where it is
+        self._fastest = np.where(measured, 0.0, [axis.fastest for axis in machine.axes])
+        self._quickest = np.where(measured, 0.0, [axis.quickest for axis in machine.axes])
+        self._reversal = np.array([axis.reversal for axis in machine.axes])
+        self._warms = any(axis.expansion != 0.0 for axis in machine.axes)
         self._last_period = -1
         self._last_report = -1
+        self._asked: tuple[int, NDArray[np.float64]] | None = None
         self.state: CorrectionState = initial_state(len(machine.axes))
+        self.doubt = ""
+        self.deviation = math.nan
 
-    def compensate(self, poses: Poses) -> Compensation:
-        """Offsets of all poses, and corrections of those that begin a correction period."""
+    def start_from(self, applied: Sequence[float]) -> None:
+        """Say what corrections are in effect, m and rad: the next ones go on from there."""
+        self.state = CorrectionState(
+            tuple(float(value) for value in applied), None, self.state.latched, self.state.reason
+        )
+
+    def is_ahead_of(self, time_ns: int) -> bool:
+        """Whether a correction of that time or later has been given already."""
+        return self.state.time_ns is not None and time_ns <= self.state.time_ns
+
+    def forget_time(self) -> None:
+        """The clock was set back: what comes is not before what was."""
+        self._last_period = self._last_report = -1
+        self._asked = None
+        self.state = replace(self.state, time_ns=None)
+
+    def distance(self, poses: Poses) -> NDArray[np.float64]:
+        """(n,) how far the tool would be moved, m, were the correction that holds replaced by that of the poses."""
+        away = self._wanted(poses).corrections - np.array(self.state.applied)
+        return np.asarray(np.linalg.norm(away[:, self._linear], axis=1))
+
+    def compensate(self, poses: Poses, *, described: bool = False, apply: bool = True) -> Compensation:
+        """Offsets of all poses, and corrections of those that begin a correction period.
+
+        Args:
+            poses: where the machine stands.
+            described: whether they rest on the description alone; then only corrections are given.
+            apply: whether corrections may go out; if not, all that is known is kept up to date.
+        """
         chosen = self._correction_ticks(poses.stamps)
         offset, wanted = self._solve(poses, chosen)
         rows = np.column_stack([offset, poses.age, pack_directions(poses.directions), poses.temperature])
-        blocks = (block_from_samples(poses.stamps, COLUMNS, rows),)
+        blocks = () if described else (block_from_samples(poses.stamps, COLUMNS, rows),)
         if wanted is None:
             return Compensation(blocks)
-        return Compensation(blocks, self._correct(poses.at(chosen), offset[chosen], wanted))
+        corrections = self._correct(poses.at(chosen), offset[chosen], wanted, described=described, apply=apply)
+        return Compensation(blocks, corrections)
 
     def _solve(self, poses: Poses, chosen: NDArray[np.int64]) -> tuple[NDArray[np.float64], AxisCorrections | None]:
         """(n, 6) offsets of all poses and the corrections of the chosen ones."""
@@ -155,14 +214,16 @@ class Corrector:
             # The search gives the offsets as well, bit for bit: one pass over the machine less.
             wanted = self._wanted(poses)
             return wanted.offset, wanted.at(chosen)
-        offset = predict_tool_offset(
+        return self._offset(poses), self._wanted(poses.at(chosen)) if len(chosen) else None
+
+    def _offset(self, poses: Poses, warmer: float = 0.0) -> NDArray[np.float64]:
+        return predict_tool_offset(
             self._model,
             poses.positions,
             direction=poses.directions,
-            temperature=poses.temperature,
+            temperature=poses.temperature + warmer,
             monitored=poses.live,
         )
-        return offset, self._wanted(poses.at(chosen)) if len(chosen) else None
 
     def _wanted(self, poses: Poses) -> AxisCorrections:
         return solve_axis_corrections(
@@ -177,23 +238,29 @@ class Corrector:
     def _correction_ticks(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
         """The first tick in each correction period."""
         period = stamps // self._settings.correction_period_ns
-        first = np.flatnonzero(np.diff(period, prepend=self._last_period) > 0)
-        self._last_period = int(period[-1])
+        first = _rising(period, self._last_period)
+        self._last_period = max(self._last_period, int(period[-1]))
         return first
 
-    def _correct(self, poses: Poses, offset: NDArray[np.float64], wanted: AxisCorrections) -> tuple[Correction, ...]:
-        """Corrections that may be applied: none where the search failed or an error limit has latched."""
+    def _correct(
+        self, poses: Poses, offset: NDArray[np.float64], wanted: AxisCorrections, *, described: bool, apply: bool
+    ) -> tuple[Correction, ...]:
+        """Corrections that may be applied: none where they are not believed or an error limit has latched."""
         stamps = poses.stamps
-        before = np.array(self.state.applied)
-        before_ns = self.state.time_ns
-        limited = limit_corrections(self._limits, self.state, stamps, wanted.corrections, wanted.converged)
+        steady = self._is_steady(stamps, wanted.corrections)
+        due = self._reports_due(stamps)
+        spread = self._spread_at(poses.at(due)) if len(due) else np.zeros((0, 6, 6))
+        self._judge(spread, described=described)
+        if not apply or self.doubt:
+            return ()
+        before, before_ns = np.array(self.state.applied), self.state.time_ns
+        limited = limit_corrections(self._limits, self.state, stamps, wanted.corrections, wanted.converged & steady)
         self.state = limited.state
         elapsed = np.diff(stamps, prepend=stamps[0] if before_ns is None else before_ns) * 1e-9
         moved = np.diff(limited.corrections, axis=0, prepend=before[None])
         rates = np.where(elapsed[:, None] > 0, moved / np.where(elapsed > 0, elapsed, 1.0)[:, None], 0.0)
-        usable = np.flatnonzero(limited.levels < Level.HELD)
-        due = usable[self._reports_due(stamps[usable])]
-        reports = self._report(poses.at(due), limited.corrections[due], offset[due])
+        spread = _with_spread(spread, self._turned_since(poses.at(due)))
+        reports = self._report(poses.at(due), limited.corrections[due], offset[due], spread)
         by_index = dict(zip(due.tolist(), reports, strict=True))
         return tuple(
             Correction(
@@ -203,21 +270,91 @@ class Corrector:
                 rates[i],
                 Level(int(limited.levels[i])),
                 bool(wanted.direction_spanned[i]),
+                described,
                 by_index.get(int(i)),
             )
-            for i in usable
+            for i in np.flatnonzero(limited.levels < Level.HELD)
         )
+
+    def _is_steady(self, stamps: NDArray[np.int64], wanted: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) whether each correction follows the one before no faster than corrections may change.
+
+        One that departs for a single pose is left out; what lasts is approached at the rate limit.
+        """
+        before = (stamps[0], wanted[0]) if self._asked is None else self._asked
+        passed = np.diff(stamps, prepend=before[0]) * 1e-9
+        steps = np.abs(np.diff(wanted, axis=0, prepend=before[1][None]))
+        self._asked = int(stamps[-1]), wanted[-1]
+        late = passed > 2.5e-9 * self._settings.correction_period_ns  # after a pause there is none before
+        with np.errstate(invalid="ignore"):
+            return np.asarray((steps <= self._limits.rate * passed[:, None] + 1e-12).all(axis=1) | late)
 
     def _reports_due(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
         """The first tick in each report period."""
         period = stamps // self._settings.report_period_ns
-        due = np.flatnonzero(np.diff(period, prepend=self._last_report) > 0)
+        due = _rising(period, self._last_report)
         if len(stamps):
-            self._last_report = int(period[-1])
+            self._last_report = max(self._last_report, int(period[-1]))
         return due
 
+    def _spread_at(self, poses: Poses) -> NDArray[np.float64]:
+        """(n, 6, 6) covariance of the offset: of what is measured, of what the description stands in for, of warmth."""
+        covariance = poses.covariance(np.arange(len(poses.stamps)))
+        if self._model.monitored is not None:
+            described = described_components(
+                self._model, poses.positions, direction=poses.directions, temperature=poses.temperature
+            )
+            if poses.live is not None:
+                for time, live, said in zip(poses.stamps.tolist(), poses.live, described, strict=True):
+                    self._spread.learn(time, live, said)
+            covariance = propagate_covariance(self._model, poses.positions, covariance, self._spread.deviations)
+        if self._warms and (poses.temperature_deviation > 0.0).any():
+            warmed = (self._offset(poses, 1.0) - self._offset(poses)) * poses.temperature_deviation[:, None]
+            covariance = covariance + warmed[:, :, None] * warmed[:, None, :]
+        return _with_spread(covariance, self._moved_since(poses))
+
+    def _moved_since(self, poses: Poses) -> Iterator[NDArray[np.float64]]:
+        """(n, 6) standard uncertainty of the offset, for each axis that may have accelerated since its joint state.
+
+        What it has gone unseen is rectangular, as an unknown within bounds is (JCGM 100:2008, 4.3.7).
+        """
+        here = self._offset(poses)
+        farthest = np.minimum(0.5 * self._quickest * poses.age[:, None] ** 2, self._fastest * poses.age[:, None])
+        for axis in np.flatnonzero(farthest.any(axis=0)):
+            moved = poses.positions.copy()
+            moved[:, axis] += farthest[:, axis] / math.sqrt(3.0)
+            yield self._offset(replace(poses, positions=moved)) - here
+
+    def _turned_since(self, poses: Poses) -> Iterator[NDArray[np.float64]]:
+        """(n, 6) standard uncertainty of the offset, for each axis that may have turned back since its joint state.
+
+        Said in the report, but no reason to hold: it is over as soon as the next joint state tells the direction.
+        """
+        here = self._offset(poses)
+        for axis in np.flatnonzero((poses.turned * self._reversal).any(axis=0)):
+            directions = poses.directions.copy()
+            directions[:, axis] *= -1.0
+            turned = self._offset(replace(poses, directions=directions))
+            yield (turned - here) * np.sqrt(poses.turned[:, axis, None])
+
+    def _judge(self, spread: NDArray[np.float64], *, described: bool) -> None:
+        """Doubt corrections whose tool position is less certain than it may be."""
+        if len(spread) == 0:
+            return
+        self.deviation = float(np.sqrt(np.trace(spread[-1, :3, :3])))
+        self.doubt = ""
+        if self.deviation > self._settings.uncertainty_limit and not described:
+            self.doubt = (
+                f"the tool's position is uncertain by {self.deviation * 1e6:.3g} µm, more than "
+                f"{self._settings.uncertainty_limit * 1e6:.3g}"
+            )
+
     def _report(
-        self, poses: Poses, corrections: NDArray[np.float64], offset: NDArray[np.float64]
+        self,
+        poses: Poses,
+        corrections: NDArray[np.float64],
+        offset: NDArray[np.float64],
+        spread: NDArray[np.float64],
     ) -> list[OffsetReport]:
         if len(offset) == 0:
             return []
@@ -229,7 +366,17 @@ class Corrector:
             temperature=poses.temperature,
             monitored=poses.live,
         )
-        spread = poses.covariance(np.arange(len(offset)))
-        if poses.live is not None:
-            spread = propagate_covariance(self._model, poses.positions, spread)
         return [OffsetReport(*each) for each in zip(offset, spread, remaining, strict=True)]
+
+
+def _with_spread(covariance: NDArray[np.float64], deviations: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """(n, 6, 6) covariance with further, independent effects, each a (n, 6) standard uncertainty."""
+    for each in deviations:
+        covariance = covariance + each[:, :, None] * each[:, None, :]
+    return covariance
+
+
+def _rising(numbers: NDArray[np.int64], before: int) -> NDArray[np.int64]:
+    """Places of the numbers that are larger than all before them."""
+    largest = np.maximum.accumulate(np.concatenate([[before], numbers[:-1]]))
+    return np.flatnonzero(numbers > largest)

@@ -2,13 +2,16 @@
 
 The same class runs live and in replay. Estimates stand on a grid of ticks fixed in absolute time. A tick is computed
 as soon as every stream that is present has the samples for it; a stream that stays behind the others by more than
-`patience` counts as absent. Both are judged by stamps, never by when a message happened to arrive. Should a block come
-so late live that the estimator went on without it, the column `streams` of the published block says so, and a replay
-that is given these masks repeats the decision.
+`patience` counts as absent. Both are judged by stamps, never by when a message happened to arrive. What is believed of
+the streams follows from the ticks before (`pipeline.belief`). Should a block come so late live that the estimator went
+on without it, the column `streams` of the published block says so; with it, and with what the other columns say was
+believed, a replay repeats the decision.
 """
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -17,30 +20,22 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology import error_motion as motion
-from rotary_error_monitor.metrology.encoder_heads import HeadLayout, estimate_ring_pose
+from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.tilt import check_saturation
+from rotary_error_monitor.pipeline.belief import Belief
+from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR as AUTOCOLLIMATOR
+from rotary_error_monitor.pipeline.error_motion_rows import COLUMNS as COLUMNS
+from rotary_error_monitor.pipeline.error_motion_rows import COMMAND as COMMAND
+from rotary_error_monitor.pipeline.error_motion_rows import RowMaker
+from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
+from rotary_error_monitor.pipeline.evidence import Evidence
+from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication, redundancy_of
+from rotary_error_monitor.pipeline.repetition import Repetition
+from rotary_error_monitor.signals.admission import LARGEST_ANGLE, ArrivalCheck, SampleLimits
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 from rotary_error_monitor.signals.resampling import Resampled, count_decided, resample_all, tick_times
 from rotary_error_monitor.signals.streams import SampleStream
 
-COLUMNS = (
-    "theta",
-    *motion.COMPONENTS,
-    "observable",
-    "var_exc",
-    "var_eyc",
-    "cov_exc_eyc",
-    "var_eac",
-    "var_ebc",
-    "var_ecc",
-    "cov_exc_ecc",
-    "cov_eyc_ecc",
-    "streams",
-)
-"""Columns of a block of error motion after `t`; `observable` and `streams` are bit masks."""
-
-AUTOCOLLIMATOR, COMMAND = "autocollimator", "command"
 HIGHEST_ORDER = 12
 """Harmonics of the graduation up to which the status says what the heads cannot see."""
 
@@ -58,19 +53,25 @@ class EstimatorSettings:
             comes on top.
         max_gap_ns: samples further apart than this are not joined, ns.
         disagreement_limit: contradiction among the heads, in standard deviations, from which nothing is published.
+        max_age_ns: samples that are older at their arrival are refused, ns.
+        check_turns: part of a turn that must have been seen before the description counts as verified.
     """
 
     period_ns: int = 1_000_000
     patience_ns: int = 100_000_000
     max_gap_ns: int = 20_000_000
     disagreement_limit: float = 10.0
+    max_age_ns: int = 1_000_000_000
+    check_turns: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("period_ns", "patience_ns", "max_gap_ns"):
+        for name in ("period_ns", "patience_ns", "max_gap_ns", "max_age_ns"):
             if getattr(self, name) <= 0:
                 raise InputError(f"estimator setting {name} is {getattr(self, name)}; it must be above 0")
         if not self.disagreement_limit > 0:
             raise InputError(f"estimator setting disagreement_limit is {self.disagreement_limit}; it must be above 0")
+        if not self.check_turns >= 0:
+            raise InputError(f"estimator setting check_turns is {self.check_turns}; it must be 0 or more")
 
 
 @dataclass
@@ -80,19 +81,28 @@ class EstimatorStatus:
     Attributes:
         estimates: ticks published.
         withheld: ticks not published because the heads contradict one another.
-        unobservable: ticks not published because too few heads were alive to tell the rotation.
+        unobservable: ticks not published because too few heads were there to tell the rotation.
         saturated: autocollimator samples at the end of the measuring range.
+        restarts: how often everything began anew because the clock was set back.
+        turns: whole turns that were taken out of the heads, to count as the command does.
         absent: streams that nobody waits for now.
+        sparse: streams whose samples are further apart than `max_gap`.
+        refused: messages refused by their time of arrival, by stream and reason.
         disagreement: contradiction among the heads at the latest tick, standard deviations.
-        unseen_orders: harmonics of the graduation, up to `HIGHEST_ORDER`, that the heads alive cannot contradict: they
+        unseen_orders: harmonics of the graduation, up to `HIGHEST_ORDER`, that the heads in use cannot contradict: they
             pass for rotation or radial motion.
+        streams: by name.
     """
 
     estimates: int = 0
     withheld: int = 0
     unobservable: int = 0
     saturated: int = 0
+    restarts: int = 0
+    turns: int = 0
     absent: tuple[str, ...] = ()
+    sparse: tuple[str, ...] = ()
+    refused: Counter[tuple[str, str]] = field(default_factory=Counter)
     disagreement: float = 0.0
     unseen_orders: tuple[int, ...] = ()
     streams: Mapping[str, SampleStream] = field(default_factory=dict)
@@ -103,59 +113,87 @@ class Estimator:
 
     Attributes:
         status: counts for diagnostics.
+        belief: what is believed of the streams, and why not.
     """
 
     def __init__(
         self,
         stage: StageDescription,
         settings: EstimatorSettings | None = None,
-        decisions: Mapping[int, int] | None = None,
+        decisions: Decisions | None = None,
     ) -> None:
         """Estimator of `stage`.
 
         Args:
             stage: description with the assembly errors that are removed.
             settings: sampling and patience.
-            decisions: mask of the streams by stamp (ns) of a tick, as a live run published them; a replay repeats them.
+            decisions: by stamp (ns) of a tick, as a live run published them; a replay repeats them.
         """
         self._stage = stage
         self._settings = settings or EstimatorSettings()
-        self._decisions = decisions
         self._heads = {f"head_{name}": azimuth for name, azimuth in stage.encoder.azimuths.items()}
-        fields = dict.fromkeys((*self._heads, COMMAND), ("angle",)) | {AUTOCOLLIMATOR: ("tilt_x", "tilt_y")}
-        self._streams = {name: SampleStream(names, self._settings.patience_ns) for name, names in fields.items()}
+        self._streams = {
+            name: SampleStream(fields, self._settings.patience_ns, limits)
+            for name, (fields, limits) in stream_limits(stage).items()
+        }
+        self._arrivals = {name: ArrivalCheck(self._settings.max_age_ns) for name in self._streams}
+        self._bits = {name: 1 << i for i, name in enumerate(self._streams)}
+        self._repetition = None if decisions is None else Repetition(decisions, self._bits)
+        self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
+        period_ns, limit = self._settings.period_ns, self._settings.disagreement_limit
+        self._rows = RowMaker(stage, self._heads, period_ns * 1e-9)
+        self._publication = Publication(stage, self._bits)
+        self.belief = Belief(
+            stage, self._heads, self._bits, self._streams, period_ns, limit, self._settings.check_turns
+        )
+        self.status = EstimatorStatus(streams=self._streams)
+        self._begin()
+
+    def _begin(self) -> None:
         self._decided = dict.fromkeys(self._streams, -1)
         self._grown: set[str] = set()
-        self._bits = {name: 1 << i for i, name in enumerate((*self._heads, AUTOCOLLIMATOR, COMMAND))}
         self._next: int | None = None
         self._watermark = -1
         self._longest_block_ns = 0
-        self._layouts: dict[tuple[float, ...], HeadLayout] = {}
-        self._unseen: dict[HeadLayout, tuple[int, ...]] = {}
-        self.status = EstimatorStatus(streams=self._streams)
+
+    @property
+    def unrepeated(self) -> Mapping[str, list[NDArray[np.int64]]]:
+        """Ticks (ns) that cannot be repeated as the live run published them, by the stream that the recording lacks."""
+        return {} if self._repetition is None else self._repetition.unrepeated
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the streams that are taken: `head_<letter>`, `autocollimator`, `command`."""
         return tuple(self._streams)
 
-    def push(self, name: str, block: SampleBlock) -> list[SampleBlock]:
+    def reset(self) -> None:
+        """Believe all inputs again, until they are contradicted anew."""
+        self.belief.reset()
+
+    def push(self, name: str, block: SampleBlock, arrival_ns: int | None = None) -> list[SampleBlock]:
         """Take in a block of stream `name`; give the blocks of error motion that are complete now, columns `COLUMNS`.
 
         Raises:
-            InputError: there is no such stream, or the block lacks its fields.
+            InputError: as `accept`.
         """
-        self.accept(name, block)
+        self.accept(name, block, arrival_ns)
         return self.advance()
 
-    def accept(self, name: str, block: SampleBlock) -> None:
+    def accept(self, name: str, block: SampleBlock, arrival_ns: int | None = None) -> None:
         """Take in a block of stream `name` and wait for `advance`: of blocks that came together, one reckoning.
 
+        Args:
+            name: of the stream.
+            block: its samples.
+            arrival_ns: when it arrived, timestamp (ns); without it the stamps are not held against a clock.
+
         Raises:
-            InputError: there is no such stream, or the block lacks its fields.
+            InputError: there is no such stream, the block lacks its fields, or its stamps are in the future or too old.
         """
         if name not in self._streams:
             raise InputError(f"no stream '{name}' in this stage; it has {', '.join(self._streams)}")
+        if arrival_ns is not None:
+            self._check_arrival(name, int(block.times_ns[-1]), arrival_ns)
         stream = self._streams[name]
         if name == AUTOCOLLIMATOR:
             block = self._without_saturated(block)
@@ -165,11 +203,16 @@ class Estimator:
         assert newest is not None
         period = self._settings.period_ns
         if self._next is None:
-            self._next = int(stream.times_ns[0]) // period + 1
+            begin_ns = int(stream.times_ns[0])
+            self._next = begin_ns // period + 1
             for each in self._streams.values():
-                each.expect(int(stream.times_ns[0]))
+                each.expect(begin_ns)
+            if self._repetition is not None:
+                self._repetition.begin_ns = begin_ns
         self._watermark = max(self._watermark, newest)
         self._allow_for_blocks(stream.block_duration_ns)
+        if self._repetition is not None:
+            self._repetition.reach_ns = stream.patience_ns
         self._grown.add(name)
 
     def advance(self) -> list[SampleBlock]:
@@ -182,6 +225,24 @@ class Estimator:
     def finish(self) -> list[SampleBlock]:
         """Blocks of the ticks that were still waiting: no more samples will come."""
         return self._advance(last=True)
+
+    def _check_arrival(self, name: str, newest_ns: int, arrival_ns: int) -> None:
+        """Refuse what is in the future or old; where the clock was set back behind what is known, begin anew.
+
+        Raises:
+            InputError: the block is refused.
+        """
+        check = self._arrivals[name]
+        refusal = check.judge(newest_ns, arrival_ns)
+        if refusal:
+            reason = refusal.partition(":")[0]
+            self.status.refused[name, reason] += 1
+            raise InputError(refusal)
+        if check.was_set_back(self._streams[name].newest_ns, arrival_ns):
+            for stream in self._streams.values():
+                stream.clear()
+            self._begin()
+            self.status.restarts += 1
 
     def _allow_for_blocks(self, duration_ns: int) -> None:
         """A stream is behind the others by a whole block until its own block is complete."""
@@ -200,12 +261,14 @@ class Estimator:
     def _decided_until(self, stream: SampleStream, before: int) -> int:
         """Index of the first tick for which `stream` still misses samples; `before` is what it was until now."""
         assert self._next is not None and stream.newest_ns is not None
-        first = max(before, self._next)
-        count = stream.newest_ns // self._settings.period_ns + 1 - first
+        period = self._settings.period_ns
+        first = max(before, self._next, int(stream.times_ns[0]) // period)
+        if len(stream.times_ns) > 1:  # up to the last sample but one all is decided, however long there was none before
+            first = max(first, int(stream.times_ns[-2]) // period - 1)
+        count = stream.newest_ns // period + 1 - first
         if count <= 0:
             return first
-        ticks = tick_times(first, count, self._settings.period_ns)
-        return first + count_decided(stream.times_ns, ticks, self._settings.period_ns)
+        return first + count_decided(stream.times_ns, tick_times(first, count, period), period)
 
     def _advance(self, last: bool = False) -> list[SampleBlock]:
         if self._next is None:
@@ -218,131 +281,123 @@ class Estimator:
         blocks = []
         while self._next < limit:
             count = min(limit - self._next, CHUNK)
-            blocks += self._compute(tick_times(self._next, count, self._settings.period_ns))
-            self._next += count
+            blocks += self._compute(self._next, count)
+            self._next = self._after_pause(self._next + count, limit)
         for stream in self._streams.values():
             stream.trim(self._next * self._settings.period_ns)
         return blocks
 
-    def _compute(self, ticks: NDArray[np.int64]) -> list[SampleBlock]:
+    def _after_pause(self, tick: int, limit: int) -> int:
+        """The next tick near which there are samples: over a time without any nothing is reckoned."""
+        begin_ns, nearest = tick * self._settings.period_ns, limit
+        reach = self._settings.max_gap_ns // self._settings.period_ns + 1
+        for stream in self._streams.values():
+            times = stream.times_ns
+            place = int(np.searchsorted(times, begin_ns - self._settings.max_gap_ns))
+            if place < len(times):
+                nearest = min(nearest, int(times[place]) // self._settings.period_ns - reach)
+        return max(tick, nearest)
+
+    def _compute(self, first: int, count: int) -> list[SampleBlock]:
+        """Blocks of the ticks from `first` on; each choice of streams and each belief in its turn."""
         settings = self._settings
+        ticks = tick_times(first, count, settings.period_ns)
         signals = [(stream.times_ns, stream.values) for stream in self._streams.values()]
-        resampled = resample_all(signals, ticks, settings.period_ns, settings.max_gap_ns)
-        sampled = dict(zip(self._streams, resampled, strict=True))
-        masks = np.zeros(len(ticks), np.int64)
+        values = resample_all(signals, ticks, settings.period_ns, settings.max_gap_ns)
+        resampled = dict(zip(self._streams, values, strict=True))
+        self.status.sparse = tuple(
+            name for name, each in self._streams.items() if each.spacing_ns > settings.max_gap_ns
+        )
+        there = np.zeros(count, np.int64)
         for name, stream in self._streams.items():
             # what a live run decided stands: the bag may begin later than the stream did
-            heard = stream.is_whole(ticks, settings.period_ns, after_patience=self._decisions is None)
-            usable = sampled[name].valid & heard
-            masks += np.where(usable, self._bits[name], 0)
-        if self._decisions is not None:
-            decided = np.array([self._decisions.get(int(tick), 0) for tick in ticks])
-            masks = np.where((masks & decided) == decided, decided, 0)
-        rows = np.zeros((len(ticks), len(COLUMNS)))
-        publish = np.zeros(len(ticks), np.bool_)
-        for mask in set(masks.tolist()):
-            chosen = np.flatnonzero(masks == mask)
-            whole = len(chosen) == len(ticks)
-            part = sampled if whole else {name: each.at(chosen) for name, each in sampled.items()}
-            found = self._estimate(mask, part)
-            if found is not None:
-                rows[chosen], publish[chosen] = found
-            else:
-                self.status.unobservable += len(chosen)
-        self.status.estimates += int(publish.sum())
-        if not publish.any():
-            return []
-        return [block_from_samples(ticks[publish], COLUMNS, rows[publish])]
+            heard = stream.is_whole(ticks, settings.period_ns, after_patience=self._repetition is None)
+            there += np.where(resampled[name].valid & heard, self._bits[name], 0)
+        blocks, begin = [], 0
+        while begin < count:
+            index = np.arange(begin, count)
+            part = resampled if begin == 0 else {name: each.at(index) for name, each in resampled.items()}
+            block, done = self._compute_part(ticks[begin:], part, there[begin:], first + begin)
+            blocks += block
+            begin += done
+            if self.belief.turns:
+                self._take_out_turns(self.belief.turns, resampled)
+        return blocks
 
-    def _estimate(
-        self, mask: int, sampled: Mapping[str, Resampled]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]] | None:
-        """Rows of ticks that all have the same streams, and which of them may be published."""
-        encoder = self._stage.encoder
-        heads = [name for name in self._heads if mask & self._bits[name]]
-        if len(heads) < 2:
-            return None
-        azimuths = tuple(self._heads[name] for name in heads)
-        layout = self._layouts.setdefault(azimuths, HeadLayout(azimuths))
-        if "theta" not in layout.observable:
-            return None
-        readings = np.column_stack([sampled[name].values for name in heads])
-        readings = motion.remove_graduation(readings, np.array(azimuths), encoder.graduation)
-        gain = np.column_stack([sampled[name].gain for name in heads])
-        travel = np.column_stack([sampled[name].travel for name in heads])
-        ring = estimate_ring_pose(layout, encoder.disc_radius, readings, motion.head_variance(encoder, gain, travel))
-        rows = np.zeros((len(ring.theta), len(COLUMNS)))
-        column = {name: i for i, name in enumerate(COLUMNS)}
-        rows[:, column["theta"]] = ring.theta
-        radial = motion.remove_eccentricity(ring.centre, ring.theta, encoder)
-        observable = 0
-        for axis, name in enumerate(("x", "y")):
-            if name in layout.observable:
-                rows[:, column[f"e{name}c"]] = radial[:, axis]
-                rows[:, column[f"var_e{name}c"]] = ring.covariance[:, 1 + axis, 1 + axis]
-                observable |= 1 << axis
-        rows[:, column["cov_exc_eyc"]] = ring.covariance[:, 1, 2]
-        observable |= self._add_tilt(rows, column, mask, sampled[AUTOCOLLIMATOR], ring.theta)
-        if mask & self._bits[COMMAND]:
-            command = sampled[COMMAND].values[:, 0]
-            rows[:, column["ecc"]] = ring.theta - command
-            bends = [sampled[name].bend for name in (*heads, COMMAND)]
-            rows[:, column["var_ecc"]] = ring.covariance[:, 0, 0] + motion.bend_variance(np.column_stack(bends))
-            rows[:, column["cov_exc_ecc"]] = ring.covariance[:, 0, 1]
-            rows[:, column["cov_eyc_ecc"]] = ring.covariance[:, 0, 2]
-            observable |= 1 << 5
-        rows[:, column["observable"]] = observable
-        rows[:, column["streams"]] = mask
-        agree = ring.disagreement <= self._settings.disagreement_limit
-        self.status.withheld += int((~agree).sum())
-        self.status.disagreement = float(ring.disagreement[-1])
-        self.status.unseen_orders = self._unseen_orders(layout)
-        return rows, agree & np.isfinite(rows).all(axis=1)
+    def _take_out_turns(self, turns: int, resampled: Mapping[str, Resampled]) -> None:
+        """Count the heads' turns as the command does, from now on."""
+        self.status.turns += turns
+        self.belief.turns = 0
+        for name in self._heads:
+            self._streams[name].turn_by(turns)
+            resampled[name].values[:, 0] -= 2 * np.pi * turns
+
+    def _compute_part(
+        self, ticks: NDArray[np.int64], sampled: Mapping[str, Resampled], there: NDArray[np.int64], first: int
+    ) -> tuple[list[SampleBlock], int]:
+        """Blocks of ticks as long as the same heads are believed, and how many ticks these are."""
+        there = there & ~self.belief.unusable
+        own = there & ~self.belief.left_out
+        used, decided = (own, {}) if self._repetition is None else self._repetition.choose(ticks, there, own)
+        rows, evidence, disagreement, redundancy = self._make_rows(sampled, there, used, first)
+        verdicts, done = self.belief.assess(evidence)
+        believed = Believed(done)
+        for where, verdict in verdicts:
+            believed.put(where, verdict)
+        for place, decision in decided.items():
+            if place < done:
+                believed.repeat(place, decision)
+        rows, used = rows[:done], used[:done] & ~believed.excluded
+        publish = self._publication.finish(
+            rows, evidence.values[:done], used, disagreement[:done], redundancy[:done], believed
+        )
+        seen = evidence.values[:done, EVIDENCE["heads"]] > 0.0
+        if self._repetition is None:
+            self.status.unobservable += int((~seen).sum())
+        else:
+            published = self._repetition.note(ticks[:done], there[:done])
+            seen, publish = seen & published, publish & published
+        self.status.withheld += int((seen & ~publish).sum())
+        publish &= seen
+        self.status.estimates += int(publish.sum())
+        self.status.disagreement = float(disagreement[done - 1])
+        return [block_from_samples(ticks[:done][publish], COLUMNS, rows[publish])] if publish.any() else [], done
+
+    def _make_rows(
+        self, sampled: Mapping[str, Resampled], there: NDArray[np.int64], used: NDArray[np.int64], first: int
+    ) -> tuple[NDArray[np.float64], Evidence, NDArray[np.float64], NDArray[np.int64]]:
+        """Rows of all ticks, what they say of the streams, contradiction of the heads, and their redundancy."""
+        count = len(there)
+        rows, values = np.zeros((count, len(COLUMNS))), np.zeros((count, len(EVIDENCE)))
+        parity, disagreement = np.zeros((count, len(self._heads))), np.zeros(count)
+        redundancy = np.zeros(count, np.int64)
+        rates = {name: stream.rate for name, stream in self._streams.items()}
+        for both in set(zip(there.tolist(), used.tolist(), strict=True)):
+            chosen = np.flatnonzero((there == both[0]) & (used == both[1]))
+            part = sampled if len(chosen) == count else {name: each.at(chosen) for name, each in sampled.items()}
+            made = self._rows.make(part, self._names(both[0]), self._names(both[1]), rates)
+            rows[chosen], values[chosen] = made.rows, made.evidence
+            parity[chosen], disagreement[chosen] = made.parity, made.disagreement
+            redundancy[chosen] = redundancy_of(made.layout)
+            if made.layout is not None:
+                self.status.unseen_orders = self._unseen_orders(made.layout)
+        return rows, Evidence(first + np.arange(count), values, parity, there), disagreement, redundancy
+
+    def _names(self, mask: int) -> tuple[str, ...]:
+        """Streams of a bit mask."""
+        return tuple(name for name, bit in self._bits.items() if mask & bit)
 
     def _unseen_orders(self, layout: HeadLayout) -> tuple[int, ...]:
-        if layout not in self._unseen:
-            self._unseen[layout] = layout.hidden_orders(HIGHEST_ORDER)
-        return self._unseen[layout]
-
-    def _add_tilt(
-        self,
-        rows: NDArray[np.float64],
-        column: Mapping[str, int],
-        mask: int,
-        sampled: Resampled,
-        theta: NDArray[np.float64],
-    ) -> int:
-        if not mask & self._bits[AUTOCOLLIMATOR]:
-            return 0
-        tilt = motion.remove_mirror(sampled.values, theta, self._stage.mirror)
-        for axis, name in enumerate(("eac", "ebc")):
-            rows[:, column[name]] = tilt[:, axis]
-            rows[:, column[f"var_{name}"]] = motion.tilt_variance(
-                self._stage.autocollimator, sampled.gain, sampled.travel[:, axis]
-            )
-        return 1 << 3 | 1 << 4
+        if layout not in self._layouts:
+            self._layouts[layout] = layout.hidden_orders(HIGHEST_ORDER)
+        return self._layouts[layout]
 
 
-def error_motion_from_block(block: SampleBlock) -> motion.ErrorMotion:
-    """Error motion with its (m, 6, 6) covariance from a block with the columns `COLUMNS`.
-
-    Raises:
-        InputError: the block lacks one of the columns.
-    """
-    column = {name: block.column(name) for name in COLUMNS}
-    covariance = np.zeros((len(block.rows), 6, 6))
-    for (i, j), name in {
-        (0, 0): "var_exc",
-        (1, 1): "var_eyc",
-        (0, 1): "cov_exc_eyc",
-        (3, 3): "var_eac",
-        (4, 4): "var_ebc",
-        (5, 5): "var_ecc",
-        (0, 5): "cov_exc_ecc",
-        (1, 5): "cov_eyc_ecc",
-    }.items():
-        covariance[:, i, j] = covariance[:, j, i] = column[name]
-    bits = column["observable"].astype(np.int64)
-    observable = (bits[:, None] >> np.arange(6)) & 1 == 1
-    components = np.stack([column[name] for name in motion.COMPONENTS], axis=1)
-    return motion.ErrorMotion(column["theta"], components, observable, covariance)
+def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], SampleLimits]]:
+    """Fields and limits of each stream of a stage, by its name."""
+    encoder, instrument = stage.encoder, stage.autocollimator
+    count = 6.0 * math.hypot(encoder.noise, encoder.resolution)
+    angles = SampleLimits(LARGEST_ANGLE, stage.limits.speed, turns=True, jitter=count + stage.limits.following_error)
+    tilts = SampleLimits(2.0 * instrument.range, noise=math.hypot(instrument.noise, instrument.resolution))
+    heads = {f"head_{name}": (("angle",), angles) for name in encoder.azimuths}
+    return heads | {AUTOCOLLIMATOR: (("tilt_x", "tilt_y"), tilts), COMMAND: (("angle",), angles)}

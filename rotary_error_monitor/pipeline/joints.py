@@ -6,19 +6,24 @@ alone. From it and the one before, the position at the tick is extrapolated.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.signals.blocks import block_from_samples
+from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.pipeline.joint_checks import JointChecks
+from rotary_error_monitor.signals.blocks import NANOSECONDS, block_from_samples
 from rotary_error_monitor.signals.streams import SampleStream
 
 STILL = 1e-9
 """Motion between two joint states (m or rad) that counts as none; the direction of travel then stays."""
+
+MEMORY_NS = 10_000_000_000
+"""How long a refused joint state is remembered, ns: longer than any joint state is used."""
 
 LONGEST_STEP = 0.2
 """Joint states further apart (s) are not extrapolated: the position is held."""
@@ -31,30 +36,73 @@ class AxisPositions:
     Attributes:
         positions: (m, axes) in m or rad.
         directions: (m, axes) sign of travel: +1, -1, 0 unknown.
+        turned: (m, axes) probability that an axis has turned back since.
         age: (m,) time since the joint state that was used, s.
         known: (m,) whether there was one.
+        stamps: (m,) of the joint state that was used, timestamp (ns).
+        stamped: (m, axes) positions as it told them, before they were carried on to the tick.
+        told: (m,) whether it names the monitored axis.
+        doubted: (m,) whether later ones were there and not believed.
     """
 
     positions: NDArray[np.float64]
     directions: NDArray[np.float64]
+    turned: NDArray[np.float64]
     age: NDArray[np.float64]
     known: NDArray[np.bool_]
+    stamps: NDArray[np.int64]
+    stamped: NDArray[np.float64]
+    told: NDArray[np.bool_]
+    doubted: NDArray[np.bool_]
+
+    def replaced(self, which: NDArray[np.bool_], other: AxisPositions) -> AxisPositions:
+        """The same with all of `other` at the ticks `which`, (m,)."""
+        both = ((getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
+        return AxisPositions(*(np.where(which[:, None] if mine.ndim > 1 else which, its, mine) for mine, its in both))
+
+
+def joint_motion_of(
+    names: Sequence[str], positions: Sequence[float], velocities: Sequence[float]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Positions (m, rad) and velocities (m/s, rad/s) by joint; without velocities the second is empty.
+
+    Raises:
+        InputError: there is not one position for each name, a name stands twice, or a number is not finite.
+    """
+    if len(positions) != len(names) or len(velocities) not in (0, len(names)):
+        raise InputError(
+            f"a joint state holds {len(names)} names, {len(positions)} positions, {len(velocities)} velocities; "
+            "expected as many of each (velocities may be left out)"
+        )
+    positions, velocities = [float(each) for each in positions], [float(each) for each in velocities]
+    if len(set(names)) != len(names):
+        raise InputError(f"a joint state holds the names {excerpt(', '.join(names))}; each may stand once")
+    if not all(map(math.isfinite, [*positions, *velocities])):
+        numbers = f"positions {excerpt(positions)}, velocities {excerpt(velocities)}"
+        raise InputError(f"a joint state holds {numbers}; all must be finite")
+    return dict(zip(names, positions, strict=True)), dict(zip(names, velocities, strict=False))
 
 
 class JointTrack:
     """The latest joint states of one machine.
 
     Attributes:
-        stream: samples as they came, for diagnostics.
+        stream: samples that were believed, for diagnostics.
+        checks: which are.
+        doubt: why the last one was not believed; empty where it was.
     """
 
     def __init__(self, machine: MachineDescription, lag_ns: int, patience_ns: int) -> None:
         self._letters = machine.letters
         self._optional = machine.monitored
         self._rotary = np.array([axis.kind == "rotary" for axis in machine.axes])
+        self._quickest = np.array([axis.quickest for axis in machine.axes])
         self._lag_ns = lag_ns
         names = [*(f"q_{letter}" for letter in self._letters), *(f"direction_{letter}" for letter in self._letters)]
-        self.stream = SampleStream(names, patience_ns)
+        self.stream = SampleStream([*names, "told"], patience_ns)
+        self._refused = np.empty(0, np.int64)
+        self.checks = JointChecks(machine)
+        self.doubt = ""
         self._direction = np.zeros(len(self._letters))
         self._last: NDArray[np.float64] | None = None
 
@@ -67,13 +115,23 @@ class JointTrack:
         missing = [letter for letter in self._letters if letter not in positions and letter != self._optional]
         if missing:
             raise InputError(f"joint state of {', '.join(positions) or 'nothing'} lacks axis {', '.join(missing)}")
-        row = np.array([positions.get(letter, 0.0) for letter in self._letters])
+        row = np.array([positions.get(letter, math.nan) for letter in self._letters])
         speed = np.array([velocities.get(letter, 0.0) for letter in self._letters])
-        moved = self._moved(row - self._last) if self._last is not None else np.zeros(len(row))
+        newest = self.stream.newest_ns
+        if newest is None or stamp_ns > newest:
+            self.doubt = self.checks.judge(stamp_ns, row, velocities)
+            if self.doubt:
+                self._refused = np.append(self._refused, stamp_ns)
+                return False
+        told = not np.isnan(row).any()
+        row = row if told else np.nan_to_num(row)
+        recent = newest is not None and stamp_ns - newest <= LONGEST_STEP * NANOSECONDS
+        # over a longer pause an axis may have turned back: then its speed tells which way it goes
+        moved = self._moved(row - self._last) if self._last is not None and recent else np.zeros(len(row))
         direction = np.where(np.abs(moved) > STILL, np.sign(moved), np.sign(speed))
         direction = np.where(direction == 0, self._direction, direction)
         taken = self.stream.push(
-            block_from_samples(np.array([stamp_ns]), self.stream.names, np.concatenate([row, direction])[None])
+            block_from_samples(np.array([stamp_ns]), self.stream.names, np.concatenate([row, direction, [told]])[None])
         )
         if taken:
             self._last, self._direction = row, direction
@@ -99,8 +157,7 @@ class JointTrack:
             known |= (index >= 0) & (used_ns == ticks_ns)
             known &= times[np.clip(index, 0, len(times) - 1)] == used_ns
         if not known.any():
-            zero = np.zeros((len(ticks_ns), axes))
-            return AxisPositions(zero, zero, np.zeros(len(ticks_ns)), known)
+            return _nowhere(len(ticks_ns), axes)
         here = np.where(known, index, 0)
         before = np.maximum(here - 1, 0)
         step = (times[here] - times[before]) * 1e-9
@@ -108,11 +165,43 @@ class JointTrack:
         moved = self._moved(values[here, :axes] - values[before, :axes])
         part = np.where((step > 0) & (step <= LONGEST_STEP), age / np.where(step > 0, step, 1.0), 0.0)
         positions: NDArray[np.float64] = values[here, :axes] + moved * part[:, None]
-        return AxisPositions(positions, values[here, axes:], age, known)
+        refused_by = np.searchsorted(self._refused, [times[here], wanted], side="right")
+        doubted = refused_by[1] > refused_by[0]
+        told = values[here, -1] > 0.0
+        turned = self._turned(moved, step[:, None], age[:, None])
+        return AxisPositions(
+            positions, values[here, axes:-1], turned, age, known, times[here], values[here, :axes], told, doubted
+        )
+
+    def _turned(
+        self, moved: NDArray[np.float64], step: NDArray[np.float64], age: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(m, axes) probability that axes have turned back since they moved (m or rad) in a step of time (s).
+
+        Their acceleration since the middle of the step is rectangular within its limits (JCGM 100:2008, 4.3.7). An axis
+        that stands has not turned.
+        """
+        speed = np.abs(moved) / np.where(step > 0, step, np.inf)
+        lost = self._quickest * (age + 0.5 * step)
+        part = np.divide(speed, lost, out=np.ones_like(moved), where=(np.abs(moved) > STILL) & (lost > speed))
+        return 0.5 - 0.5 * part
+
+    def reset(self) -> None:
+        """Believe the next joint state wherever it is."""
+        self.checks.reset()
+        self._refused = self._refused[:0]
+        self.doubt = ""
+
+    def clear(self) -> None:
+        """Forget all joint states: the clock was set back."""
+        self.reset()
+        self.stream.clear()
+        self._last = None
 
     def trim(self, before_ns: int) -> None:
         """Forget joint states that no tick from `before_ns` on needs."""
         self.stream.trim(before_ns - self._lag_ns, margin=64)
+        self._refused = self._refused[self._refused > before_ns - self._lag_ns - MEMORY_NS]
 
     def _moved(self, difference: NDArray[np.float64]) -> NDArray[np.float64]:
         """A rotary axis may be told modulo a turn."""
@@ -134,6 +223,7 @@ def unpack_directions(packed: NDArray[np.float64], axes: int) -> NDArray[np.floa
     return np.stack([(whole // 3**i) % 3 - 1 for i in range(axes)], axis=1).astype(np.float64)
 
 
-def hold_reason(age_s: float, limit_s: float, what: Sequence[str]) -> str:
-    """Why corrections are held: which inputs are how old."""
-    return f"{' and '.join(what)} {age_s:.2f} s old; limit {limit_s:.2f} s"
+def _nowhere(count: int, axes: int) -> AxisPositions:
+    """Positions at ticks for which there is no joint state."""
+    zero, none = np.zeros((count, axes)), np.zeros(count, np.bool_)
+    return AxisPositions(zero, zero, zero, np.zeros(count), none, np.zeros(count, np.int64), zero, none, none)

@@ -11,7 +11,8 @@ import matplotlib
 import numpy as np
 
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction
-from rotary_error_monitor.calibration.steps import PositioningResult, StraightnessResult
+from rotary_error_monitor.calibration.steps import PositioningResult
+from rotary_error_monitor.calibration.straightness_step import StraightnessResult
 from rotary_error_monitor.calibration.volume import ErrorCost, VolumetricMap
 from rotary_error_monitor.metrology.positioning import COVERAGE
 

@@ -8,6 +8,8 @@ not know, sees what the drives are told.
 
 from __future__ import annotations
 
+import re
+import shutil
 import subprocess
 import time
 from collections.abc import Sequence
@@ -40,6 +42,7 @@ LARGEST_SHARE = 5.0
 
 STARTING = 60.0
 _TICK = 0.1
+_SAYING = ("compensation: correction", "linuxcnc_bridge: corrections")
 _AXIAL = 2
 _STANDSTILL = 1e-9
 _PACE = {"block_period": 0.02, "period": 0.01, "correction_period": 0.01, "rate": 125.0}
@@ -81,12 +84,14 @@ class Witness:
         observations: what the controller made of program and offsets.
         failures: of each process that did not end with exit code 0, how it ended and what it wrote.
         corrections: what the bridge said of the corrections at the end.
+        looks: one for each tenth of a second of the program: whether corrections then were held, or came too late.
     """
 
     epoch_ns: int
     observations: list[Observation] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     corrections: str = ""
+    looks: list[bool] = field(default_factory=list)
 
     def note(self, record: Record) -> None:
         """Keep an observation."""
@@ -164,13 +169,14 @@ def execute(options: LinuxcncRun, machine: MachineDescription, ini: Path, progra
         processes = [
             cell.start("linuxcnc_bridge", rate=_PACE["rate"], **where),
             cell.start("stage_follower", **named, **mock),
-            cell.start("error_estimator", period=_PACE["period"]),
+            # the table stands until corrections flow: there is no turn to hold the stage's description against
+            cell.start("error_estimator", period=_PACE["period"], check_turns=0.0),
             cell.start("compensation", correction_period=_PACE["correction_period"], **named),
         ]
         cell.wait_for_status("linuxcnc_bridge: corrections", "applied", STARTING)
         observer = Connection(ObserverSettings(), witness.note, enter=cnc.enter, environment=cnc.environment)
         try:
-            _watch(cell, cnc, program, options)
+            _watch(cell, cnc, program, options, witness)
         finally:
             observer.close()
         witness.corrections = cell.status("linuxcnc_bridge: corrections").message
@@ -222,6 +228,8 @@ def figures(errors: ToolErrors, witness: Witness) -> list[Row]:
             rms = float(np.sqrt(np.mean(offsets[:, index] ** 2)))
             rows.append(Row(f"{name} correction: RMS in {axis} of the workpiece (um)", rms * 1e6))
     rows.append(Row("corrected in percent of uncorrected", 100 * total["with"] / total["without"], LARGEST_SHARE, 2))
+    late = 100.0 * float(np.mean(witness.looks)) if witness.looks else 0.0
+    rows.append(Row("corrections late or held, in percent of the time", late, None, 1))
     rows.append(Row("processes that ended badly", len(witness.failures), 0, 0))
     return rows
 
@@ -261,10 +269,16 @@ def _operation(arguments: Sequence[str]) -> list[str]:
     return [*system_program("rotary_error_monitor.controller.operation"), *arguments]
 
 
-def _watch(cell: Cell, cnc: Instance, program: Path, options: LinuxcncRun) -> None:
+def _refused(cell: Cell) -> int:
+    """How many corrections the bridge has refused so far."""
+    found = re.search(r"(\d+) refused so far", cell.status("linuxcnc_bridge: corrections").message)
+    return int(found[1]) if found else 0
+
+
+def _watch(cell: Cell, cnc: Instance, program: Path, options: LinuxcncRun, witness: Witness) -> None:
     """Run the program, and let the harness run beside it."""
     copy = cnc.folder / program.name  # an isolated LinuxCNC does not see every folder
-    copy.write_text(program.read_text(encoding="utf-8"), encoding="utf-8")
+    shutil.copyfile(program, copy)
     arguments = ["--program", str(copy), "--deadline", str(options.deadline)]
     command = [*cnc.enter, *_operation(arguments)]
     begin = time.monotonic()
@@ -272,8 +286,12 @@ def _watch(cell: Cell, cnc: Instance, program: Path, options: LinuxcncRun) -> No
         subprocess.Popen(command, env=cnc.environment, stderr=subprocess.PIPE, text=True) as operation,
         tqdm(desc=program.name, bar_format="{desc}: {n:.0f} s", disable=options.quiet or None) as progress,
     ):
+        refused = _refused(cell)
         while operation.poll() is None:
             cell.spin_for(_TICK)
+            before, refused = refused, _refused(cell)
+            held = any(cell.status(name).message.startswith("held") for name in _SAYING)
+            witness.looks.append(held or refused > before)
             progress.update(time.monotonic() - begin - progress.n)
         said = operation.stderr.read() if operation.stderr is not None else ""
     if operation.returncode != 0:

@@ -19,7 +19,8 @@ from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compare_with_lvdt
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.plant.stage import StagePlant
-from rotary_error_monitor.replay import Replay, replay_bag
+from rotary_error_monitor.replay import replay_bag
+from rotary_error_monitor.replayed import Replay
 from rotary_error_monitor.scenario.mock_cell import FORCE_CYCLE, SPEEDS, MockCell, Recording, seconds
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.signals.admission import LATE, NOT_FINITE, TURN, Admission, SampleLimits
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 _BEGINNING = np.iinfo(np.int64).min // 2
@@ -38,16 +39,14 @@ class SampleStream:
 
     Attributes:
         patience_ns: how long a silence makes the stream absent, ns.
-        late: samples refused because their stamp was not after the last one.
-        bad: samples refused because they were not finite.
+        admission: which samples are believed, and how many were not.
         block_duration_ns: time from first to last sample of the latest block.
         lost: gaps, counted in blocks of the size that came before.
     """
 
-    def __init__(self, names: Sequence[str], patience_ns: int) -> None:
+    def __init__(self, names: Sequence[str], patience_ns: int, limits: SampleLimits | None = None) -> None:
         self.names = tuple(names)
-        self.late = 0
-        self.bad = 0
+        self.admission = Admission(limits or SampleLimits())
         self.lost = 0
         self._gaps: list[Gap] = []
         self.block_duration_ns = 0
@@ -74,9 +73,24 @@ class SampleStream:
         return int(self._times[-1]) if len(self._times) else None
 
     @property
+    def late(self) -> int:
+        """Samples refused because their stamp was not after the last one."""
+        return self.admission.refused[LATE]
+
+    @property
+    def bad(self) -> int:
+        """Samples refused because they were not finite."""
+        return self.admission.refused[NOT_FINITE]
+
+    @property
     def rate(self) -> float:
         """Samples per second of the latest block; 0 before the second sample."""
         return 1e9 / self._spacing_ns if self._spacing_ns > 0 else 0.0
+
+    @property
+    def spacing_ns(self) -> float:
+        """Distance of the samples of the latest block, ns; 0 before the second sample."""
+        return self._spacing_ns
 
     def push(self, block: SampleBlock) -> int:
         """Take in a block; give the number of samples that were taken.
@@ -84,10 +98,8 @@ class SampleStream:
         Raises:
             InputError: the block lacks one of the fields.
         """
-        times, values = block.times_ns, block.columns(self.names)
         newest = self.newest_ns
-        if not self._is_clean(times, values, newest):
-            times, values = self._cleaned(times, values, newest)
+        times, values = self.admission.admit(block.times_ns, block.columns(self.names))
         if len(times) == 0:
             return 0
         self._note_gap(newest, int(times[0]))
@@ -99,25 +111,18 @@ class SampleStream:
         self._values = np.concatenate([self._values, values])
         return len(times)
 
-    @staticmethod
-    def _is_clean(times: NDArray[np.int64], values: NDArray[np.float64], newest: int | None) -> bool:
-        return (
-            len(times) > 0
-            and (newest is None or times[0] > newest)
-            and bool((times[1:] > times[:-1]).all())
-            and bool(np.isfinite(values).all())
-        )
+    def turn_by(self, turns: int) -> None:
+        """Take whole turns out of the readings (first column, rad), of those in memory and of all that come."""
+        self.admission.turn_by(turns)
+        self._values = self._values.copy()
+        self._values[:, 0] -= TURN * turns
 
-    def _cleaned(
-        self, times: NDArray[np.int64], values: NDArray[np.float64], newest: int | None
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """What is finite and after all that came before; the rest is counted."""
-        finite = np.asarray(np.isfinite(values).all(axis=1))
-        before = np.maximum.accumulate(np.concatenate([[-1 if newest is None else newest], times[:-1]]))
-        fresh = times > before
-        self.bad += int((~finite).sum())
-        self.late += int((~fresh).sum())
-        return times[finite & fresh], values[finite & fresh]
+    def clear(self) -> None:
+        """Forget all samples, as before the first one; counts stay."""
+        self.admission.forget()
+        self._times, self._values = self._times[:0], self._values[:0]
+        self._gaps.clear()
+        self._expected_ns = None
 
     def trim(self, before_ns: int, margin: int = 3) -> None:
         """Forget samples stamped before `before_ns`, but the last `margin` of them."""
@@ -125,11 +130,23 @@ class SampleStream:
         if first > 0:
             self._times, self._values = self._times[first:].copy(), self._values[first:].copy()
             oldest = int(self._times[0])
+            refusals = self.admission.refusals
+            if len(refusals):
+                self.admission.refusals = refusals[refusals >= oldest]
             self._gaps = [gap for gap in self._gaps if gap.usable_ns > oldest]
 
     def expect(self, from_ns: int) -> None:
         """Say from when on samples are expected: the time at which the first stream of all began."""
         self._expected_ns = from_ns
+
+    def refused_between(self, begin_ns: int, end_ns: int) -> float:
+        """Part of the samples from `begin_ns` to before `end_ns` that was refused, 0 to 1."""
+        refusals = self.admission.refusals
+        if len(refusals) == 0:
+            return 0.0
+        refused = int(((refusals >= begin_ns) & (refusals < end_ns)).sum())
+        first, last = np.searchsorted(self._times, (begin_ns, end_ns)).tolist()
+        return float(refused / max(refused + last - first, 1))
 
     def is_absent(self, watermark_ns: int) -> bool:
         """Whether nobody should wait for this stream when another has samples up to `watermark_ns`."""

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.admission import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 
@@ -45,15 +46,29 @@ class Gathered:
         self._times: list[int] = []
         self._values: list[Sequence[float]] = []
         self._newest_ns = -1
+        self._arrival = ArrivalCheck()
 
-    def add(self, time_ns: int, values: Sequence[float]) -> None:
+    def add(self, time_ns: int, values: Sequence[float], arrival_ns: int | None = None) -> None:
         """Keep one sample, taken at `time_ns`, until its block is taken.
 
+        Args:
+            time_ns: when it was measured, timestamp (ns).
+            values: one for each field.
+            arrival_ns: when it arrived, timestamp (ns) of this computer's clock; None where that made the stamp.
+
         Raises:
-            InputError: it is not finite, not as many numbers as fields, or not newer than the sample before.
+            InputError: it is not finite, not as many numbers as fields, in the future or old at its arrival, or not
+                newer than the sample before; after this clock was set back the next one may be.
         """
         if len(values) != len(self._names) or not all(map(math.isfinite, values)):
             raise InputError(f"a sample is {list(values)}; expected {len(self._names)} finite numbers")
+        if arrival_ns is not None:
+            if refusal := self._arrival.judge(time_ns, arrival_ns):
+                raise InputError(f"a sample {refusal}")
+            if self._arrival.was_set_back(self._newest_ns, arrival_ns):
+                self._newest_ns = -1
+                self._times.clear()
+                self._values.clear()
         if time_ns <= self._newest_ns:
             raise InputError(f"a sample is stamped {time_ns} ns, not after the one before ({self._newest_ns} ns)")
         self._newest_ns = time_ns
@@ -84,4 +99,4 @@ class Polled(Gathered):
         Raises:
             InputError: it cannot be read or shows nonsense.
         """
-        self.add(now_ns, self._device.read())
+        self.add(now_ns, self._device.read(), now_ns)

@@ -22,13 +22,15 @@ from rosgraph_msgs.msg import Clock
 
 from rotary_error_monitor.description.wire import Topic, Wire, load_wire
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.managed import ManagedNode, profile
+from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.qos import profile
 from rotary_error_monitor.signals.blocks import SampleBlock
-from rotary_error_monitor.testing.domains import own_domain
+from rotary_error_monitor.testing.domains import LOCALHOST, own_domain
 from rotary_error_monitor.testing.processes import NodeProcess, parameter_arguments, postponed_signals
 
-PATIENCE = 15.0
-"""How long to wait for anything, s; discovery alone may take more than three."""
+PATIENCE = 60.0
+"""How long to wait for anything, s. Discovery alone may take more than three, and where six processes wait for each
+core, one was seen to wait seven for the first tenth of a second that it needs to start."""
 
 _STEP = 0.02
 AnyNode = TypeVar("AnyNode", bound=Node)
@@ -47,11 +49,22 @@ class Cell:
     node: Node
 
     def __init__(
-        self, heads: Sequence[str] = ("a", "b", "c", "d"), parameters: Mapping[str, object] | None = None
+        self,
+        heads: Sequence[str] = ("a", "b", "c", "d"),
+        parameters: Mapping[str, object] | None = None,
+        reach: str = LOCALHOST,
     ) -> None:
-        """A cell for a stage with these heads; `parameters` are given to every node, such as `stage` or `mock.seed`."""
+        """A cell for a stage with these heads.
+
+        Args:
+            heads: their letters.
+            parameters: given to every node, such as `stage` or `mock.seed`.
+            reach: how far its nodes find one another: `LOCALHOST`, or `SUBNET` for a cell on several computers, which
+                then hears every cell of that domain there.
+        """
         self.wire: Wire = load_wire(heads)
         self._parameters = dict(parameters or {})
+        self._reach = reach
         self._stack = ExitStack()
         self._nodes: list[Node] = []
         self._processes: list[NodeProcess] = []
@@ -60,7 +73,7 @@ class Cell:
     def __enter__(self) -> Self:
         """Reserve a domain and listen to its diagnostics."""
         with ExitStack() as stack:
-            self._domain = stack.enter_context(own_domain())
+            self._domain = stack.enter_context(own_domain(self._reach))
             self._context = Context()
             rclpy.init(context=self._context, domain_id=self._domain, args=[])
             stack.callback(self._context.try_shutdown)
@@ -126,12 +139,29 @@ class Cell:
             else:
                 node.destroy_node()
 
-    def start(self, executable: str, name: str = "", ros_args: Sequence[str] = (), **parameters: object) -> NodeProcess:
-        """Start an executable of the package as a process, by default named as the executable."""
+    def start(
+        self,
+        executable: str,
+        name: str = "",
+        ros_args: Sequence[str] = (),
+        within: Sequence[str] = (),
+        **parameters: object,
+    ) -> NodeProcess:
+        """Start an executable of the package as a process; `__` in a parameter's name stands for a point.
+
+        Args:
+            executable: of the package.
+            name: of its node, by default that of the executable.
+            ros_args: further arguments as behind `--ros-args` on a command line.
+            within: command that starts the process in place of itself, such as `taskset -c 0` or `nsenter …`.
+            parameters: by name.
+        """
         values = {**self._parameters, **_dotted(parameters)}
         arguments = [*ros_args, *parameter_arguments(values)]
         with postponed_signals():
-            process = NodeProcess(executable, name or executable, self._domain, arguments)
+            process = NodeProcess(
+                executable, name or executable, self._domain, arguments, reach=self._reach, within=within
+            )
             self._processes.append(process)
         return process
 
@@ -216,6 +246,11 @@ class Cell:
             TimeoutError: no such status came.
         """
         return {each.key: each.value for each in self.status(name).values}
+
+    @property
+    def statuses(self) -> Mapping[str, DiagnosticStatus]:
+        """Latest status by name of all that came so far."""
+        return dict(self._statuses)
 
     def forget_status(self, name: str) -> None:
         """Forget a status, so that the next wait sees only what is said from now on."""

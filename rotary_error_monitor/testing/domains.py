@@ -10,22 +10,27 @@ from contextlib import contextmanager
 from domain_coordinator import domain_id
 
 _HIGHEST = 100
-DISCOVERY = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-"""Environment that keeps discovery on this machine."""
+LOCALHOST = "LOCALHOST"
+
+
+def discovery_environment(reach: str) -> dict[str, str]:
+    """Environment in which nodes find one another as far as `reach` (`LOCALHOST`, `SUBNET`) goes."""
+    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}
 
 
 @contextmanager
-def own_domain() -> Iterator[int]:
-    """Reserve a ROS domain id that no other test on this machine uses, and keep discovery on this machine.
+def own_domain(reach: str = LOCALHOST) -> Iterator[int]:
+    """Reserve a ROS domain id that no other test on this machine uses, and keep discovery within `reach`.
 
     The search starts at a random id: right after a test its domain may still hold word of participants that are gone.
     """
+    discovery = discovery_environment(reach)
     start = random.randrange(_HIGHEST)
     ids = iter(1 + (start + i) % _HIGHEST for i in range(_HIGHEST))
     reservation = domain_id(lambda: next(ids))
     number = reservation.__enter__()
-    before = {name: os.environ.get(name) for name in DISCOVERY}
-    os.environ.update(DISCOVERY)
+    before = {name: os.environ.get(name) for name in discovery}
+    os.environ.update(discovery)
     try:
         yield number
     finally:

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from types import FrameType
 
-from rotary_error_monitor.testing.domains import DISCOVERY
+from rotary_error_monitor.testing.domains import LOCALHOST, discovery_environment
 
 _PATIENCE = 10.0
 _LAST_WORDS = 2.0
@@ -31,23 +31,43 @@ class NodeProcess:
         judged: whether its exit code was handed out, to be judged by who asked.
     """
 
-    def __init__(self, executable: str, name: str, domain: int, ros_args: Sequence[str]) -> None:
-        """Start `executable` as node `name` in a ROS domain with further arguments behind `--ros-args`."""
+    def __init__(
+        self,
+        executable: str,
+        name: str,
+        domain: int,
+        ros_args: Sequence[str],
+        *,
+        reach: str = LOCALHOST,
+        within: Sequence[str] = (),
+    ) -> None:
+        """Start `executable` as node `name` in a ROS domain.
+
+        Args:
+            executable: of the package.
+            name: of its node.
+            domain: id of the ROS domain.
+            ros_args: further arguments behind `--ros-args`.
+            reach: how far nodes find one another: `LOCALHOST` or `SUBNET`.
+            within: command that starts the process in place of itself, such as `taskset -c 0`.
+        """
         self.name = name
         self.expected = False
         self.judged = False
         self._output = tempfile.TemporaryFile(mode="w+", encoding="utf-8")  # noqa: SIM115 (close() closes it)
         self._process = subprocess.Popen(
             [
+                *within,
                 sys.executable,
                 "-m",
-                f"rotary_error_monitor.nodes.{executable}",
+                "rotary_error_monitor.start",
+                executable,
                 "--ros-args",
                 "-r",
                 f"__node:={name}",
                 *ros_args,
             ],
-            env={**os.environ, **DISCOVERY, **_STACKS, "ROS_DOMAIN_ID": str(domain)},
+            env={**os.environ, **discovery_environment(reach), **_STACKS, "ROS_DOMAIN_ID": str(domain)},
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,
@@ -78,6 +98,14 @@ class NodeProcess:
         """Send a signal, after which its end is no surprise."""
         self.expected = True
         self._process.send_signal(number)
+
+    def pause(self) -> None:
+        """Stop it where it stands, as a computer that has no time for it; `go_on` lets it go on."""
+        self._process.send_signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        """Let it go on after `pause`."""
+        self._process.send_signal(signal.SIGCONT)
 
     def stop(self, number: signal.Signals = signal.SIGINT, deadline: float = _PATIENCE) -> int:
         """Ask it to end by a signal and wait; give its exit code.

@@ -11,7 +11,7 @@ from rotary_error_monitor.description.machine_section import machine_mapping as 
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import effect_named
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
 
 Kind = TypeVar("Kind", bound=AnyEffect)
 
@@ -56,6 +56,8 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
             "noise": stage.lvdt.noise,
             "artefact_eccentricity": list(stage.lvdt.artefact_eccentricity),
         }
+    if stage.stated_limits:
+        content["limits"] = dict(stage.stated_limits)
     if stage.uncertainty:
         content["uncertainty"] = dict(stage.uncertainty)
     return content
@@ -82,9 +84,14 @@ def causes_from_rows(rows: object, effects: Sequence[Kind], origin: str) -> tupl
     found = []
     for number, row in enumerate(rows, start=1):
         if not isinstance(row, Mapping) or not {"effect", "parameters"} <= set(row):
-            raise InputError(f"{origin}: effects, row {number}: {row}; expected effect, location and parameters")
-        effect = effect_named(str(row["effect"]), effects)
-        found.append(Cause(effect, str(row.get("location") or ""), effect.values_from(row["parameters"])))
+            raise InputError(
+                f"{origin}: effects, row {number}: {excerpt(row)}; expected effect, location and parameters"
+            )
+        try:
+            effect = effect_named(str(row["effect"]), effects)
+            found.append(Cause(effect, str(row.get("location") or ""), effect.values_from(row["parameters"])))
+        except InputError as error:
+            raise InputError(f"{origin}: effects, row {number}: {error}") from error
     return tuple(found)
 
 

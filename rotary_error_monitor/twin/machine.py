@@ -20,6 +20,7 @@ from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import MachineModel, arrange_machine, stand
+from rotary_error_monitor.twin.finite import check_finite
 
 Array = NDArray[np.float64]
 
@@ -55,18 +56,24 @@ class MachineRecording:
 
 
 def predict_probe(machine: MachineDescription, recording: MachineRecording, causes: Sequence[Cause] = ()) -> Array:
-    """(n, 3) offset of the tool tip, m, of the machine with the causes in it; exact in all rotations."""
+    """(n, 3) offset of the tool tip, m, of the machine with the causes in it; exact in all rotations.
+
+    Raises:
+        UnpredictableError: a value is not finite.
+    """
     for cause in causes:
         assert isinstance(cause.effect, MachineEffect)
         machine = cause.effect.amend(machine, cause.values, cause.location)
     model = arrange_machine(machine)
-    offset = predict_tool_offset(
-        model,
-        recording.positions,
-        direction=recording.direction,
-        temperature=recording.temperature,
-        ideal=recording.ideal_tool(model),
-    )
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # what is not finite is told below
+        offset = predict_tool_offset(
+            model,
+            recording.positions,
+            direction=recording.direction,
+            temperature=recording.temperature,
+            ideal=recording.ideal_tool(model),
+        )
+    check_finite("the tool's offset", offset, causes)
     return offset[:, :3]
 
 

@@ -13,6 +13,7 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.mount_effect import MountEffect, PointingState, cross, dot
 from rotary_error_monitor.machine.kinematics import arrange_machine, stand
 from rotary_error_monitor.machine.transforms import rotate, rotation_by
+from rotary_error_monitor.twin.finite import check_finite
 from rotary_error_monitor.twin.refraction import Weather, refraction_of
 
 Array = NDArray[np.float64]
@@ -96,15 +97,22 @@ class MountTwin:
         )
 
     def pointing(self, geometry: MountGeometry, causes: Sequence[Cause] = ()) -> Array:
-        """(3, n) where the tube points."""
-        state = self.state(geometry, causes)
-        total = np.zeros_like(state.tube)
-        for cause in (*self._known, *causes):
-            assert isinstance(cause.effect, MountEffect)
-            turn = cause.effect.turn(cause.values, cause.location, state)
-            if turn is not None:
-                total = total + turn
-        return rotate(rotation_by(total), state.tube)
+        """(3, n) where the tube points.
+
+        Raises:
+            UnpredictableError: a value is not finite.
+        """
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # what is not finite is told below
+            state = self.state(geometry, causes)
+            total = np.zeros_like(state.tube)
+            for cause in (*self._known, *causes):
+                assert isinstance(cause.effect, MountEffect)
+                turn = cause.effect.turn(cause.values, cause.location, state)
+                if turn is not None:
+                    total = total + turn
+            pointing = rotate(rotation_by(total), state.tube)
+        check_finite("the tube's direction", pointing, (*self._known, *causes))
+        return pointing
 
     def error(self, geometry: MountGeometry, causes: Sequence[Cause] = ()) -> Array:
         """(2, n) star minus pointing on the sky at the star, along growing hour angle and declination, rad."""

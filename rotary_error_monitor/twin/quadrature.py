@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.quadrature_effect import CircleState, Complex, QuadratureEffect
+from rotary_error_monitor.twin.finite import check_finite
 
 Array = NDArray[np.float64]
 
@@ -35,13 +36,19 @@ class QuadratureRecording:
 
 
 def distorted(turning: Complex, amplitude: float, causes: Sequence[Cause]) -> Complex:
-    """(n,) signals, counts, at true phases given as (n,) points on the unit circle, with effects."""
+    """(n,) signals, counts, at true phases given as (n,) points on the unit circle, with effects.
+
+    Raises:
+        UnpredictableError: a value is not finite.
+    """
     signals = amplitude * turning
-    for cause in sorted(causes, key=_rank):
-        effect = cause.effect
-        assert isinstance(effect, QuadratureEffect)
-        state = CircleState(turning, amplitude, signals)
-        signals = signals + effect.displacement(cause.values, cause.location, state)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # what is not finite is told below
+        for cause in sorted(causes, key=_rank):
+            effect = cause.effect
+            assert isinstance(effect, QuadratureEffect)
+            state = CircleState(turning, amplitude, signals)
+            signals = signals + effect.displacement(cause.values, cause.location, state)
+    check_finite("the signals", signals, causes)
     return np.asarray(signals, np.complex128)
 
 

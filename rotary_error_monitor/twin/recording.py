@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
 from rotary_error_monitor.twin.rates import MOST_RATE
 
 Array = NDArray[np.float64]
@@ -83,7 +84,7 @@ def record_stage(
 ) -> StageRecording:
     """Recording from the sample blocks of each topic.
 
-    Samples that are not finite are left out, and said so, as long as they are few.
+    Samples that are not finite are left out, and said so, as long as they are few; what the streams lack is said too.
 
     Args:
         topics: blocks of each topic.
@@ -102,10 +103,22 @@ def record_stage(
         )
     present = [name for name in (*needed, *optional) if topics.get(stage_topic(name))]
     start = min(int(block.times_ns[0]) for name in present for block in topics[stage_topic(name)][:1])
-    remarks: list[str] = []
+    remarks = list(_coverage_remarks({stage_topic(name): topics[stage_topic(name)] for name in present}, start))
     streams = {name: _stream(name, topics[stage_topic(name)], start, remarks) for name in present}
     _check_overlap(streams)
     return thinned(StageRecording(start, streams, tuple(remarks)), most_rate)
+
+
+def _coverage_remarks(topics: Mapping[str, Sequence[SampleBlock]], start_ns: int) -> tuple[str, ...]:
+    found = {}
+    for topic, blocks in topics.items():
+        spans = MessageSpans()
+        for block in blocks:
+            spans.add_block(block)
+        coverage = spans.coverage()
+        if coverage is not None:
+            found[topic] = coverage
+    return coverage_remarks(found, start_ns)
 
 
 def thinned(recording: StageRecording, most_rate: float) -> StageRecording:

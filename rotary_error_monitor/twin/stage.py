@@ -20,6 +20,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Array, RotorState, StageEffect
+from rotary_error_monitor.twin.finite import check_finite
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 
 Signals = dict[str, Array]
@@ -130,10 +131,15 @@ class StageTwin:
             causes: effects of the stage with their values.
             streams: names of streams; all by default.
             stage: another description than the twin's own.
+
+        Raises:
+            UnpredictableError: a value is not finite.
         """
         wanted = tuple(self.times) if streams is None else streams
         described = self.stage if stage is None else stage
-        return {name: self._stream(name, (*self.known, *causes), described) for name in wanted}
+        # A sight line beyond the ring, or an overflow, gives a number that is not finite: that is checked.
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            return {name: self._stream(name, (*self.known, *causes), described) for name in wanted}
 
     @property
     def span(self) -> tuple[float, float]:
@@ -191,7 +197,11 @@ class StageTwin:
         )
 
     def motion(self, time: Array, causes: Sequence[Cause] = ()) -> tuple[Array, Array, Array]:
-        """True rotation (m,), radial error motion at the ring (m, 2) and tilt error motion (m, 2) at times (m,)."""
+        """True rotation (m,), radial error motion at the ring (m, 2) and tilt error motion (m, 2) at times (m,).
+
+        Raises:
+            UnpredictableError: a value is not finite.
+        """
         acting = [(c, c.effect) for c in (*self.known, *causes) if isinstance(c.effect, StageEffect)]
         state, stage = self.state_at(time), self.stage
         ahead = turned_by(acting, state)
@@ -199,7 +209,10 @@ class StageTwin:
             state = state.rotated(ahead)
         for cause, effect in acting:
             stage = effect.amend(stage, cause.values, cause.location)
-        return state.theta, _radial(stage, state, acting), _tilt(stage, state, acting)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # what is not finite is told below
+            radial, tilt = _radial(stage, state, acting), _tilt(stage, state, acting)
+        check_finite("the rotor", np.column_stack([state.theta, radial, tilt]), causes)
+        return state.theta, radial, tilt
 
     def _stream(self, name: str, causes: Sequence[Cause], stage: StageDescription) -> Array:
         acting = [(c, c.effect) for c in causes if isinstance(c.effect, StageEffect)]
@@ -210,6 +223,7 @@ class StageTwin:
         ideal = _SENSORS[name.partition("_")[0]](name, stage, state, acting)
         for cause, effect in acting:
             ideal = effect.measured(cause.values, cause.location, state, ideal)
+        check_finite(name, ideal, causes)
         if name == AUTOCOLLIMATOR:
             ideal = np.clip(ideal, -stage.autocollimator.range, stage.autocollimator.range)
         return ideal[:, None] if ideal.ndim == 1 else ideal

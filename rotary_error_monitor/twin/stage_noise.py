@@ -98,6 +98,16 @@ def align_heads(recording: StageRecording) -> HeadGrid:
     return HeadGrid(tuple(streams), rows, present, time, period)
 
 
+def noise_std(stage: StageDescription) -> dict[str, float]:
+    """Standard deviation of one sample of each kind of sensor as the stage states it, rounding included, rad or m."""
+    encoder, collimator = stage.encoder, stage.autocollimator
+    return {
+        "head": float(np.hypot(encoder.noise, encoder.resolution / np.sqrt(12))),
+        AUTOCOLLIMATOR: float(np.hypot(collimator.noise, collimator.resolution / np.sqrt(12))),
+        LVDT: 0.0 if stage.lvdt is None else stage.lvdt.noise,
+    }
+
+
 class StageNoise:
     """Map from signals of a recording to white rows.
 
@@ -124,11 +134,7 @@ class StageNoise:
         self.jitter = jitter or Jitter()
         self.grid = align_heads(recording)
         encoder, collimator = stage.encoder, stage.autocollimator
-        self.std = {
-            "head": float(np.hypot(encoder.noise, encoder.resolution / np.sqrt(12))),
-            AUTOCOLLIMATOR: float(np.hypot(collimator.noise, collimator.resolution / np.sqrt(12))),
-            LVDT: 0.0 if stage.lvdt is None else stage.lvdt.noise,
-        }
+        self.std = noise_std(stage)
         self.levels = dict.fromkeys(self.std, 1.0)
         self._lines: Array = np.zeros(0)
         self._sensors = [name for name in residual if not name.startswith("head_")]

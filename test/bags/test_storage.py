@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 
 from rotary_error_monitor.bags.contents import TYPES, Temperature
+from rotary_error_monitor.bags.lock import holder
 from rotary_error_monitor.bags.messages import encode
+from rotary_error_monitor.bags.part import CHUNK_SIZE
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.storage import RecordFile, Reserve
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
@@ -79,7 +81,7 @@ def test_a_disk_without_room_for_the_reserve_is_full(
 def test_a_recording_ends_with_a_whole_bag_while_there_is_room_for_its_index(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    left = 4 * 256 * KIB
+    left = 2 * CHUNK_SIZE + 4 * 256 * KIB
 
     def allocate(_: int, __: int, size: int) -> None:
         if size > left:
@@ -93,7 +95,7 @@ def test_a_recording_ends_with_a_whole_bag_while_there_is_room_for_its_index(
     # The room that was kept back does for the index of all chunks; the footer says where it starts.
     content = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
     (summary_start,) = struct.unpack("<Q", content[-28:-20])
-    assert left / 2 < len(content) - summary_start < left
+    assert 2 * 256 * KIB < len(content) - summary_start < left
     reader = BagReader(tmp_path / "bag")
     assert reader.damage is None and reader.topics[TOPIC.name].count == writer.counts.total() > 5_000
     with pytest.raises(RecordingStoppedError, match="No space left"):
@@ -103,7 +105,23 @@ def test_a_recording_ends_with_a_whole_bag_while_there_is_room_for_its_index(
 def test_a_bag_that_cannot_grow_at_all_leaves_nothing_open(tmp_path: Path) -> None:
     with file_size_limit(4), pytest.raises(OSError, match="File too large"):
         BagWriter(tmp_path / "bag", [TOPIC])
-    assert (tmp_path / "bag" / "bag_0.mcap").stat().st_size == 0
+    assert list((tmp_path / "bag").iterdir()) == []
+
+
+@pytest.mark.parametrize("place", [".reserve", "bag_0.mcap", ".metadata.yaml.new"])
+def test_a_bag_that_cannot_be_begun_is_let_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str) -> None:
+    made = Path.open
+
+    def refuse(path: Path, *arguments: str, **options: str) -> object:
+        if path.name == place:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return made(path, *arguments, **options)  # type: ignore[call-overload]
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(OSError, match="Input/output error"):
+        BagWriter(tmp_path / "bag", [TOPIC])
+    monkeypatch.undo()
+    assert holder(tmp_path / "bag") == "" and not (tmp_path / "bag" / ".reserve").exists()
 
 
 def test_a_bag_that_cannot_be_closed_says_so(tmp_path: Path) -> None:

@@ -20,8 +20,10 @@ from rosbags.interfaces import QosDurability, QosReliability
 
 from rotary_error_monitor.bags.contents import TYPES, Content, Temperature
 from rotary_error_monitor.bags.messages import encode
+from rotary_error_monitor.bags.part import CHUNK_SIZE
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
+from rotary_error_monitor.bags.storage import RecordFile
 from rotary_error_monitor.bags.writer import RESERVE, BagTopic, BagWriter, RecordingStoppedError, write_messages
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
@@ -164,14 +166,15 @@ def test_a_file_that_may_not_grow_keeps_what_was_written(tmp_path: Path) -> None
         [sys.executable, "-c", RECORD, str(folder), "0"],
         capture_output=True,
         text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000)),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, 4_000_000)),
     )
     assert done.returncode == 0, done.stderr
     number, said = done.stdout.splitlines()[1].split(" ", 1)
     assert "recording stopped: File too large; what was written is kept" in said and "recover it" in said
     kept = _numbers(folder)
     assert kept == list(range(len(kept)))
-    assert int(number) - len(kept) < 500  # no more than the chunk that did not fit
+    assert len(kept) > 5_000
+    assert int(number) - len(kept) < CHUNK_SIZE / len(encode(Temperature(0, 0.0, 0.0, "x" * 80)))  # the last chunk
     recover(folder)
     assert _numbers(folder) == kept and len(read_by_rosbags(folder)) == len(read_by_mcap(folder)) == len(kept)
 
@@ -179,7 +182,7 @@ def test_a_file_that_may_not_grow_keeps_what_was_written(tmp_path: Path) -> None
 def test_a_full_disk_leaves_a_whole_bag(tmp_path: Path) -> None:
     said = _run_on_small_disk(
         tmp_path,
-        "2m",
+        "4m",
         f"""
 sys.argv[1:] = [str(disk / "bag"), "0"]
 exec({RECORD!r})
@@ -267,6 +270,41 @@ def test_a_disk_that_cannot_store_is_said(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.undo()
     assert _numbers(tmp_path / "bag") == list(range(number + 1))
     writer.close()  # what has stopped can be closed
+
+
+def test_a_disk_that_turns_read_only_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a kernel makes it after an error: nothing can be written, made longer, renamed or removed any more."""
+    writer = BagWriter(tmp_path / "bag", [TOPIC], flush_period=0.0)
+    for number in range(10):
+        writer.write(TOPIC.name, encode(Temperature(number, float(number))), START + number)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(RecordFile, "_append", refuse)
+    for name in ("posix_fallocate", "unlink", "rename", "replace"):
+        monkeypatch.setattr(os, name, refuse)
+    with pytest.raises(RecordingStoppedError, match=r"Read-only file system; what was written is kept"):
+        writer.write(TOPIC.name, encode(Temperature(10, 10.0)), START + 10)
+    monkeypatch.undo()
+    assert _numbers(tmp_path / "bag") == list(range(10))
+    assert recover(tmp_path / "bag").counts.total() == 10
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    said = _run_on_small_disk(
+        tmp_path,
+        "8m",
+        """
+from rotary_error_monitor.bags.writer import BagTopic, BagWriter
+subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+try:
+    BagWriter(disk / "bag", [BagTopic("/machine/temperature", "sensor_msgs/msg/Temperature")])
+except OSError as error:
+    print(error)
+""",
+    )
+    assert "Read-only file system" in said
 
 
 def test_wrong_use_is_refused(tmp_path: Path) -> None:

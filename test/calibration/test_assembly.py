@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shutil
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import simulated_shaft
 import yaml
 
 from rotary_error_monitor.bags.writer import write_messages
@@ -20,6 +24,7 @@ from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import Motion, Segment, StagePlant, reversing_motion
 from rotary_error_monitor.resources import config
+from rotary_error_monitor.signals.blocks import block_from_samples
 
 EPOCH = 1_763_700_000_000_000_000
 # Between centres the shaft has no error motion of its own.
@@ -55,7 +60,7 @@ def test_assembly_comes_back_into_the_stage_file(tmp_path: Path, capsys: pytest.
     arguments = parser.parse_args(words)
     assert arguments.run(arguments) == 0
     text = capsys.readouterr().out
-    assert "orders that these heads cannot see: 4, 8" in text
+    assert "orders up to 39 were looked for; these heads cannot see 4, 8, 12" in text
     found = load_stage(stage)
     np.testing.assert_allclose(found.encoder.eccentricity, CENTRED.encoder.eccentricity, atol=10e-9)
     for row in CENTRED.encoder.graduation:
@@ -94,5 +99,210 @@ def test_one_head_and_a_short_recording_are_refused(tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
     with pytest.raises(InputError, match="no message on /stage/head_b/samples"):
         read_shaft_recording(recorded(tmp_path / "one", ALL[:1], duration=5.0), CENTRED)
-    with pytest.raises(InputError, match=r"overlap for .* ms only"):
+    with pytest.raises(InputError, match=r"bag: the streams overlap for .* s only"):
         read_shaft_recording(recorded(tmp_path, ALL, duration=0.5), CENTRED)
+
+
+SHIPPED = load_stage()
+TRUTH = {
+    "eccentricity": (2.0e-5, 1.5e-5),
+    "graduation": {2: (1e-6, -2e-6), 13: (0.0, 9e-7)},
+    "tilt": (-3.0e-5, 5.5e-5),
+    "flatness": {2: (4e-6, 1e-6, -2e-6, 3e-6), 6: (0.0, 2e-6, 2e-6, 0.0)},
+}
+BOTH_WAYS = simulated_shaft.reversing((np.pi / 2, np.pi), 5.0)
+
+
+def simulated(folder: Path, changes: Mapping[str, Any] | None = None, motion: Any = BOTH_WAYS, seed: int = 0) -> Path:
+    """A bag of a shaft by the contract's formulas, whose assembly errors are `TRUTH`."""
+    shaft = simulated_shaft.Shaft(**{**TRUTH, **(changes or {})})
+    heads, tilt = simulated_shaft.record(shaft, *motion, seed)
+    wire = load_wire()
+    contents = {}
+    streams = {wire.topic("head_samples", name): (("angle",), *stream) for name, stream in heads.items()}
+    streams[wire.topic("autocollimator_samples")] = (("tilt_x", "tilt_y"), *tilt)
+    for topic, (names, times, values) in streams.items():
+        parts = [slice(k, k + 250) for k in range(0, len(times), 250)]
+        contents[topic.name] = [block_from_samples(times[part], names, values[part]) for part in parts]
+    bag = folder / f"bag_{seed}_{len(list(folder.iterdir()))}"
+    write_messages(bag, contents, wire)
+    return bag
+
+
+def run(*words: object) -> int:
+    parser = argparse.ArgumentParser()
+    calibrate.add(parser.add_subparsers())
+    arguments = parser.parse_args(["calibrate", "assembly", *map(str, words), "--date", "2026-11-21"])
+    return int(arguments.run(arguments))
+
+
+def section_of(path: Path) -> Any:
+    return yaml.safe_load(path.read_text(encoding="utf-8"))["stage"]
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Path:
+    return Path(shutil.copy(config("stage.yaml"), tmp_path / "stage.yaml"))
+
+
+def check_truth(path: Path, tilt_within: float = 5e-8) -> None:
+    found = load_stage(path)
+    np.testing.assert_allclose(found.encoder.eccentricity, TRUTH["eccentricity"], atol=8e-9)
+    rows = {row.order: (row.cos, row.sin) for row in found.encoder.graduation}
+    for order, truth in TRUTH["graduation"].items():
+        np.testing.assert_allclose(rows[order], truth, atol=8e-8)
+    np.testing.assert_allclose(found.mirror.tilt, TRUTH["tilt"], atol=tilt_within)
+
+
+def test_only_the_calibrated_lines_change_and_what_they_were_is_kept(tmp_path: Path, stage: Path) -> None:
+    before = stage.read_text(encoding="utf-8")
+    assert run(simulated(tmp_path), "--stage", stage) == 0
+    check_truth(stage)
+    after = stage.read_text(encoding="utf-8")
+    gone = [line for line in before.splitlines() if line not in after.splitlines()]
+    start, end = before.splitlines().index("    eccentricity: [2.4e-05, -1.1e-05]"), before.index("  autocollimator: #")
+    assert set(gone) <= set(before.splitlines()[start : before[:end].count("\n")])
+    assert after.startswith(before[: before.index("    eccentricity:")])
+    assert before[end : before.index("  environment:")] in after
+    old, notes = section_of(Path(config("stage.yaml"))), section_of(stage)["calibration"]
+    assert notes["encoder"]["history"] == [
+        {"values": {f"encoder.{key}": old["encoder"][key] for key in ("eccentricity", "graduation")}}
+    ]
+    assert notes["mirror"]["history"][0]["values"]["mirror.tilt"] == old["mirror"]["tilt"]
+    assert notes["mirror"]["figures"]["autocollimator_delay_uncertainty"] < 1e-3
+    first, values = dict(notes["encoder"]), section_of(stage)["encoder"]
+    del first["history"]
+    assert run(simulated(tmp_path, seed=1), "--stage", stage) == 0
+    history = section_of(stage)["calibration"]["encoder"]["history"]
+    assert [sorted(row) for row in history] == [
+        ["date", "figures", "sha256", "source", "uncertainty", "values"],
+        ["values"],
+    ]
+    assert {key: value for key, value in history[0].items() if key != "values"} == first
+    assert history[0]["values"]["encoder.eccentricity"] == values["eccentricity"]
+
+
+def test_the_history_has_an_end(tmp_path: Path, stage: Path) -> None:
+    bag = simulated(tmp_path)
+    for _ in range(12):
+        assert run(bag, "--stage", stage) == 0
+    notes = section_of(stage)["calibration"]
+    assert len(notes["encoder"]["history"]) == len(notes["mirror"]["history"]) == 10
+    assert all("date" in row for row in notes["mirror"]["history"])
+
+
+def test_rows_that_the_recording_cannot_tell_stay(
+    tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Orders 4 (hidden from four heads), 2 (from two) and 190 (above the sampling) stand in the file and stay."""
+    text = stage.read_text(encoding="utf-8")
+    text = text.replace(
+        "    graduation:\n",
+        "    graduation:\n      - {order: 190, cos: 1.0e-07, sin: 0.0}\n"
+        "      - {order: 4, cos: 2.0e-06, sin: -3.0e-06}\n",
+    ).replace("    flatness:\n", "    flatness:\n      - {order: 170, x: [1.0e-07, 0.0], y: [0.0, 1.0e-07]}\n")
+    stage.write_text(text, encoding="utf-8")
+    graduation = {**TRUTH["graduation"], 4: (2e-6, -3e-6), 190: (1e-7, 0.0)}
+    flatness = {**TRUTH["flatness"], 170: (1e-7, 0.0, 0.0, 1e-7)}
+    bag = simulated(tmp_path, {"graduation": graduation, "flatness": flatness})
+    assert run(bag, "--stage", stage) == 0
+    printed = capsys.readouterr().out
+    assert "graduation order 4: 0.744 arcsec, kept from before: these heads cannot see it" in printed
+    assert "graduation order 190: 0.021 arcsec, kept from before: not told by this sampling" in printed
+    assert "flatness order 170: 0.021 arcsec, kept from before: not told by this sampling" in printed
+    rows = section_of(stage)["encoder"]["graduation"]
+    assert [row["order"] for row in rows] == [2, 3, 4, 13, 190]
+    assert rows[2] == {"order": 4, "cos": 2e-6, "sin": -3e-6}
+    assert section_of(stage)["mirror"]["flatness"][-1]["order"] == 170
+    check_truth(stage)
+    two = simulated(tmp_path, {"graduation": graduation, "flatness": flatness, "azimuths": {"a": 0.0, "b": np.pi}})
+    assert run(two, "--stage", stage) == 0
+    assert "graduation order 2: 0.4" in (printed := capsys.readouterr().out)
+    assert re.search(r"order 2: \S+ arcsec, kept from before: these heads cannot see it", printed)
+    assert [row["order"] for row in section_of(stage)["encoder"]["graduation"]] == [2, 3, 4, 13, 190]
+    check_truth(stage)
+
+
+def test_orders_above_those_of_the_file_are_found(
+    tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A ring with orders above 8 and a mirror with orders above 3: the residual is the noise."""
+    more = {
+        "graduation": {**TRUTH["graduation"], 9: (3e-6, 0.0), 22: (0.0, 2e-6)},
+        "flatness": {**TRUTH["flatness"], 4: (6e-6, 0.0, 0.0, 6e-6), 7: (0.0, 0.0, 4e-6, 0.0)},
+    }
+    assert run(simulated(tmp_path, more), "--stage", stage) == 0
+    ratios = [float(found) for found in re.findall(r"residual ([\d.]+) times the noise", capsys.readouterr().out)]
+    assert len(ratios) == 2
+    assert max(ratios) < 1.2
+    assert {4, 6, 7} <= {row.order for row in load_stage(stage).mirror.flatness}
+
+
+def test_one_direction_is_enough_for_the_ring_and_tells_how_well_the_mirror_is_known(
+    tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = simulated(tmp_path, {"delay": 1e-3}, simulated_shaft.one_way(2.0, 12.0))
+    assert run(bag, "--stage", stage) == 0
+    assert re.search(r"autocollimator -?0\.\d+ ms old, standard uncertainty [45]\.\d+ ms", capsys.readouterr().out)
+    check_truth(stage, tilt_within=3 * 2.0 * 5e-3 * 6.3e-5)
+    note = section_of(stage)["calibration"]["mirror"]
+    assert note["uncertainty"] == pytest.approx(2.0 * 5e-3 * 5.5e-5, rel=0.1)
+    assert section_of(stage)["calibration"]["encoder"]["uncertainty"] < 5e-9
+    assert run(bag, "--stage", stage, "--delay-ms", 1, "--delay-std-ms", 0.05) == 0
+    check_truth(stage)
+    assert section_of(stage)["calibration"]["mirror"]["uncertainty"] < 5e-8
+
+
+MOVING = {"radial": lambda a, t, w: 2e-6 * np.exp(-1j * a) + 1e-6 * np.exp(2j * a)}
+
+
+def test_what_does_not_fit_is_not_written_but_by_force(
+    tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A shaft that turns on its own bearings: 2 µm in the first order, against the rotation, and 1 µm in the second."""
+    before = stage.read_bytes()
+    bag = simulated(tmp_path, MOVING)
+    assert run(bag, "--stage", stage) == calibrate.NOT_GOOD
+    text = capsys.readouterr().out
+    assert stage.read_bytes() == before
+    assert re.search(r"the recording does not fit:\n  heads: \d\.\d+ µm at the ring are left beyond the noise", text)
+    assert re.search(r"\(p-value \S+\): order 1 of the rotation \d\.\d+, order 2 of the rotation", text)
+    assert text.endswith("not written; --force writes it with an uncertainty that covers what is left\n")
+    assert run(bag, "--stage", stage, "--force") == 0
+    note = section_of(stage)["calibration"]["encoder"]
+    error = np.abs(np.subtract(load_stage(stage).encoder.eccentricity, TRUTH["eccentricity"]))
+    assert error.max() < 2 * note["uncertainty"]
+    assert note["uncertainty"] > 1e-6
+    assert note["remark"].startswith("heads: ")
+    assert note["history"][0]["values"]["encoder.eccentricity"] == [2.4e-5, -1.1e-5]
+
+
+def test_a_drift_of_the_autocollimator_alone_leaves_the_file(
+    tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = stage.read_bytes()
+    bag = simulated(tmp_path, {"lean": lambda a, t, w: 1e-5 * t / 20})
+    assert run(bag, "--stage", stage) == calibrate.NOT_GOOD
+    assert re.search(r"autocollimator: .* arcsec are left .*: a trend over time", capsys.readouterr().out)
+    assert stage.read_bytes() == before
+
+
+def test_a_stuck_autocollimator_leaves_the_mirror(
+    tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    still = {"tilt": (0.0, 0.0), "flatness": {}, "tilt_noise": 0.0}
+    assert run(simulated(tmp_path, still), "--stage", stage) == 0
+    assert re.search(r"mirror: the autocollimator's tilt_x is .* it is stuck, left as it was", capsys.readouterr().out)
+    assert load_stage(stage).mirror == SHIPPED.mirror
+    assert "mirror" not in section_of(stage)["calibration"]
+
+
+def test_impossible_delays(capsys: pytest.CaptureFixture[str]) -> None:
+    for option, value, problem in (
+        ("--delay-ms", "nan", "nan is not finite"),
+        ("--delay-std-ms", "-1", "-1 is below 0"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            run("bag", "--stage", "stage.yaml", f"{option}={value}")
+        assert ended.value.code == 2
+        assert f"argument {option}: {problem}" in capsys.readouterr().err

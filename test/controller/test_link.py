@@ -4,12 +4,13 @@ import math
 
 import pytest
 
+from rotary_error_monitor.controller.clock import Moment
 from rotary_error_monitor.controller.kinematics import RotaryTableKinematics, TrivialKinematics
 from rotary_error_monitor.controller.link import CLEARING, UNKNOWN_KINEMATICS, Link, start
 from rotary_error_monitor.controller.observer import start as start_observer
-from rotary_error_monitor.controller.offsets import STALE
+from rotary_error_monitor.controller.offsets import WAITING
 from rotary_error_monitor.controller.pins import MachinePins, Units
-from rotary_error_monitor.controller.protocol import ClearRequest, CorrectionRequest, LinkSettings
+from rotary_error_monitor.controller.protocol import ClearRequest, CorrectionRequest, HaltRequest, LinkSettings
 from rotary_error_monitor.errors import InputError
 
 POSE = (0.01, 0.02, 0.03, math.radians(30), math.radians(90))
@@ -26,16 +27,22 @@ class Bench:
         self.pins = MachinePins(controller, controller.names, Units())
         self.link = Link(self.pins, settings or LinkSettings())
         self.now_ns = 1_000_000_000_000
+        self.set_by_ns = 0
+
+    @property
+    def now(self):
+        return Moment(self.now_ns + self.set_by_ns, self.now_ns)
 
     def look(self, times=1, periods=4):
         for _ in range(times):
             self.now_ns += PERIOD_NS
             self.controller.tick(periods)
-            state = self.link.look(self.now_ns)
+            state = self.link.look(self.now)
         return state
 
     def correct(self, corrections=CORRECTION):
-        self.link.handle(CorrectionRequest(self.now_ns, corrections), self.now_ns)
+        positions = tuple(corrections.get(name, 0.0) for name in self.controller.names)
+        self.link.handle(CorrectionRequest(positions), self.now)
 
     def run(self, times=200, corrections=CORRECTION):
         for _ in range(times):
@@ -61,14 +68,34 @@ def test_joints_move_by_the_corrections_while_the_positions_leave_them_out(bench
     assert max(bench.errors()) < NANOMETRE
     assert state.positions == pytest.approx(bench.controller.kinematics.to_joints(POSE), abs=1e-15)
     assert (state.trouble, state.valid, state.lag) == ("", True, pytest.approx(0.0, abs=NANOMETRE))
+    assert state.effect == pytest.approx(list(CORRECTION.values()), abs=NANOMETRE)
+    assert (state.to_go, state.slowed) == ((0.0,) * 5, False)
+
+
+def test_what_is_in_effect_is_told_on_the_way_there(bench):
+    """And before the first correction: here what a predecessor left."""
+    bench.controller.speed = 1e-4
+    assert bench.look().effect == pytest.approx([0.0] * 5, abs=1e-15)
+    far = {"X": 4e-4, "C": -4e-3}
+    seen = [bench.run(1, far) for _ in range(60)]
+    assert any(state.slowed for state in seen)
+    for state in seen:
+        nominal = bench.controller.kinematics.to_joints(bench.controller.axes)
+        assert state.positions == pytest.approx(nominal, abs=1e-15)
+    effects = [state.effect[0] for state in seen]
+    assert effects == sorted(effects)
+    assert 1e-5 < effects[-1] < 4e-4
+    assert effects[-1] + seen[-1].to_go[0] == pytest.approx(4e-4, abs=2 * 2e-3 * 0.004)
+    again = Bench(bench.controller)
+    assert again.look().effect == pytest.approx(bench.look().effect, abs=1e-12)
 
 
 def test_held_corrections_turn_with_the_table(bench):
     bench.run()
     bench.controller.move(-0.03, 0.02, 0.01, math.radians(-40), math.radians(200))
     state = bench.look(200)
-    assert state.trouble == STALE
-    assert state.correction_age == pytest.approx(0.804, abs=1e-6)
+    assert state.trouble == ""
+    assert state.effect == pytest.approx(list(CORRECTION.values()), abs=NANOMETRE)
     assert max(bench.errors()) < NANOMETRE
 
 
@@ -80,7 +107,10 @@ def test_machine_off_holds_and_machine_on_begins_anew(bench):
     bench.correct({"X": 30e-6})
     assert bench.look(5).trouble == "the machine is off"
     bench.controller.switch(True)
-    assert bench.run().valid
+    state = bench.look(20)
+    assert (state.trouble, state.valid) == (WAITING, True)
+    assert state.effect == pytest.approx([0.0] * 5, abs=1e-15), "what was asked for before is forgotten"
+    bench.run()
     assert max(bench.errors()) < NANOMETRE
     bench.controller.move(*POSE)
     bench.run()
@@ -117,22 +147,39 @@ def test_a_bridge_that_starts_again_neither_jumps_nor_adds(bench):
 
 def test_offsets_are_cleared_on_request_and_the_next_correction_is_followed(bench):
     bench.run()
-    bench.link.handle(ClearRequest(), bench.now_ns)
+    bench.link.handle(ClearRequest(), bench.now)
     assert bench.look().trouble == CLEARING
     state = bench.look(100)
     assert state.offsets == pytest.approx([0.0] * 5, abs=1e-12)
-    assert state.trouble == "no correction has come yet"
+    assert state.trouble == WAITING
     bench.run()
     assert max(bench.errors()) < NANOMETRE
 
 
-def test_a_correction_for_an_unknown_axis_is_refused(bench):
+def test_a_halt_stops_on_the_way(bench):
+    bench.run(30, {"X": 4e-4})
+    bench.link.handle(HaltRequest(), bench.now)
+    bench.look(100)
+    before = bench.look().effect
+    assert bench.look(100).effect == pytest.approx(before, abs=1e-15)
+    assert 1e-5 < before[0] < 3e-4
+
+
+def test_corrections_that_no_gate_believed_end_the_link(bench):
+    with pytest.raises(InputError, match=r"target \(1e\+300, 0\.0, 0\.0, 0\.0, 0\.0\); expected at most"):
+        bench.correct({"X": 1e300})
+
+
+@pytest.mark.parametrize("step_ns", [-(10**13), -50_000_000, 10**13])
+def test_a_system_clock_that_is_set_moves_nothing(bench, step_ns):
     bench.run()
-    bench.correct({"B": 1e-6, "X": 1e-6})
+    before = bench.look().effect
+    bench.set_by_ns = step_ns
     state = bench.look()
-    assert state.refused == "correction for B, but the machine has the axes X Y Z A C"
-    assert max(bench.errors()) < NANOMETRE
-    assert bench.run(1).refused == ""
+    assert state.stamp_ns == bench.now_ns + step_ns
+    assert state.effect == pytest.approx(before, abs=1e-15)
+    bench.run(corrections={"X": 50e-6})
+    assert max(bench.errors({"X": 50e-6})) < NANOMETRE
 
 
 def test_a_servo_thread_that_stands_is_noticed_within_half_a_second(bench):
@@ -179,7 +226,7 @@ def test_a_look_is_taken_again_when_a_servo_period_falls_into_it(bench):
         bench.controller.move(0.02, 0.02, 0.03, math.radians(30), math.radians(90))
 
     bench.controller.between_looks = meddle
-    state = bench.link.look(bench.now_ns)
+    state = bench.link.look(bench.now)
     assert state.positions == pytest.approx(bench.controller.kinematics.to_joints(bench.controller.axes), abs=1e-15)
 
 
@@ -208,7 +255,9 @@ def test_programs_take_their_settings_by_name(controller):
     observer, period = start_observer({"period": 0.01}, pins)
     assert period == 0.01
     controller.move(*POSE)
-    observer.handle(ClearRequest(), 0)
-    seen = observer.look(7)
+    now = Moment(7, 0)
+    observer.handle(ClearRequest(), now)
+    seen = observer.look(now)
+    assert seen.stamp_ns == 7
     assert seen.axes == pytest.approx(POSE)
-    assert seen.joints == pytest.approx(link.look(7).positions)
+    assert seen.joints == pytest.approx(link.look(now).positions)

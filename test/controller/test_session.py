@@ -1,15 +1,16 @@
 """Programs beside LinuxCNC: they serve until something ends, and say what."""
 
-import io
 import os
 import signal
 import sys
+import tempfile
 import types
 
 import pytest
 
 from rotary_error_monitor.controller import modules, presence, session
-from rotary_error_monitor.controller.protocol import ClearRequest, End, Hello, decode, encode
+from rotary_error_monitor.controller.clock import Moment
+from rotary_error_monitor.controller.protocol import Absent, ClearRequest, End, Hello, decode, encode
 
 COMPONENTS = """Loaded HAL Components:
 ID      Type  Name                                            PID   State
@@ -28,12 +29,12 @@ class Recorder:
         self.told = []
         self.looks = 0
 
-    def handle(self, record, now_ns):
-        self.told.append((record, now_ns))
+    def handle(self, record, now):
+        self.told.append((record, now))
 
-    def look(self, now_ns):
+    def look(self, now):
         self.looks += 1
-        return Hello((str(now_ns),))
+        return Hello((str(now.stamp_ns),))
 
 
 @pytest.fixture
@@ -61,8 +62,9 @@ def test_records_are_taken_up_whole_and_looks_go_on_until_the_other_side_closes(
         if len(sent) == 4:
             os.close(other)
 
-    assert session.serve(recorder, 0.001, task, source, send, lambda: 42) == ""
-    assert recorder.told == [(ClearRequest(), 42)] * 2
+    now = Moment(42, 7)
+    assert session.serve(recorder, 0.001, task, source, send, lambda: now) == ""
+    assert recorder.told == [(ClearRequest(), now)] * 2
     assert sent[0] == Hello(("42",))
     assert recorder.looks == len(sent)
 
@@ -103,7 +105,9 @@ def machine(controller, monkeypatch, tmp_path):
 
         def poll(self):
             self.polls += 1
-            self.axis_mask = machine.axis_mask if self.polls > 1 else 0  # the first status after a start is empty
+            if self.polls == 1:
+                raise SystemError("<method 'poll' of 'linuxcnc.stat' objects> returned NULL")
+            self.axis_mask = machine.axis_mask if self.polls > 2 else 0  # the first status after a start is empty
 
     hal, linuxcnc = types.ModuleType("hal"), types.ModuleType("linuxcnc")
     for name in ("get_value", "set_p", "get_info_pins"):
@@ -128,11 +132,12 @@ def speak(monkeypatch, pipes):
         _, _, source, other = pipes
         if closed:
             os.close(other)
-        said = io.BytesIO()
         monkeypatch.setattr(sys, "stdin", types.SimpleNamespace(fileno=lambda: source))
-        monkeypatch.setattr(sys, "stdout", types.SimpleNamespace(buffer=said))
-        code = session.run("test", start, ["{}"])
-        return code, [decode(line) for line in said.getvalue().splitlines()]
+        with tempfile.TemporaryFile() as said:
+            monkeypatch.setattr(sys, "stdout", types.SimpleNamespace(buffer=said, fileno=said.fileno))
+            code = session.run("test", start, ["{}"])
+            said.seek(0)
+            return code, [decode(line) for line in said.read().splitlines()]
 
     return run
 
@@ -145,7 +150,6 @@ def test_a_session_says_hello_and_leaves_quietly(machine, speak):
 @pytest.mark.parametrize(
     ("spoil", "reason"),
     [
-        (lambda m: m.table.write_text(""), session.ABSENT),
         (lambda m: m.halcmd.write_text("#!/bin/sh\n"), "task process (HAL component inihal) does not run"),
         (lambda m: setattr(m, "axis_mask", 0), "told of no axes"),
     ],
@@ -159,6 +163,53 @@ def test_a_session_that_cannot_begin_says_why(machine, speak, spoil, reason, mon
     assert reason in said[-1].reason
 
 
+def test_a_session_waits_for_a_linuxcnc_and_leaves_quietly_if_the_other_side_closes(machine, speak):
+    machine.table.write_text("")
+    assert speak() == (0, [Absent(session.ABSENT)])
+    assert machine.exited == 0
+
+
+def test_a_session_goes_on_when_a_linuxcnc_comes_whatever_was_said_meanwhile(machine, speak, pipes, monkeypatch):
+    machine.table.write_text("")
+    other = pipes[3]
+    said = os.write(other, encode(ClearRequest()))
+    looks = iter([False, False, True])
+
+    def runs(table):
+        found = next(looks)
+        if found:
+            os.close(other)
+        return found
+
+    monkeypatch.setattr(presence, "runs", runs)
+    recorder = Recorder()
+    code, records = speak(lambda settings, pins: (recorder, 0.001), closed=False)
+    assert (code, records[:2]) == (0, [Absent(session.ABSENT), Hello(("X", "Y", "Z", "A", "C"))])
+    assert said > 0
+    assert recorder.told == []
+
+
+def test_looks_go_on_while_nobody_takes_what_they_say(monkeypatch, pipes):
+    """The other side is stopped: its pipe is full after some hundred states."""
+    task, _, source, other = pipes
+    reader, writer = os.pipe()
+    with open(writer, "wb", buffering=0) as stream:  # noqa: PTH123 (a descriptor)
+        monkeypatch.setattr(sys, "stdout", types.SimpleNamespace(buffer=stream, fileno=stream.fileno))
+        recorder = Recorder()
+
+        def send(record):
+            session._send_if_taken(record)
+            if recorder.looks == 10_000:
+                os.close(other)
+
+        assert session.serve(recorder, 0.0, task, source, send) == ""
+    assert recorder.looks >= 10_000
+    with open(reader, "rb") as taken:  # noqa: PTH123
+        lines = taken.read().splitlines()
+    assert 100 < len(lines) < 10_000
+    assert all(isinstance(decode(line), Hello) for line in lines), "none is cut"
+
+
 def test_a_task_process_that_is_gone_by_now_is_told(machine, speak):
     child = os.fork()
     if child == 0:
@@ -170,7 +221,7 @@ def test_a_task_process_that_is_gone_by_now_is_told(machine, speak):
 
 def test_a_shutdown_of_linuxcnc_is_told(machine, speak):
     class Told(Recorder):
-        def look(self, now_ns):
+        def look(self, now):
             session._terminate(signal.SIGTERM, None)
 
     code, said = speak(lambda settings, pins: (Told(), 0.0), closed=False)

@@ -173,3 +173,15 @@ def test_a_key_or_a_name_defined_twice_is_refused(tmp_path: Path) -> None:
 def test_a_folder_without_definitions_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no wire contract"):
         load_wire(folder=tmp_path)
+
+
+def test_publishers_keep_five_seconds_for_a_reader_that_stopped():
+    """A recorder that was stopped for some seconds asks again for what it missed, and finds it there."""
+    rates = {}
+    for topic in load_wire():
+        stated = re.match(r"(\d+) (?:Hz|blocks? a second)", topic.rate)
+        if stated:
+            rates[topic.key] = int(stated[1])
+            assert topic.qos.reliability == "reliable"
+            assert topic.qos.depth >= 5 * rates[topic.key], topic.name
+    assert {"head_samples", "axis_corrections", "machine_joint_states", "diagnostics"} <= rates.keys()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.machine.problem import PROBE_STD, MachineProblem, find_frequency
 from rotary_error_monitor.gap.verdict import Verdict
@@ -130,3 +133,23 @@ def test_where_it_lands_is_told_at_the_poses(machine_problem):
     column = problem.machine.letters.index(found.cause.location)
     moved = found.parameters["relative"].value * problem.recording.positions[:, column]
     assert diagnosis.figures["tool_offset_error_um"] == pytest.approx(1e6 * np.sqrt(np.mean(moved**2)), rel=1e-3)
+
+
+@pytest.mark.parametrize(("off", "refused"), [(2e-3, False), (2.0, True), (1e3, True)])
+def test_a_nominal_machine_is_refused_only_beyond_all_known_effects(machine_problem, off, refused):
+    """2 mm are how the part was set up; metres are another machine, or a probe in another unit."""
+    problem, _ = machine_problem(32, "null")
+    nominal = replace(problem.machine, errors={})
+    given = problem.recording
+    probe = given.probe + off * np.array([1.0, -1.0, 1.0])
+    shifted = MachineRecording(given.positions, given.direction, given.temperature, probe)
+    shifted_problem = MachineProblem(nominal, shifted, EFFECTS)
+    if refused:
+        with pytest.raises(
+            InputError, match=r"off by \S+ mm at the median.*known effects make \S+ mm at most.*probe in m"
+        ):
+            diagnose(shifted_problem)
+    else:
+        diagnosis = diagnose(shifted_problem)
+        assert diagnosis.verdict is not Verdict.NO_GAP
+        assert sum(share.share for share in diagnosis.where) == pytest.approx(1.0)

@@ -19,6 +19,7 @@ from rotary_error_monitor.metrology.positioning import (
     estimate_deviations,
     estimate_positioning,
     find_outliers,
+    find_outlying,
     remove_outliers,
 )
 
@@ -180,6 +181,16 @@ def test_clean_tests_raise_few_false_alarms() -> None:
         forward, backward = 1e-6 * rng.normal(size=(2, 11, 5))
         alarms += bool(find_outliers(PositioningRuns(np.arange(11.0), forward, backward), false_alarm=0.05))
     assert alarms <= 75  # 5 % of 1000, and three standard deviations of that count
+
+
+@pytest.mark.parametrize("cycles", [2, 3, 4, 5, 6, 10])
+def test_many_targets_of_few_cycles_raise_few_false_alarms(cycles: int) -> None:
+    """The median of three readings strays against the one that is farthest off."""
+    alarms = 0
+    for seed in range(400):
+        readings = np.random.default_rng([seed, cycles]).normal(size=(200, cycles))
+        alarms += bool(find_outlying([(1, readings)], false_alarm=0.05))
+    assert alarms <= 33  # 5 % of 400, and three standard deviations of that count
 
 
 def test_identical_readings_show_no_outlier_and_a_single_other_one_does() -> None:

@@ -1,15 +1,21 @@
-"""Runs a LinuxCNC that is not isolated until standard input ends; a program for the tests beside it."""
+"""Runs a LinuxCNC that is not isolated until standard input ends; a program for the tests beside it.
+
+Before, a line of standard input stands for each time that the machine is to be turned on and homed.
+"""
 
 import sys
 from pathlib import Path
 
 from rotary_error_monitor.controller.instance import Instance
+from rotary_error_monitor.controller.modules import system_program
 from rotary_error_monitor.errors import InputError
 
-with Instance(Path(sys.argv[1]), isolated=False):
+with Instance(Path(sys.argv[1]), isolated=False) as running:
     try:
         with Instance(Path(sys.argv[1]), isolated=False):
             print("started twice", flush=True)
     except InputError as error:
         print(f"refused: {str(error).split(';')[0]}", flush=True)
-    sys.stdin.read()
+    for _ in sys.stdin:
+        done = running.run([*system_program("rotary_error_monitor.controller.operation"), "--prepare"])
+        print(f"prepared {done.returncode}{done.stderr}", flush=True)

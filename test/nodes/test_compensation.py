@@ -22,7 +22,7 @@ from rotary_error_monitor.signals.blocks import block_from_samples
 
 STEP_NS = 20_000_000
 ALL_BUT_AXIAL = 0b111011
-RELAXED = {"age_limit": 1.0}  # the tests share few cores
+RELAXED = {"age_limit": 1.0, "hold_limit": 600.0}  # the tests share few cores, and look at holds
 
 
 class MotionFeed:
@@ -131,6 +131,7 @@ def test_joint_states_stop(cell, feed, corrections):
     controller.trigger_deactivate()
     stopped_ns = cell.node.get_clock().now().nanoseconds
     feed.run_until(is_held_for(cell, "no joint states for"), "the reason")
+    feed.run_for(0.5)  # what was on its way by then
     newest = corrections[-1].header.stamp
     assert messages.ns_from_stamp(newest) < stopped_ns + 700_000_000
     before = len(corrections)
@@ -147,6 +148,7 @@ def test_error_motion_stops_and_comes_back(cell, feed, corrections):
     cell.wait_for_status("compensation: correction", "held: no error motion yet")
     feed.run_until(lambda: len(corrections) > 10, "corrections")
     cell.wait_for_status("compensation: correction", "held: no error motion for")
+    cell.spin_for(0.3)  # what was on its way by then
     before = len(corrections)
     cell.spin_for(0.3)
     assert len(corrections) == before
@@ -155,12 +157,30 @@ def test_error_motion_stops_and_comes_back(cell, feed, corrections):
     assert (step[:3] <= 2e-3 * 0.1 + 1e-12).all(), "no jump: the pause counts for the rate limit as a short one"
 
 
+def test_a_long_hold_goes_on_to_what_the_description_says(cell, plant, feed, corrections):
+    """And from there back to the error motion, both at the rate limit."""
+    reports = cell.collect(cell.wire.topic("corrected_offset_pose"))
+    cell.run(MockController, "mock_controller", machine="xyzac_trt")
+    cell.run(Compensation, "compensation", machine="xyzac_trt", age_limit=1.0, hold_limit=0.5)
+    feed.run_until(lambda: len(corrections) > 10, "corrections")
+    cell.wait_for_status("compensation: correction", "from the description alone")
+    before = len(reports)
+    cell.wait_until(lambda: len(reports) > before + 3, "what is left")
+    assert np.diag(np.reshape(reports[-1].pose.covariance, (6, 6)))[:3].max() > 1e-14, "more than with error motion"
+    feed.run_until(lambda: cell.has_status("compensation: correction", "correcting"), "a word that all is well")
+    positions = np.array([message.position for message in corrections])
+    stamps = np.array([messages.ns_from_stamp(message.header.stamp) for message in corrections])
+    allowed = np.array([2e-3, 2e-3, 2e-3, 2e-2, 2e-2]) * np.minimum(np.diff(stamps) * 1e-9, 0.1)[:, None]
+    assert (np.abs(np.diff(positions, axis=0)) <= allowed + 1e-12).all()
+
+
 def test_an_error_limit_latches_until_it_is_reset(cell, feed, corrections):
     cell.run(MockController, "mock_controller", machine="xyzac_trt")
     cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
     feed.run_until(lambda: len(corrections) > 10, "corrections")
     feed.run_for(0.2, exc=1e-3)
     feed.run_until(is_held_for(cell, "error limit latched until ~/reset is called: correction"), "the latch")
+    feed.run_for(0.3)  # what was on its way by then
     assert all(abs(value) <= 5e-4 for message in corrections for value in list(message.position)[:3])
     before = len(corrections)
     feed.run_for(0.5)
@@ -183,7 +203,7 @@ def test_warning_and_rate_limits_are_told(cell, feed, corrections):
     cell.run(MockController, "mock_controller", machine="xyzac_trt")
     cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED, linear__warning=1e-8, linear__rate=1e-3)
     feed.run_until(lambda: cell.has_status("compensation: correction", "beyond the warning limit"), "the warning")
-    assert len(corrections) > 0
+    feed.run_until(lambda: len(corrections) > 0, "corrections all the same")
 
 
 def test_what_comes_later_than_the_age_limit_is_not_published(cell, plant, corrections):
@@ -233,6 +253,7 @@ def test_the_estimator_is_killed_and_comes_back(cell, corrections):
     cell.wait_until(lambda: len(corrections) > 10, "corrections", 90)
     estimator.send(signal.SIGKILL)
     cell.wait_until(is_held_for(cell, "no error motion for"), "the reason", 30)
+    cell.spin_for(0.3)  # what was on its way by then
     before = len(corrections)
     cell.spin_for(0.5)
     assert len(corrections) == before

@@ -6,9 +6,12 @@ import signal
 
 import numpy as np
 import pytest
+from faults.documenting import Row, shows
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
 
+from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
@@ -20,6 +23,7 @@ COMPONENTS = ("exc", "eyc", "ezc", "eac", "ebc", "ecc")
 PERIOD = 0.005
 SIGMAS = 6.0
 PERIOD_NS = 5_000_000
+RESOLUTION = load_stage().encoder.resolution
 
 
 @pytest.fixture
@@ -51,7 +55,7 @@ def check_against_truth(received, plant):
                 assert (np.abs(found - truth[:, index]) <= bound)[claimed].all(), name
                 bounds.setdefault(name, []).extend(bound[claimed].tolist())
     for name, each in bounds.items():
-        assert np.median(each) < 1e-5, f"an uncertainty of {name} that bounds something"
+        assert np.median(each) < 1e-4, f"an uncertainty of {name} that bounds something"
     return set(bounds)
 
 
@@ -61,7 +65,7 @@ def newest_mask(received):
 
 def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sensors, plant):
     poses = cell.collect(cell.wire.topic("error_motion_pose"))
-    cell.run(ErrorEstimator, "error_estimator", period=PERIOD)
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
     cell.wait_until(lambda: len(estimates) > 10 and len(poses) > 2, "estimates", 30)
     assert check_against_truth(estimates[2:], plant) == {"exc", "eyc", "eac", "ebc", "ecc"}
     covariance = np.reshape(poses[-1].pose.covariance, (6, 6))
@@ -74,7 +78,7 @@ def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sens
 
 
 def test_heads_die_one_after_another(cell, estimates, sensors, plant):
-    cell.run(ErrorEstimator, "error_estimator", period=PERIOD)
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
     cell.wait_until(lambda: len(estimates) > 5, "estimates", 30)
 
     cell.remove(sensors["head_a"])
@@ -90,9 +94,10 @@ def test_heads_die_one_after_another(cell, estimates, sensors, plant):
 
     cell.remove(sensors["head_c"])
     cell.wait_for_status("error_estimator: estimate", "too few heads")
+    cell.spin_for(0.3)  # what was on its way by then
     before = len(estimates)
     cell.spin_for(0.5)
-    assert len(estimates) <= before + 1
+    assert len(estimates) == before
 
     cell.run(EncoderHead, "encoder_head_c")
     cell.wait_until(lambda: len(estimates) > before + 5, "estimates with the head that came back")
@@ -100,7 +105,7 @@ def test_heads_die_one_after_another(cell, estimates, sensors, plant):
 
 
 def test_autocollimator_and_command_go_stale(cell, estimates, sensors, plant):
-    cell.run(ErrorEstimator, "error_estimator", period=PERIOD)
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
     cell.wait_for_status("error_estimator: estimate", "complete", 30)
     sensors["autocollimator"].trigger_deactivate()
     name = "error_estimator: estimate"
@@ -117,13 +122,13 @@ def test_autocollimator_and_command_go_stale(cell, estimates, sensors, plant):
 
 
 def test_the_estimator_is_killed_and_comes_back(cell, estimates, sensors, plant):
-    process = cell.start("error_estimator", period=PERIOD)
+    process = cell.start("error_estimator", period=PERIOD, check_turns=0.0)
     cell.wait_until(lambda: len(estimates) > 5, "estimates", 60)
     process.send(signal.SIGKILL)
     cell.wait_until(lambda: process.exit_code is not None, "end of the process")
     cell.spin_for(0.3)
     before = len(estimates)
-    cell.start("error_estimator", period=PERIOD)
+    cell.start("error_estimator", period=PERIOD, check_turns=0.0)
     cell.wait_until(lambda: len(estimates) > before + 5, "estimates of its successor", 60)
     stamps = [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for message in estimates]
     assert stamps == sorted(stamps)
@@ -132,7 +137,7 @@ def test_the_estimator_is_killed_and_comes_back(cell, estimates, sensors, plant)
 
 def test_what_is_old_or_no_block_is_refused(cell, estimates):
     topic = cell.wire.topic("head_samples", "a")
-    cell.run(ErrorEstimator, "error_estimator", period=PERIOD)
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
     send_block, send = cell.publish_blocks(topic), cell.publish_on(topic)
     old = cell.node.get_clock().now().nanoseconds - 5_000_000_000
     times = old + np.arange(10) * PERIOD_NS
@@ -147,26 +152,101 @@ def test_what_is_old_or_no_block_is_refused(cell, estimates):
     assert estimates == []
 
 
-def test_heads_that_contradict_one_another(cell, estimates, plant):
-    """One head jumps by ten lines: four heads show that something is wrong, not what; nothing is published."""
-    cell.run(ErrorEstimator, "error_estimator", period=PERIOD)
-    send = {head: cell.publish_blocks(cell.wire.topic("head_samples", head)) for head in "abcd"}
-    jump_ns = cell.node.get_clock().now().nanoseconds
-    sent_ns = jump_ns
-    while sent_ns < jump_ns + 400_000_000:
-        for head, publish in send.items():
-            stream = f"head_{head}"
+def send_blocks(cell, plant, duration_ns, change=lambda stream, block: block):
+    """Blocks of 50 ms of all instruments in step with the clock, each as `change` makes it; when they began (ns)."""
+    streams = [f"head_{head}" for head in "abcd"] + ["autocollimator", "command"]
+    topics = [cell.wire.topic("head_samples", head) for head in "abcd"]
+    topics += [cell.wire.topic("autocollimator_samples"), cell.wire.topic("command_samples")]
+    send = dict(zip(streams, map(cell.publish_blocks, topics), strict=True))
+    began_ns = sent_ns = cell.node.get_clock().now().nanoseconds
+    while sent_ns < began_ns + duration_ns:
+        for stream, publish in send.items():
             first = plant.index_at(stream, sent_ns)
-            block = plant.samples(stream, first, plant.index_at(stream, sent_ns + 50_000_000) - first)
-            jumped = block.rows.copy()
-            jumped[:, 1] += 2e-3 if head == "a" and sent_ns >= jump_ns + 200_000_000 else 0.0
-            publish(SampleBlock(block.stamp_ns, block.names, jumped))
+            count = plant.index_at(stream, sent_ns + 50_000_000) - first
+            publish(change(stream, plant.samples(stream, first, count)))
         sent_ns += 50_000_000
         cell.wait_until(lambda until=sent_ns: cell.node.get_clock().now().nanoseconds > until, "time to pass")
-    status = cell.wait_for_status("error_estimator: estimate", "the heads contradict one another")
-    assert status.level == b"\x02"
-    newest = messages.block_from_message(estimates[-1])
-    assert int(newest.times_ns[-1]) < jump_ns + 210_000_000
+    return began_ns
+
+
+def test_a_head_that_contradicts_the_others_is_told_and_left_out(cell, estimates, plant):
+    """One head jumps by ten lines: which one, its course tells."""
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
+    jump_ns = cell.node.get_clock().now().nanoseconds + 600_000_000
+
+    def change(stream, block):
+        jumped = block.rows.copy()
+        jumped[:, 1] += np.where(block.times_ns > jump_ns, 2e-3, 0.0) if stream == "head_a" else 0.0
+        return SampleBlock(block.stamp_ns, block.names, jumped)
+
+    send_blocks(cell, plant, 1_200_000_000, change)
+    cell.wait_until(lambda: newest_mask(estimates) & 0b1111 == 0b1110, "estimates from three heads")
+    status = cell.wait_for_status("error_estimator: estimate", "head_a: off by ")
+    counts = float(status.message.partition("head_a: off by ")[2].split()[0])
+    assert counts == pytest.approx(2e-3 / RESOLUTION, rel=0.2), "by as much as it jumped, in the mean over a window"
+    assert "redundancy is lost" in status.message
     # Between the samples before and after the jump, a small part of it may pass for noise.
-    before = [each for each in estimates if messages.ns_from_stamp(each.header.stamp) < jump_ns + 140_000_000]
-    assert check_against_truth(before, plant) == {"exc", "eyc"}
+    near = (jump_ns - 60_000_000, jump_ns + 100_000_000)
+    away = [each for each in estimates if not near[0] < messages.ns_from_stamp(each.header.stamp) < near[1]]
+    assert check_against_truth(away, plant) == {"exc", "eyc", "eac", "ebc", "ecc"}
+
+
+def test_heads_that_contradict_one_another_from_the_start_publish_nothing(cell, estimates, plant):
+    """Nothing tells which one stands off; the reset believes them again, and they contradict one another again."""
+    # patience: on a loaded computer a head may come late, and three heads contradict nothing
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0, patience=2.0)
+
+    def change(stream, block):
+        return SampleBlock(block.stamp_ns, block.names, block.rows + [0.0, 5e-4] if stream == "head_a" else block.rows)
+
+    send_blocks(cell, plant, 1_000_000_000, change)
+    status = cell.wait_for_status("error_estimator: estimate", "nothing tells which is wrong")
+    assert status.level == b"\x02"
+    assert estimates == []
+    assert cell.call(Trigger, "/error_estimator/reset").message.startswith("believed again: heads")
+
+
+@shows(
+    Row(
+        "messages",
+        "A block of a head stamped 10 s to 365 days ahead, live",
+        "`error_estimator`: refused, stamped in the future; are all clocks alike?",
+        "the message is refused, the stream goes on",
+        "everything",
+        "at once",
+    ),
+)
+@pytest.mark.parametrize("ahead_ns", [10_000_000_000, 3_600_000_000_000, 365 * 86_400_000_000_000])
+def test_stamps_from_the_future_silence_nothing(cell, estimates, plant, ahead_ns):
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
+    wrong = []
+
+    def change(stream, block):
+        if stream == "head_b" and not wrong:
+            wrong.append(block.stamp_ns)
+            return SampleBlock(block.stamp_ns + ahead_ns, block.names, block.rows)
+        return block
+
+    began_ns = send_blocks(cell, plant, 1_000_000_000, change)
+    cell.wait_for_status(f"error_estimator: refused {cell.wire.topic('head_samples', 'b').name}", "in the future")
+    cell.wait_until(
+        lambda: messages.ns_from_stamp(estimates[-1].header.stamp) > began_ns + 800_000_000, "estimates to the end"
+    )
+    assert newest_mask(estimates) == 0b111111
+    check_against_truth(estimates, plant)
+
+
+def test_two_publishers_of_a_head_are_told_and_the_head_is_left_out(cell, estimates, plant):
+    topic = cell.wire.topic("head_samples", "c")
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
+    second = cell.publish_blocks(topic)
+
+    def change(stream, block):
+        if stream == "head_c":
+            second(SampleBlock(block.stamp_ns + 1_000_000, block.names, block.rows + [0.0, 1e-4]))
+        return block
+
+    send_blocks(cell, plant, 2_000_000_000, change)
+    status = cell.wait_for_status(f"error_estimator: publishers of {topic.name}", "several publishers share")
+    assert "test_harness" in status.message
+    assert newest_mask(estimates) & 0b1111 == 0b1011

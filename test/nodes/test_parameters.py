@@ -62,6 +62,19 @@ def test_parameters_are_read_when_the_node_configures():
         assert node.setting("limit") == 0.75
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("limit", float("nan")), ("limit", float("inf")), ("limit", 7.0), ("limit", "0.5"), ("source", "nowhere"),
+     ("speeds", [1.0, float("nan")]), ("count", 11), ("limmit", 0.5)],
+)  # fmt: skip
+def test_a_wrong_parameter_is_refused_before_the_node_configures_too(name, value):
+    with Cell() as cell:
+        node = cell.run(Probe, "probe", autostart=False)
+        before = {setting.name: node.setting(setting.name) for setting in node.settings}
+        assert not cell.set_parameter("probe", name, value)
+        assert {setting.name: node.setting(setting.name) for setting in node.settings} == before
+
+
 def test_cell_settings_by_name_and_group():
     assert [setting.name for setting in cell_settings("stage")] == ["stage"]
     assert {setting.name for setting in cell_settings("mock.")} >= {"mock.seed", "mock.epoch"}

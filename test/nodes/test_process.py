@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
 import sys
+import tracemalloc
 
 import pytest
 from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
@@ -16,7 +18,7 @@ from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import EndSignals, run
 from rotary_error_monitor.testing.domains import own_domain
 
-SIGNALS = [signal.SIGINT, signal.SIGTERM]
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
 @pytest.fixture
@@ -34,6 +36,16 @@ def test_a_signal_ends_a_node_with_exit_code_zero(cell, number):
     cell.wait_for_status("encoder_head_a: state", "active")
     assert process.stop(number) == 0
     assert "Traceback" not in process.output
+
+
+def test_a_node_that_shall_outlive_its_terminal_does(handlers):
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    told = []
+    with EndSignals() as signals:
+        signals.call(lambda: told.append("ended"))
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert signal.sigtimedwait([], 0.2) is None
+    assert told == []
 
 
 def test_a_signal_ends_nodes_that_nothing_else_wakes(cell):
@@ -121,3 +133,39 @@ def test_a_process_that_hangs_after_python_ends_with_its_code(code):
         f"end_within(0.2, {code}); ctypes.PyDLL(None).pause()"
     )
     assert subprocess.run([sys.executable, "-c", hang], timeout=30, check=False).returncode == code
+
+
+def test_a_node_keeps_nothing_of_the_callbacks_that_it_has_run(handlers, monkeypatch):
+    """A node runs for months: what is kept of each callback must be nothing at all."""
+    callbacks = 2000
+    kept: list[int] = []
+
+    class Busy(ManagedNode):
+        def open(self) -> None:
+            self.count = self.reports = 0
+            self.every(0.0002, self.work)
+
+        def diagnose(self) -> object:
+            self.reports += 1
+            return super().diagnose()
+
+        def work(self) -> None:
+            if self.reports < 2:  # what the first report loads and keeps is none of the callbacks'
+                return
+            self.count += 1
+            if self.count in (1, 1 + callbacks):
+                gc.collect()
+                kept.append(tracemalloc.get_traced_memory()[0])
+            if self.count == 1 + callbacks:
+                os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(node_process.atexit, "register", lambda *call: None)
+    tracemalloc.start()
+    try:
+        with own_domain() as domain:
+            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+            assert run(lambda: Busy("busy"), []) == 0
+    finally:
+        tracemalloc.stop()
+    before, after = kept
+    assert (after - before) / callbacks < 8, "bytes for each callback"

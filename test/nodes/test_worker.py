@@ -7,9 +7,13 @@ import time
 from collections.abc import Callable
 
 import pytest
+import rclpy
 from rclpy.context import Context
+from rclpy.node import Node
+from std_msgs.msg import Empty
 
 from rotary_error_monitor.nodes.worker import NotByExecutor, Worker
+from rotary_error_monitor.testing.domains import own_domain
 
 MS = 1_000_000
 DEADLINE = 10.0
@@ -99,3 +103,31 @@ def test_the_executor_keeps_off():
     assert not group.can_execute(None)
     assert not group.beginning_execution(None)
     group.ending_execution(None)
+
+
+@pytest.fixture
+def context():
+    context = Context()
+    with own_domain() as number:
+        rclpy.init(context=context, domain_id=number, args=[])
+        yield context
+        context.try_shutdown()
+
+
+def test_messages_carry_the_number_that_their_publisher_gives_them(context):
+    node = Node("numbers", context=context)
+    worker = Worker(context, time.time_ns, lambda error: None)
+    try:
+        publisher = node.create_publisher(Empty, "/numbered", 10)
+        subscription = node.create_subscription(Empty, "/numbered", lambda _: None, 10, callback_group=NotByExecutor())
+        numbers: list[int | None] = []
+        worker.serve(subscription, lambda _, about: numbers.append(about["publication_sequence_number"]))
+        worker.start()
+        wait_until(lambda: publisher.get_subscription_count() > 0)
+        for count in range(1, 4):
+            publisher.publish(Empty())
+            wait_until(lambda count=count: len(numbers) >= count)
+        assert numbers == [1, 2, 3]
+    finally:
+        worker.stop()
+        node.destroy_node()

@@ -62,9 +62,11 @@ def joint_state(ms, **moved):
     return START + ms * MILLISECOND, positions, dict.fromkeys(positions, 0.0)
 
 
-def run(compensator, until_ms=400, *, joints=lambda ms: True, joint_delay_ms=2, blocks=motion_block):
+def run(compensator, until_ms=400, *, joints=lambda ms: True, joint_delay_ms=2, blocks=motion_block, warmth=20.0):
     """Blocks of 5 ms and joint states of 10 ms as they would arrive."""
     offsets, corrections = [], []
+    if warmth is not None:
+        compensator.push_temperature(warmth, START)
     for ms in range(0, until_ms, 5):
         found = compensator.push_error_motion(blocks(ms))
         offsets += found.offsets
@@ -227,13 +229,15 @@ def test_a_warning_limit_warns_and_a_rate_limit_slows():
 
 def test_temperature_moves_the_scales():
     warm = Compensator(MACHINE)
-    warm.push_temperature(30.0)
-    times, rows = joined(run(warm)[0])
+    times, rows = joined(run(warm, warmth=26.0)[0])
     late = (times - START) * 1e-9 > 0.1
-    np.testing.assert_allclose(rows[late, :6], expected_offset(times[late], temperature=30.0), atol=3e-9)
-    assert (rows[:, 8] == 30.0).all()
-    warm.push_temperature(float("nan"))
-    assert (warm.push_error_motion(motion_block(400)).offsets[0].rows[:, -1] == 30.0).all()
+    np.testing.assert_allclose(rows[late, :6], expected_offset(times[late], temperature=26.0), atol=3e-9)
+    assert (rows[:, 8] == 26.0).all()
+    for number, wrong in enumerate((float("nan"), 100.0, -300.0, 18.0)):
+        warm.push_temperature(wrong)
+        found = warm.push_error_motion(motion_block(400 + 5 * number))
+        assert (found.offsets[0].rows[:, -1] == 26.0).all()
+        assert "temperature not believed" in "; ".join(warm.remarks)
 
 
 def test_error_motion_that_came_before_is_refused():
@@ -265,3 +269,27 @@ def test_a_joint_state_without_an_axis_is_refused():
     del positions["Y"]
     with pytest.raises(InputError, match="lacks axis Y"):
         Compensator(MACHINE).push_joint_state(stamp, positions, velocities)
+
+
+@pytest.mark.parametrize("behind", [5, 35, 120], ids="{} ms behind".format)
+def test_live_corrections_come_back_after_those_of_the_description_alone(behind):
+    """Error motion comes later than joint states of the same time do, over a network most of all."""
+    compensator = Compensator(MACHINE, CompensatorSettings(hold_limit_ns=500 * MILLISECOND))
+    compensator.push_temperature(20.0, START)
+    silent = range(1000, 2000)
+    corrections = []
+    for ms in range(0, 3000, 5):
+        if ms % 10 == 0:
+            corrections += compensator.push_joint_state(*joint_state(ms)).corrections
+        if ms >= behind and (ms - behind) not in silent:
+            corrections += compensator.push_error_motion(motion_block(ms - behind - 5)).corrections
+    stamps = np.array([correction.stamp_ns for correction in corrections])
+    assert (np.diff(stamps) > 0).all(), "a controller refuses what is older than what it had"
+    described = np.array([correction.described for correction in corrections])
+    ms = (stamps - START) / MILLISECOND
+    assert described[(ms > 1700) & (ms < 2000)].all()
+    assert described.sum() > 20
+    late = ms > 2000 + 2 * behind + 20
+    assert late.sum() > 60
+    assert not described[late].any(), f"still from the description {ms[described].max() - 2000:.0f} ms after"
+    assert compensator.holding.since_ns is None

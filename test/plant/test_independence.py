@@ -49,4 +49,4 @@ def test_plant_pulls_in_no_other_room_when_it_is_imported() -> None:
         "print(*{n.split('.')[1] for n in sys.modules if n.startswith('rotary_error_monitor.')})"
     )
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
-    assert {"plant", "description"} <= set(loaded) <= {*OWN, "resources"}
+    assert {"plant", "description"} <= set(loaded) <= {*OWN, "files", "resources"}

@@ -23,10 +23,9 @@ from rotary_error_monitor.sources.mock import MockSettings
 EPOCH_NS = 1_000_000_000_000
 COUNT = 400
 SHARE = "corrected in percent of uncorrected"
+LATE = "corrections late or held, in percent of the time"
 TABLE = RotaryTableKinematics((0.0, 0.0, 0.0), (0.020, 0.010))
 OPTIONS = LinuxcncRun()
-ATTEMPTS = 3
-"""The bound is about the loop, not about what else a shared computer does meanwhile: one good run shows it."""
 
 
 @pytest.mark.linuxcnc
@@ -34,13 +33,11 @@ ATTEMPTS = 3
 def test_the_tool_error_along_a_program_falls_to_a_twentieth(capsys):
     if shutil.which("linuxcnc") is None:
         pytest.skip("LinuxCNC is not installed (apt-get install linuxcnc-uspace)")
-    for _ in range(ATTEMPTS):
-        code = main(["run-linuxcnc"])
-        said = capsys.readouterr().out
-        if code == 0:
-            break
+    code = main(["run-linuxcnc"])
+    said = capsys.readouterr().out
     assert code == 0, said
     assert SHARE in said
+    assert LATE in said
 
 
 @pytest.fixture(scope="module")

@@ -59,7 +59,7 @@ def test_its_recording_replays_to_what_was_published(run, tmp_path):
         at = np.searchsorted(stamps, np.concatenate([block.times_ns for block in offsets]))
         published = np.concatenate([block.rows[:, 1:7] for block in offsets])
         np.testing.assert_array_equal(found["tool_offset"][at], published)
-        assert len(at) > 0.9 * len(stamps)
+        assert len(at) > 0.9 * (len(stamps) - at[0]), "from the first one on"
 
 
 @pytest.mark.cell

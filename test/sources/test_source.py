@@ -50,6 +50,39 @@ def test_samples_that_cannot_be_used(time, values, problem):
         source.add(time, values)
 
 
+@pytest.mark.parametrize("ahead_s", [0.2, 5.0, 3600.0, 86400.0 * 365])
+def test_a_sample_from_the_future_is_refused_and_the_next_one_is_taken(ahead_s):
+    source = Gathered(("angle",))
+    source.add(EPOCH, (0.0,), EPOCH + MS)
+    with pytest.raises(InputError, match=r"a sample stamped in the future: .* ahead of this computer's clock"):
+        source.add(EPOCH + round(ahead_s * 1e9), (1.0,), EPOCH + 2 * MS)
+    source.add(EPOCH + 3 * MS, (2.0,), EPOCH + 4 * MS)
+    block = source.take(EPOCH, EPOCH + 5 * MS)
+    assert block is not None and block.column("angle").tolist() == [0.0, 2.0]
+
+
+def test_an_old_sample_is_refused():
+    source = Gathered(("angle",))
+    with pytest.raises(InputError, match="too old at arrival"):
+        source.add(EPOCH, (0.0,), EPOCH + 2000 * MS)
+
+
+@pytest.mark.parametrize("polled", [False, True])
+def test_a_clock_that_is_set_back_ends_no_source(polled):
+    class Device:
+        def read(self) -> tuple[float]:
+            return (4.0,)
+
+    source = Polled(("angle",), Device()) if polled else Gathered(("angle",))
+    for time in (EPOCH, EPOCH - 3600 * 1000 * MS):
+        if isinstance(source, Polled):
+            source.poll(time)
+        else:
+            source.add(time, (4.0,), time)
+        block = source.take(time, time + MS)
+        assert block is not None and block.times_ns.tolist() == [time]
+
+
 def test_polled_device():
     class Device:
         def read(self) -> tuple[float]:

@@ -15,6 +15,7 @@ from rotary_error_monitor.gap.chances import chi_square_median, log_chi_square_t
 from rotary_error_monitor.gap.machine.where import machine_advice, machine_where
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe, uncertain_shifts
 
 PROBE_STD = 1.5e-6
@@ -26,6 +27,12 @@ OUTLIER = 5.0
 """A pose further than this many standard deviations from every smooth machine is an outlier of the tracker."""
 
 MOST_OUTLIERS = 0.1
+
+SMALL = 1e-3
+"""Departure, m, that any machine may have by the way in which it was set up."""
+
+OTHERS = 10.0
+"""A machine that departs from its twin by so many times what the twin describes may be another one."""
 
 PERIODS = (2e-3, 0.5)
 """Shortest and longest period of a cyclic error that is searched, m."""
@@ -103,6 +110,7 @@ class MachineProblem:
             # A wave that is moved along bends at once: the step in its period is far smaller.
             shape = index in effect.indices(Role.SHAPE)
             step = _SHAPE_STEP * float(cause.values[index]) if shape else _STEP * effect.scales()[index]
+            step = effect.inward(cause.values, index, step)
             values = cause.values.copy()
             values[index] += step
             columns.append((self._prediction(among(cause.with_values(values), others)) - base) / step)
@@ -159,18 +167,33 @@ class MachineProblem:
         return True
 
     def check_plausible(self) -> None:
-        """Refuse a twin that is off by more than the machine's errors.
+        """Refuse a twin that is off by more than the machine's errors and any known effect can make.
 
         Raises:
             InputError: the twin describes another machine.
         """
         predicted = self._prediction(())
-        off = np.median(np.abs(self.recording.probe - predicted))
-        if off > 10 * np.median(np.abs(predicted)) and off > 1e-3:
-            raise InputError(
-                f"the twin is off by {off * 1e6:.0f} µm at the median, far more than the errors it describes: "
-                "it is of another machine; give the twin of this one"
-            )
+        off = float(np.median(np.abs(self.recording.probe - predicted)))
+        described = float(np.median(np.abs(predicted)))
+        if off <= max(OTHERS * described, SMALL) or off <= (reach := self._reach()):
+            return
+        raise InputError(
+            f"the twin is off by {off * 1e3:.3g} mm at the median; the errors that it describes are "
+            f"{described * 1e6:.3g} µm, and known effects make {reach * 1e3:.3g} mm at most: "
+            "it is of another machine; give the twin of this one, and the probe in m"
+        )
+
+    def _reach(self) -> float:
+        """Largest median change of the probe by any known effect as large as it may be, m."""
+        base, reach = self._prediction(()), 0.0
+        for effect in self.effects:
+            for place in effect.locations(self.machine):
+                try:
+                    moved = predict_probe(self.machine, self.recording, (Cause(effect, place, effect.largest(place)),))
+                except UnpredictableError:
+                    continue
+                reach = max(reach, float(np.median(np.abs(moved - base))))
+        return reach
 
     def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
         """Shares of the probe's components."""
@@ -257,13 +280,16 @@ class MachineProblem:
         column = self.machine.letters.index(place)
         position = self.recording.positions[:, column]
         unit = effect.start(place)
-        amplitude = effect.slices()["cos"]
-        flat = unit.copy()
-        # A period far above the travel makes the wave a constant: the direction in which the axis's error shows.
-        flat[effect.slices()["period"]], flat[amplitude] = 1e6, effect.scales()[amplitude]
-        shown = self._prediction((Cause(effect, place, flat),))
-        shown = shown - self._prediction(())
-        along = shown / np.linalg.norm(shown, axis=1, keepdims=True)
+        # Cosine and sine of the longest period, each times its own wave, add up to a constant: the direction in which
+        # the axis's error shows.
+        longest = float(effect.bounds()[1][effect.slices()["period"]][0])
+        shown = np.zeros_like(self.recording.probe)
+        for name, wave in (("cos", np.cos), ("sin", np.sin)):
+            long, size = unit.copy(), effect.slices()[name]
+            long[effect.slices()["period"]], long[size] = longest, effect.scales()[size]
+            moved = self._prediction((Cause(effect, place, long),)) - self._prediction(())
+            shown += wave(2 * np.pi * position / longest)[:, None] * moved
+        along = shown / np.maximum(np.linalg.norm(shown, axis=1, keepdims=True), np.finfo(np.float64).tiny)
         signal = np.sum(np.stack([rest[c][:, 0] for c in CHANNELS], axis=1) * along, axis=1)
         span = float(np.ptp(position))
         best = find_frequency(position, signal, 1 / PERIODS[1], 1 / PERIODS[0])

@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.files import read_text
 from rotary_error_monitor.twin.mount import FEWEST_POINTINGS, MountRecording
 from rotary_error_monitor.twin.refraction import Weather
 
@@ -40,11 +41,7 @@ def read_pointings(path: Path) -> MountRecording:
     Raises:
         InputError: the file cannot be read, a line has too few fields or a wrong value, or there are too few lines.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); give the path of a pointing file") from error
-    return parse_pointings(text, str(path))
+    return parse_pointings(read_text(path, "a pointing file"), str(path))
 
 
 def parse_pointings(text: str, origin: str) -> MountRecording:
@@ -84,7 +81,7 @@ def _without_jumps(angles: Array) -> Array:
 def _check_option(words: Sequence[str], place: str) -> None:
     if words and words[0].startswith(":") and words[0].upper() not in _SUPPORTED:
         raise InputError(
-            f"{place}: option {words[0]}; only equatorial mounts are known ({', '.join(sorted(_SUPPORTED))})"
+            f"{place}: option {excerpt(words[0])}; only equatorial mounts are known ({', '.join(sorted(_SUPPORTED))})"
         )
 
 
@@ -117,9 +114,9 @@ def _numbers(words: Sequence[str], count: int, place: str, what: str) -> list[fl
         try:
             values.append(float(word))
         except ValueError as error:
-            raise InputError(f"{place}: '{word}' is no number; {what} has {count} numbers") from error
+            raise InputError(f"{place}: '{excerpt(word)}' is no number; {what} has {count} numbers") from error
     if not np.isfinite(values).all():
-        raise InputError(f"{place}: {' '.join(words)}: expected finite numbers")
+        raise InputError(f"{place}: {excerpt(' '.join(words))}: expected finite numbers")
     return values
 
 
@@ -131,5 +128,5 @@ def _angle(words: Sequence[str]) -> float:
 
 def _in_range(value: float, limit: float, words: Sequence[str], place: str, what: str) -> float:
     if abs(value) > limit:
-        raise InputError(f"{place}: {' '.join(words)} as {what}; expected at most {limit:g}")
+        raise InputError(f"{place}: {excerpt(' '.join(words))} as {what}; expected at most {limit:g}")
     return value

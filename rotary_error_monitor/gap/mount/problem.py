@@ -113,7 +113,7 @@ class MountProblem:
         geometry = self.geometry(causes)
         base = self.twin.error(geometry, causes)
         for index in indices:
-            step = _STEP * cause.effect.scales()[index]
+            step = cause.effect.inward(cause.values, index, _STEP * float(cause.effect.scales()[index]))
             values = cause.values.copy()
             values[index] += step
             columns.append((base - self.twin.error(geometry, among(cause.with_values(values), others))) / step)

@@ -248,7 +248,7 @@ def _distance(problem: MountProblem, first: Cause, rival: Cause, planned: MountR
     def misfit(moved: Array) -> Array:
         values = rival.values.copy()
         values[linear] += moved[6:] * sizes
-        made = twin.error(geometry.plus(tuple(1e-3 * moved[:6])), (rival.with_values(values),))
+        made = twin.error(geometry.plus(tuple(1e-3 * moved[:6])), (rival.with_values(rival.effect.held(values)),))
         return np.asarray(((made - wanted) / problem.std[:, None]).ravel(), np.float64)
 
     found = least_squares(misfit, np.zeros(6 + len(linear)), method="lm", x_scale="jac")

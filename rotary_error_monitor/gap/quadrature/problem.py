@@ -124,6 +124,7 @@ class QuadratureProblem:
         for index in indices:
             shape = index in cause.effect.indices(Role.SHAPE)
             step = 1e-4 * float(cause.values[index]) if shape else _STEP * cause.effect.scales()[index]
+            step = cause.effect.inward(cause.values, index, step)
             values = cause.values.copy()
             values[index] += step
             columns.append((self._predicted(among(cause.with_values(values), others), amplitude) - base) / step)
@@ -172,10 +173,10 @@ class QuadratureProblem:
             InputError: the circle is far larger or smaller than the twin says.
         """
         mean = float(np.mean(self.radius))
-        if abs(mean / self.description.amplitude - 1) > OFF:
+        if abs(mean - self.description.amplitude) > OFF * self.description.amplitude:
             raise InputError(
-                f"the signals' mean radius is {mean:.0f} counts, the twin's amplitude is "
-                f"{self.description.amplitude:.0f}: it is of other signals; set its amplitude"
+                f"the signals' mean radius is {mean:.4g} counts, the twin's amplitude is "
+                f"{self.description.amplitude:.4g}: it is of other signals; set its amplitude"
             )
 
     def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
@@ -312,5 +313,5 @@ def radius_scatter(signals: Complex) -> tuple[float, NDArray[np.bool_]]:
         left = radius - (y / n)[cell] - slope[cell] * (within - (x / n)[cell])
         freedom = max(float(kept.sum()) - 2 * float(np.count_nonzero(n > 2)), 1.0)
         spread = float(np.sqrt(np.sum(np.square(left[kept])) / freedom))
-        kept = np.abs(left) < OUTLIER * spread
+        kept = np.abs(left) <= OUTLIER * spread  # of signals without noise nothing is left, and no sample is an outlier
     return spread, kept

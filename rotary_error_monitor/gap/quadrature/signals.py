@@ -5,17 +5,21 @@ Either the columns `Phase (deg)` and `Radius` (counts), others being left out, o
 
 from __future__ import annotations
 
-import gzip
 import io
 from pathlib import Path
 
 import numpy as np
 
 from rotary_error_monitor.effects.quadrature_effect import Complex
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.files import read_text
 from rotary_error_monitor.twin.quadrature import FEWEST_SAMPLES, QuadratureRecording
 
 _POLAR, _CARTESIAN = ("phase (deg)", "radius"), ("cos", "sin")
+
+
+LARGEST = 2.0**53
+"""Counts of a converter, or degrees, beyond which a double knows no single one."""
 
 
 def read_quadrature(path: Path) -> QuadratureRecording:
@@ -33,29 +37,25 @@ def read_signals(path: Path) -> Complex:
     Raises:
         InputError: as `read_quadrature`.
     """
-    lines = _text(path).splitlines()
+    lines = read_text(path, "a .csv or .csv.gz file of signals").splitlines()
     heads = [head.strip().lower() for head in lines[0].split(",")] if lines else []
     wanted = next((pair for pair in (_POLAR, _CARTESIAN) if set(pair) <= set(heads)), None)
     if wanted is None:
-        raise InputError(f"{path}:1: columns {heads or 'none'}; expected {' and '.join(_POLAR)}, or cos and sin")
+        raise InputError(
+            f"{path}:1: columns {excerpt(heads) if heads else 'none'}; expected {' and '.join(_POLAR)}, or cos and sin"
+        )
     if len(lines) - 1 < FEWEST_SAMPLES:
         raise InputError(f"{path}: {max(len(lines) - 1, 0)} samples; at least {FEWEST_SAMPLES} are needed")
     columns = [heads.index(name) for name in wanted]
     try:
-        values = np.loadtxt(io.StringIO("\n".join(lines[1:])), delimiter=",", usecols=columns)
+        values = np.loadtxt(io.StringIO("\n".join(lines[1:])), delimiter=",", usecols=columns, comments=None, ndmin=2)
     except (ValueError, IndexError) as error:
-        raise InputError(f"{path}: {error}; expected numbers in columns {wanted[0]} and {wanted[1]}") from error
-    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        raise InputError(
+            f"{path}: {excerpt(error)}; expected numbers in columns {wanted[0]} and {wanted[1]}"
+        ) from error
+    bad = np.flatnonzero(~(np.abs(values) <= LARGEST).all(axis=1))
     if len(bad):
-        raise InputError(f"{path}:{int(bad[0]) + 2}: {values[bad[0]]}; expected finite numbers")
+        raise InputError(f"{path}:{int(bad[0]) + 2}: {values[bad[0]]}; expected finite numbers of at most {LARGEST:g}")
     if wanted == _CARTESIAN:
         return np.asarray(values[:, 0] + 1j * values[:, 1], np.complex128)
     return np.asarray(values[:, 1] * np.exp(1j * np.radians(values[:, 0])), np.complex128)
-
-
-def _text(path: Path) -> str:
-    try:
-        content = path.read_bytes()
-        return (gzip.decompress(content) if content[:2] == b"\x1f\x8b" else content).decode("utf-8")
-    except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); give a .csv or .csv.gz file of signals") from error

@@ -10,9 +10,10 @@ import numpy as np
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role, among
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
-from rotary_error_monitor.gap.admission import check_extent, check_stage
+from rotary_error_monitor.gap.admission import check_extent, check_noise
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
+from rotary_error_monitor.gap.stage.another import check_stage, left_out
 from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.distortion import distortions
 from rotary_error_monitor.gap.stage.experiments import advise
@@ -27,7 +28,7 @@ from rotary_error_monitor.gap.structure import LINE_ORDERS, Track, find_shared, 
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
-from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise
+from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise, noise_std
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 from rotary_error_monitor.twin.whitening import side_by_side
 
@@ -81,6 +82,7 @@ class StageProblem:
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
         raw = self._raw_residual(())
         omega = {name: self.twin.state(name).omega for name in recording.heads}
+        check_noise(self.twin.times, noise_std(stage))
         self.noise = StageNoise(stage, recording, raw, omega)
         self._conditions = stage_conditions(recording)
         self._search = StageSearch(self)
@@ -154,10 +156,11 @@ class StageProblem:
         effect = cause.effect
         assert isinstance(effect, StageEffect)
         streams = [name for name in self.twin.times if effect.touches(cause.location, name)]
-        steps = effect.scales()[list(indices)] * _DERIVATIVE_STEP
+        scales = effect.scales()
         base = self._prediction(among(cause, others), streams)
         columns: dict[str, list[Array]] = {name: [] for name in streams}
-        for index, step in zip(indices, steps, strict=True):
+        for index in indices:
+            step = effect.inward(cause.values, index, float(scales[index]) * _DERIVATIVE_STEP)
             values = cause.values.copy()
             values[index] += step
             moved = self.twin.predict(among(cause.with_values(values), others), streams)
@@ -265,14 +268,14 @@ class StageProblem:
         return True
 
     def check_plausible(self) -> None:
-        """Refuse a recording too short to hold anything out, and a twin that no instrument agrees with.
+        """Refuse a recording too short to hold anything out, and a twin whose statements are another stage's.
 
         Raises:
             InputError: the recording lasts or turns too little, or the twin describes another stage.
         """
         raw = self._raw_residual(())
         check_extent(self.recording, raw, self.noise.std)
-        check_stage(self.recording, raw, self.twin)
+        check_stage(self.recording, raw, self.twin, self.effects, self.noise.std)
 
     def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
         """Shares of the channels in topics and fields."""
@@ -288,7 +291,7 @@ class StageProblem:
 
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """What was left out of the recording, and sensors noisier than the twin says."""
-        found = list(self.recording.remarks)
+        found = [*self.recording.remarks, *left_out(self.twin, self._raw_residual(()), self.noise.std)]
         found += [f"{name}: {count} spikes left out" for name, count in self.spikes().items() if count]
         time = self.noise.grid.time
         found += [

@@ -1,0 +1,80 @@
+"""What a recording between centres says of ring and mirror, in words, µm and arcsec."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rotary_error_monitor.calibration.assembly import AssemblyResult, misfit_lines
+from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
+from rotary_error_monitor.metrology.ring_assembly import RingAssembly
+
+ARCSEC = 648000 / np.pi
+MOST_ORDERS = 8
+"""Orders that a line names, the lowest first: as many as stand in it beside the words."""
+
+
+def assembly_text(result: AssemblyResult, output: Path) -> str:
+    """What was found, what was kept, and what does not fit."""
+    lines = _ring_lines(result.ring, result.ticks)
+    lines += [f"mirror: {result.remark}, left as it was"] if result.mirror is None else _mirror_lines(result.mirror)
+    if not result.fits:
+        lines += ["the recording does not fit:", *(f"  {line}" for line in misfit_lines(result))]
+    lines += [f"note: {remark}" for remark in result.remarks]
+    if result.written:
+        return "\n".join([*lines, f"written to {output}"])
+    return "\n".join([*lines, "not written; --force writes it with an uncertainty that covers what is left"])
+
+
+def _ring_lines(ring: RingAssembly, ticks: int) -> list[str]:
+    (x, y), (std_x, std_y) = ring.eccentricity, ring.eccentricity_std
+    lines = [
+        f"ring: eccentricity ({x * 1e6:.3f}, {y * 1e6:.3f}) µm, standard uncertainty ({std_x * 1e6:.4f}, "
+        f"{std_y * 1e6:.4f}) µm, from {ticks} times; residual {ring.fit.ratio:.2f} times the noise"
+    ]
+    for row, std in zip(ring.graduation, ring.graduation_std, strict=True):
+        lines.append(
+            f"  graduation order {row.order}: {np.hypot(row.cos, row.sin) * ARCSEC:.3f} arcsec, standard uncertainty "
+            f"{max(std) * ARCSEC:.4f}"
+        )
+    for row in ring.kept:
+        lines.append(
+            f"  graduation order {row.order}: {np.hypot(row.cos, row.sin) * ARCSEC:.3f} arcsec, kept from before: "
+            f"{'these heads cannot see it' if row.order <= ring.highest else 'not told by this sampling'}"
+        )
+    lines.append(f"  orders up to {ring.highest} were looked for")
+    if ring.hidden_orders:
+        lines[-1] += f"; these heads cannot see {_listed(ring.hidden_orders)}"
+    return lines
+
+
+def _mirror_lines(mirror: MirrorAssembly) -> list[str]:
+    tilt_x, tilt_y = (value * ARCSEC for value in mirror.tilt)
+    lines = [
+        f"mirror: tilt ({tilt_x:.3f}, {tilt_y:.3f}) arcsec, standard uncertainty ({mirror.tilt_std[0] * ARCSEC:.4f}, "
+        f"{mirror.tilt_std[1] * ARCSEC:.4f}); residual {mirror.fit.ratio:.2f} times the noise",
+        f"  autocollimator {mirror.delay * 1e3:.3f} ms old, standard uncertainty {mirror.delay_std * 1e3:.3f} ms",
+    ]
+    for row, std in zip(mirror.flatness, mirror.flatness_std, strict=True):
+        lines.append(
+            f"  flatness order {row.order}: {_size(row.x, row.y):.3f} arcsec, standard uncertainty {std * ARCSEC:.4f}"
+        )
+    for row in mirror.kept:
+        lines.append(
+            f"  flatness order {row.order}: {_size(row.x, row.y):.3f} arcsec, kept from before: "
+            "not told by this sampling"
+        )
+    return [*lines, f"  orders up to {mirror.highest} were looked for"]
+
+
+def _size(x: Sequence[float], y: Sequence[float]) -> float:
+    """Root mean square over the two directions of an order's amplitude, arcsec."""
+    return float(np.sqrt(np.sum(np.square([*x, *y])) / 2) * ARCSEC)
+
+
+def _listed(orders: Sequence[int]) -> str:
+    """The orders, or the first of them."""
+    shown = ", ".join(map(str, orders[:MOST_ORDERS]))
+    return shown + (", …" if len(orders) > MOST_ORDERS else "")

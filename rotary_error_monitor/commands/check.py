@@ -1,0 +1,32 @@
+"""`rotary_error_monitor check`: whether the description of a stage fits a recording of it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.scenario.stage_check import check_stage, check_text
+
+CONTRADICTED, UNPROVEN = 10, 12
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Describe the command's arguments."""
+    parser = subparsers.add_parser(
+        "check",
+        help="say whether the description of a stage fits a recording of it",
+        epilog="exit codes: 0 it fits; 10 it does not, or an instrument is wrong; 12 no whole turn; 2 wrong input",
+    )
+    parser.add_argument("bag", type=Path, metavar="BAG")
+    parser.add_argument("--stage", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check, print, and give the exit code."""
+    check = check_stage(arguments.bag, load_stage(arguments.stage))
+    print("\n".join(check_text(check)))
+    if not check.fits:
+        return CONTRADICTED
+    return 0 if check.is_whole else UNPROVEN

@@ -1,0 +1,83 @@
+"""What a stage can do at most: readings that say more than that are doubted, not believed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
+
+HAND = 200.0
+"""Force, N, by which a person pushes at a shaft (Lou et al. 2019, Figure 15: pushes by hand, up to some 200 N)."""
+
+WARMING = 10.0
+"""Change of temperature, K, that a stage in a workshop goes through."""
+
+RISE = 0.03
+"""How long a push takes to come at its steepest, s: by hand it rises within 0.1 s, steepest in the middle."""
+
+SPREAD = 1.5
+"""How much larger the error motion of a stage may grow than its description says before the description is wrong."""
+
+
+@dataclass(frozen=True)
+class StageLimits:
+    """Limits of a stage; a stage file may state each of them (section `limits`), what it leaves out is derived.
+
+    Attributes:
+        speed: fastest rotation, rad/s.
+        radial: largest radial error motion at the ring, m.
+        tilt: largest tilt error motion, rad.
+        radial_rate: how fast what the description does not predict of the radial error motion may change, m/s.
+        tilt_rate: the same of the tilt error motion, rad/s.
+        following_error: how far the rotation may be from its command at rest, rad.
+        latency: how far the stamps of command and heads may be apart, and how long the drive may lag, s.
+    """
+
+    speed: float = 60.0
+    radial: float = 5e-5
+    tilt: float = 3e-4
+    radial_rate: float = 5e-4
+    tilt_rate: float = 3e-3
+    following_error: float = 5e-4
+    latency: float = 3e-4
+
+    def stated(self, section: Mapping[str, float]) -> StageLimits:
+        """The same with what a section `limits` states."""
+        return replace(self, **{name: float(value) for name, value in section.items()})
+
+
+def derive_limits(
+    radial: Iterable[PlanarHarmonic],
+    tilt: Iterable[PlanarHarmonic],
+    radial_compliance: float,
+    tilt_compliance: float,
+    radial_thermal: tuple[float, float],
+) -> StageLimits:
+    """Limits of a stage whose file states none, from the error motion that it describes.
+
+    A stage that describes no error motion keeps the defaults: a bearing that is worse than 50 µm or 0.3 mrad is no
+    precision stage.
+    """
+    limits = StageLimits()
+    pushed, tilted = HAND * abs(radial_compliance), HAND * abs(tilt_compliance)
+    described = _peak(radial)
+    if described > 0.0:
+        largest = SPREAD * described + pushed + WARMING * math.hypot(*radial_thermal)
+        limits = replace(limits, radial=largest, radial_rate=_rate(largest, pushed))
+    described = _peak(tilt)
+    if described > 0.0:
+        largest = SPREAD * described + tilted
+        limits = replace(limits, tilt=largest, tilt_rate=_rate(largest, tilted))
+    return limits
+
+
+def _peak(rows: Iterable[PlanarHarmonic]) -> float:
+    """Largest length that a sum of plane harmonics can reach, at most."""
+    return sum(math.hypot(*row.x, *row.y) for row in rows)
+
+
+def _rate(largest: float, pushed: float) -> float:
+    """Change per second of what the description does not predict: a push, or a tenth of all there is."""
+    return max(pushed, 0.1 * largest) / RISE

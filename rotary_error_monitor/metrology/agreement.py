@@ -1,0 +1,133 @@
+"""How well the read heads of a ring agree over time, and which one does not.
+
+Four heads leave one contradiction (parity) that no motion of the rotor makes. At one instant it tells that a head is
+wrong, not which: all heads enter it alike. Over time it does, for whatever course the fault takes, the wrong head
+carries the same course into rotation and radial motion, each head in a proportion of its own. Taking the fault out of
+the right head leaves a motion that runs on as before; taking it out of another one doubles what is wrong.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from rotary_error_monitor.metrology.encoder_heads import HeadLayout
+
+CHANCE = 1e-4
+"""Probability by which chance exceeds a bound on chi-square: once in a hundred seconds of windows."""
+
+ODDS = math.log(1e4)
+"""Logarithm of the odds from which one head is taken for the wrong one, against any other."""
+
+LEAST_RATIO = 4.0
+"""How much smoother, in mean square, the motion must run without the wrong head than without any other: odds alone
+rest on increments that are independent and normal, which those of a real rotor are only roughly."""
+
+
+FAR = 3.0
+"""How many times what the stage can do a motion must be that it cannot have made, for limits are known to a factor, no
+better. What is left without the wrong head must be as far below that: a wrong rotation puts what is described, such as
+the eccentricity, at wrong angles."""
+
+
+@functools.lru_cache(maxsize=4096)
+def chi_square_bound(freedom: float) -> float:
+    """What chi-square over its degrees of freedom exceeds with the probability `CHANCE`."""
+    return float(chdtri(freedom, CHANCE)) / freedom
+
+
+@dataclass(frozen=True)
+class Isolation:
+    """The head that is wrong.
+
+    Attributes:
+        head: its place in the layout.
+        fault: (n,) course of its fault, rad.
+    """
+
+    head: int
+    fault: NDArray[np.float64]
+
+
+def isolate_head(
+    layout: HeadLayout, motion: NDArray[np.float64], parity: NDArray[np.float64], lag: int
+) -> Isolation | None:
+    """The head whose fault explains the course of the contradiction; None where the course does not tell.
+
+    Args:
+        layout: the heads that were read.
+        motion: (n, 3) rotation and the two radial components over the radius, at equal steps of time, rad; what is
+            known of them taken off, so that what remains changes little. What was not seen is NaN.
+        parity: (n, redundancy) contradiction of the heads, rad.
+        lag: steps over which changes are looked at.
+    """
+    seen = np.isfinite(motion).all(axis=0)
+    motion, weights = motion[:, seen], layout.weights[seen]
+    candidates = [i for i in range(len(layout.azimuths)) if _can_do_without(layout, i)]
+    rough = {i: _roughness(weights[:, i], layout.parity[:, i], motion, parity, lag) for i in candidates}
+    steps = len(motion) - lag
+    if len(rough) < 2 or steps < 1:
+        return None
+    best, second = sorted(rough, key=lambda i: rough[i])[:2]
+    ratio = rough[second] / max(rough[best], np.finfo(np.float64).tiny)
+    if ratio < LEAST_RATIO or 0.5 * steps / lag * math.log(ratio) < ODDS:
+        return None
+    return Isolation(best, _course(layout.parity[:, best], parity))
+
+
+def isolate_implausible(
+    layout: HeadLayout, motion: NDArray[np.float64], parity: NDArray[np.float64], most: NDArray[np.float64]
+) -> Isolation | None:
+    """The head whose fault, taken out, leaves a motion that the stage can make, where that is so of one head alone.
+
+    It needs no course: a head that comes back with another zero is off by far more than a stage moves.
+
+    Args:
+        layout: the heads that were read.
+        motion: (n, 3) as in `isolate_head`.
+        parity: (n, redundancy) contradiction of the heads, rad.
+        most: (3,) what rotation (less the command) and radial components over the radius can be, rad.
+    """
+    seen = np.isfinite(motion).all(axis=0)
+    motion, weights = motion[:, seen] / most[seen], layout.weights[seen] / most[seen, None]
+    candidates = [i for i in range(len(layout.azimuths)) if _can_do_without(layout, i)]
+    size = {}
+    for i in candidates:
+        fault = _course(layout.parity[:, i], parity)
+        size[i] = float(np.abs(motion - fault[:, None] * weights[:, i]).max(axis=1).mean())
+    if len(size) < 2:
+        return None
+    best, second = sorted(size, key=lambda i: size[i])[:2]
+    if size[second] < FAR or size[best] * FAR**2 > size[second]:
+        return None
+    return Isolation(best, _course(layout.parity[:, best], parity))
+
+
+def _can_do_without(layout: HeadLayout, head: int) -> bool:
+    """Whether the rotation is still seen without a head."""
+    rest = layout.azimuths[:head] + layout.azimuths[head + 1 :]
+    return len(rest) >= 2 and "theta" in HeadLayout(rest).observable
+
+
+def _course(column: NDArray[np.float64], parity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) fault of one head that explains most of the parity."""
+    return np.asarray(parity @ column / (column @ column))
+
+
+def _roughness(
+    weights: NDArray[np.float64],
+    column: NDArray[np.float64],
+    motion: NDArray[np.float64],
+    parity: NDArray[np.float64],
+    lag: int,
+) -> float:
+    """Mean square change over `lag` of what is left when the fault of one head has been taken out."""
+    fault = _course(column, parity)
+    left = np.concatenate([motion - fault[:, None] * weights, parity - fault[:, None] * column], axis=1)
+    change = left[lag:] - left[:-lag]
+    return float(np.mean(change * change))

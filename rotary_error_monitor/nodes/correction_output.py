@@ -1,0 +1,145 @@
+"""What the compensation publishes, and who else speaks of corrections: the controller, and a second compensation."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from sensor_msgs.msg import JointState
+
+from rotary_error_monitor.bags.messages import stamp_of
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.pipeline.compensation import Compensator
+from rotary_error_monitor.pipeline.corrections import Compensation, Correction
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+
+_FOREIGN_FOR_NS = 2 * NANOSECONDS
+"""How long a second compensation must have been silent before this one goes on, ns."""
+
+_FEEDBACK_AGE_NS = NANOSECONDS
+"""Age at which what the controller has said no longer tells what it has in effect, ns."""
+
+
+class CorrectionOutput:
+    """Publishes offsets and corrections, and begins from the corrections that the controller has in effect.
+
+    Attributes:
+        latest: last correction that was published.
+        stale: offsets that were too old to be published.
+    """
+
+    def __init__(self, node: ManagedNode, compensator: Compensator, age_limit_ns: int) -> None:
+        """Publish for `node`; nothing that is older than `age_limit_ns`."""
+        self._node, self._compensator, self._age_limit_ns = node, compensator, age_limit_ns
+        keys = ("tool_offset_samples", "tool_offset_pose", "corrected_offset_pose", "axis_corrections")
+        self._topics = {key: node.wire.topic(key) for key in keys}
+        self._outputs = {key: node.publish_on(topic) for key, topic in self._topics.items()}
+        self._own: deque[int] = deque(maxlen=1024)
+        self._foreign_ns: int | None = None
+        self._feedback = node.wire.topic("applied_corrections")
+        self._fed_ns: int | None = None
+        self._began_ns: int | None = None
+        self._started = False
+        self._unfed = ""
+        self._worst_age, self._told_stale = 0.0, 0
+        self.latest: Correction | None = None
+        self.stale = 0
+        node.listen_to(self._feedback, self._receive_feedback)
+        node.listen_to_bytes(self._topics["axis_corrections"], self._receive_correction)
+
+    def send(self, computed: Compensation) -> None:
+        """Publish what is fresh; where a correction came too late, the next ones go on from the last published."""
+        oldest_ns = self._node.now_ns() - self._age_limit_ns
+        for block in computed.offsets:
+            self._publish_offsets(block, oldest_ns)
+        for correction in computed.corrections:
+            if correction.stamp_ns >= oldest_ns:
+                self._publish_correction(correction)
+        if self.latest is not None and computed.corrections and computed.corrections[-1] is not self.latest:
+            self._compensator.start_from(dict(zip(self.latest.axes, self.latest.values.tolist(), strict=True)))
+
+    def forbidden(self, now_ns: int) -> str:
+        """Why no correction may go out; empty where they may."""
+        if reason := self._second_compensation(now_ns):
+            return reason
+        if self._started:
+            return ""
+        self._began_ns = now_ns if self._began_ns is None else self._began_ns
+        topic = self._feedback.name
+        waited = (now_ns - self._began_ns) / NANOSECONDS
+        if self._node.count_publishers(topic) == 0 and waited >= self._node.setting("feedback_patience"):
+            self._started = True
+            self._unfed = f"nobody says on {topic} which corrections are in effect: none were assumed"
+            return ""
+        return f"waiting for the controller to say on {topic} which corrections it has in effect"
+
+    def remarks(self, now_ns: int) -> list[str]:
+        """What is not as it should be with the controller's side."""
+        return [self._unfed] if self._unfed else []
+
+    def take_worst_age(self) -> float:
+        """Largest age of an offset at its publication since the last call, s."""
+        worst, self._worst_age = self._worst_age, 0.0
+        return worst
+
+    def take_stale(self) -> int:
+        """Offsets that were too old since the last call."""
+        new, self._told_stale = self.stale - self._told_stale, self.stale
+        return new
+
+    def _second_compensation(self, now_ns: int) -> str:
+        if self._foreign_ns is None:
+            return ""
+        topic = self._topics["axis_corrections"].name
+        if now_ns - self._foreign_ns > _FOREIGN_FOR_NS and self._node.count_publishers(topic) < 2:
+            self._foreign_ns = None
+            return ""
+        return self._node.publishers_of(topic)
+
+    def _receive_correction(self, data: bytes, received_ns: int) -> None:
+        """Somebody else's correction: two compensations would both move the axes."""
+        if stamp_of(data) not in self._own:
+            self._foreign_ns = received_ns
+
+    def _receive_feedback(self, message: JointState) -> None:
+        positions, _ = messages.joint_motion(message)
+        self._fed_ns = self._node.now_ns()
+        if not self._started:
+            self._compensator.start_from(positions)
+            self._started = True
+        self._unfed = ""
+
+    def _publish_offsets(self, block: SampleBlock, oldest_ns: int) -> None:
+        stale = int(np.searchsorted(block.times_ns, oldest_ns))
+        self.stale += stale
+        if stale == len(block.rows):
+            return
+        fresh = SampleBlock(block.stamp_ns, block.names, block.rows[stale:])
+        topic = self._topics["tool_offset_samples"]
+        self._outputs["tool_offset_samples"].publish(messages.block_bytes(fresh, topic.frame))
+        self._worst_age = max(self._worst_age, (self._node.now_ns() - int(fresh.times_ns[-1])) / NANOSECONDS)
+
+    def _publish_correction(self, correction: Correction) -> None:
+        self.latest = correction
+        self._own.append(correction.stamp_ns)
+        self._outputs["axis_corrections"].publish(
+            messages.joint_state_message(
+                correction.stamp_ns,
+                self._topics["axis_corrections"].frame,
+                correction.axes,
+                correction.values,
+                correction.rates,
+            )
+        )
+        report = correction.report
+        if report is None:
+            return
+        observable = np.array([math.isfinite(variance) for variance in np.diag(report.covariance)])
+        for key, offset in (("tool_offset_pose", report.offset), ("corrected_offset_pose", report.remaining)):
+            self._outputs[key].publish(
+                messages.pose_message(
+                    correction.stamp_ns, self._topics[key].frame, offset, report.covariance, observable
+                )
+            )

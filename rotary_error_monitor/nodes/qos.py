@@ -1,0 +1,28 @@
+"""Quality of service of the nodes' topics, and what of it a user may override."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from rotary_error_monitor.description.wire import Topic
+
+OVERRIDABLE = QoSOverridingOptions(
+    (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
+)
+"""Parameters `qos_overrides.<topic>.…` of each publisher and subscription."""
+
+
+def profile(topic: Topic) -> QoSProfile:
+    """Quality of service of a contract's topic."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=topic.qos.depth,
+        reliability=ReliabilityPolicy[topic.qos.reliability.upper()],
+        durability=DurabilityPolicy[topic.qos.durability.upper()],
+    )
+
+
+def driver_profile() -> QoSProfile:
+    """Quality of service that fits the publisher of any driver: best effort listens to reliable ones as well."""
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -1,0 +1,284 @@
+"""What is believed of a stage's inputs: each kind has a judge, and what they say applies from the next window on."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Evidence, Reach, Window, WindowGrid
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, PERSISTENT, SHORT, HeadBelief
+from rotary_error_monitor.pipeline.ring_belief import CommandBelief, RingBelief
+from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
+from rotary_error_monitor.signals.admission import LATE
+from rotary_error_monitor.signals.blocks import NANOSECONDS
+from rotary_error_monitor.signals.streams import SampleStream
+
+DOUBTS = ("heads", "ring", "autocollimator", "command", "redundancy", "unverified", "unverified_tilt")
+"""Bits of the column `doubts`, the lowest first: heads that contradict one another and are not used; a description that
+the radial error motion contradicts; autocollimator and command that are not used; redundancy that was lost, so that a
+further fault of a head would not show; a description that has not been held against a turn of the ring yet, and against
+one of the mirror."""
+
+
+REFUSED = 0.1
+"""Part of the samples in a window whose refusal counts against their stream."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is believed.
+
+    Attributes:
+        excluded: bit mask of the streams that are not used.
+        doubts: bit mask, bits as in `DOUBTS`.
+        head_scale: by which standard deviations from the heads are multiplied.
+        tilt_scale: by which those of the tilt are multiplied.
+        tilt, ecc, radial: where what the description does not predict of each can be next: middle (rad, m) and reach.
+        most: contradiction of the heads that is borne, in standard deviations.
+        lag: what a delay of heads and command against one another makes at the present speed, rad.
+    """
+
+    excluded: int = 0
+    doubts: int = 1 << DOUBTS.index("unverified") | 1 << DOUBTS.index("unverified_tilt")
+    head_scale: float = 1.0
+    tilt_scale: float = 1.0
+    lag: float = 0.0
+    most: float = math.inf
+    tilt: Reach = EVERYWHERE
+    ecc: Reach = EVERYWHERE
+    radial: Reach = EVERYWHERE
+
+    def has(self, doubt: str) -> bool:
+        """Whether there is that doubt."""
+        return bool(self.doubts >> DOUBTS.index(doubt) & 1)
+
+
+class StreamBelief:
+    """Judges each stream by how much of it had to be refused: what does not hold together is not believed in parts.
+
+    Attributes:
+        doubted: why a stream is not used, by its name.
+    """
+
+    def __init__(self, streams: Mapping[str, SampleStream]) -> None:
+        """Judge of `streams` by name."""
+        self._streams = dict(streams)
+        self.reset()
+
+    def reset(self) -> None:
+        """Believe all of them again."""
+        self.doubted: dict[str, str] = {}
+        self._parts = {name: deque[float](maxlen=SHORT) for name in self._streams}
+        self._agreeing = dict.fromkeys(self._streams, 0.0)
+
+    def distrust(self, name: str, why: str) -> None:
+        """Do not use a stream of which something is known that its samples do not tell."""
+        self.doubted[name] = why
+        self._agreeing[name] = 0.0
+
+    def judge(self, window: Window, begin_ns: int) -> None:
+        """Take in a window that begins at `begin_ns`, timestamp (ns)."""
+        end_ns = begin_ns + round(window.duration * NANOSECONDS)
+        for name, stream in self._streams.items():
+            part = stream.refused_between(begin_ns, end_ns)
+            parts = self._parts[name]
+            parts.append(part)
+            if sum(each > REFUSED for each in parts) >= PERSISTENT:
+                reasons = stream.admission.refused
+                worst = max(reasons, key=lambda reason: reasons[reason])
+                hint = "; do two publishers share its topic?" if worst == LATE else ""
+                self.doubted.setdefault(name, f"{part:.0%} of its samples are refused: {worst}{hint}")
+                self._agreeing[name] = 0.0
+            elif name in self.doubted:
+                self._agreeing[name] += window.duration
+                if self._agreeing[name] >= AGREEMENT:
+                    del self.doubted[name]
+
+
+class Belief:
+    """Judges the inputs of an estimator from the evidence of its ticks.
+
+    A verdict follows from whole windows that stand fixed in time and holds for the ticks after them, so that it does
+    not depend on how many ticks are handed over at once.
+
+    Attributes:
+        verdict: what is believed now.
+        turns: whole turns that the heads are ahead of the command, to be taken out of their readings.
+        streams, heads, tilt, ring, command: the judges.
+    """
+
+    def __init__(
+        self,
+        stage: StageDescription,
+        heads: Mapping[str, float],
+        bits: Mapping[str, int],
+        streams: Mapping[str, SampleStream],
+        period_ns: int,
+        disagreement_limit: float,
+        check_turns: float,
+    ) -> None:
+        """Belief in a stage.
+
+        Args:
+            stage: its description.
+            heads: azimuth of each head by the name of its stream, rad.
+            bits: bit of each stream in a mask, by its name; beside the heads `autocollimator` and `command`.
+            streams: by their names.
+            period_ns: distance of two ticks, ns.
+            disagreement_limit: contradiction of the heads, in standard deviations, that is not borne.
+            check_turns: part of a turn that must have been seen before the description counts as verified.
+        """
+        self._bits = dict(bits)
+        self._head_names = tuple(heads)
+        self._grid, self._period_ns = WindowGrid(period_ns), period_ns
+        self.streams = StreamBelief(streams)
+        self._check_turns = min(check_turns, 1.0)
+        self.heads = HeadBelief(heads, stage.encoder, stage.limits, disagreement_limit, stage.timing("encoder"))
+        self.tilt = TiltBelief(stage)
+        self.ring = RingBelief(stage)
+        self.command = CommandBelief(stage)
+        self._pending: Evidence | None = None
+        self._explained: set[str] = set()
+        self._began: dict[str, int] = {}
+        self.turns = 0
+        self.verdict = self._conclude()
+
+    def reset(self) -> None:
+        """Believe everything again until it is contradicted anew."""
+        for judge in (self.streams, self.heads, self.tilt, self.ring, self.command):
+            judge.reset()
+        self._pending = None
+        self.verdict = self._conclude()
+
+    @property
+    def reasons(self) -> Iterator[tuple[str, str]]:
+        """What is doubted, and why."""
+        yield from self.streams.doubted.items()
+        yield from self.heads.doubted.items()
+        for what, why in (
+            ("heads", self.heads.contradiction),
+            ("ring", self.ring.doubt),
+            ("autocollimator", self.tilt.doubt),
+            ("command", self.command.doubt),
+        ):
+            if why:
+                yield what, why
+
+    @property
+    def left_out(self) -> int:
+        """Bit mask of the streams on which no tick may rest: the rest of the evidence is made without them."""
+        return sum(self._bits[name] for name in {*self.streams.doubted, *self.heads.doubted})
+
+    @property
+    def unusable(self) -> int:
+        """Bit mask of the streams that do not even count as evidence."""
+        return sum(self._bits[name] for name in self.streams.doubted)
+
+    @property
+    def verified(self) -> float:
+        """Part of the turn for the check of the description that has been seen, 0 to 1."""
+        return self._part(self.ring.figure.covered)
+
+    def _part(self, covered: float) -> float:
+        return min(1.0, covered / self._check_turns) if self._check_turns > 0 else 1.0
+
+    def assess(self, evidence: Evidence) -> tuple[list[tuple[slice, Verdict]], int]:
+        """Verdicts that hold for the ticks of the evidence, and for how many of them it is valid.
+
+        It ends where the choice of streams changes, or whole turns are to be taken out: what the ticks after that say
+        rests on other readings.
+        """
+        evidence, before = self._joined(evidence)
+        size, count = self._grid.ticks, len(evidence.ticks)
+        skipped = int(-evidence.ticks[0] % size)  # of a window whose begin was not seen
+        whole = max(0, (count - skipped) // size)
+        windows = self._grid.summarise(evidence.part(slice(skipped, skipped + whole * size)))
+        parts: list[tuple[slice, Verdict]] = []
+        begin = 0
+        for number, window in enumerate(windows):
+            end = skipped + (number + 1) * size
+            parts.append((slice(max(begin - before, 0), end - before), self.verdict))
+            begin, chosen = end, self.left_out
+            self._judge(window)
+            self.turns = int(window["turns"]) if window["turns"].is_integer() else 0
+            if self.turns or self.left_out != chosen:
+                return parts, end - before
+        if begin < count:
+            parts.append((slice(max(begin - before, 0), count - before), self.verdict))
+        incomplete = skipped + whole * size
+        self._pending = evidence.part(slice(incomplete, count)) if incomplete < count else None
+        return parts, count - before
+
+    def _joined(self, evidence: Evidence) -> tuple[Evidence, int]:
+        """Evidence behind that of a window that was not complete, and how many ticks of that there are."""
+        pending, self._pending = self._pending, None
+        if pending is None or evidence.ticks[0] != pending.ticks[-1] + 1:
+            return evidence, 0
+        return pending.followed_by(evidence), len(pending.ticks)
+
+    def _judge(self, window: Window) -> None:
+        before = {*self.streams.doubted, *self.heads.doubted}
+        self.streams.judge(window, window.number * window.ticks * self._period_ns)
+        if self.heads.contradiction and self._explained != self.streams.doubted.keys() & {*self._head_names}:
+            self.heads.reset()  # a stream that is left out for a reason of its own may be the one that is wrong
+        self._explained = self.streams.doubted.keys() & {*self._head_names}
+        there = [name for name in self._head_names if window.available & self._bits[name]]
+        self.heads.judge(window, there)
+        if {*self.streams.doubted, *self.heads.doubted}.difference(before) & {*self._head_names}:
+            self._retract(window.number)
+        elif not (self.heads.contradiction or self.heads.contradicting):
+            self.ring.judge(window)
+            self.tilt.judge(window)
+            self.command.judge(window)
+        doubting = [name for name, judge in self._judges_of_the_rotation() if judge.doubt]
+        self._began = {name: self._began.get(name, window.number) for name in doubting}
+        self.verdict = self._conclude()
+
+    def _judges_of_the_rotation(self) -> Iterator[tuple[str, RingBelief | TiltBelief | CommandBelief]]:
+        yield from (("ring", self.ring), ("tilt", self.tilt), ("command", self.command))
+
+    def _retract(self, number: int) -> None:
+        """A head was wrong, and with it the rotation at which the others were judged of late."""
+        for name, judge in self._judges_of_the_rotation():
+            judge.retract(doubt=self._began.get(name, number) >= number - LONG)
+        if self.verified < 1.0:
+            self.ring.figure.forget()
+            self.tilt.figure.forget()
+
+    def _conclude(self) -> Verdict:
+        excluded = self.left_out
+        # A ring that does not fit and heads that are apart from the command: their zero is wrong, and with it all that
+        # is taken off at an angle.
+        no_zero = bool(self.ring.doubt and self.command.doubt)
+        excluded |= self._bits["autocollimator"] * bool(self.tilt.doubt or no_zero)
+        # A motion that the stage cannot make may be a fault of one head: without redundancy it may be in the rotation.
+        one_of_few = self.ring.beyond and not self.heads.redundant
+        excluded |= self._bits["command"] * bool(self.command.doubt or one_of_few)
+        doubts = {
+            "heads": bool(self.heads.contradiction),
+            "ring": bool(self.ring.doubt),
+            "autocollimator": excluded & self._bits["autocollimator"] != 0,
+            "command": excluded & self._bits["command"] != 0,
+            "redundancy": self.heads.lost,
+            "unverified": self.verified < 1.0,
+            "unverified_tilt": self._part(self.tilt.figure.covered) < 1.0,
+        }
+        return Verdict(
+            excluded,
+            sum(1 << bit for bit, name in enumerate(DOUBTS) if doubts[name]),
+            self.heads.scale,
+            self.tilt.scale,
+            self.command.lag,
+            self.heads.most,
+            self.tilt.reach,
+            self.command.reach,
+            self.heads.reach,
+        )
+
+
+def names_of(doubts: int) -> Sequence[str]:
+    """Doubts of a mask by name."""
+    return [name for bit, name in enumerate(DOUBTS) if doubts >> bit & 1]

@@ -1,0 +1,232 @@
+"""Rows of error motion from what the streams of a stage show at the ticks, and what the ticks say about the streams."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology import error_motion as motion
+from rotary_error_monitor.metrology.encoder_heads import HeadLayout, RingPose, estimate_ring_pose
+from rotary_error_monitor.metrology.harmonics import planar_sum
+from rotary_error_monitor.pipeline import evidence
+from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.signals.resampling import Resampled
+
+COLUMNS = (
+    "theta",
+    *motion.COMPONENTS,
+    "observable",
+    "var_exc",
+    "var_eyc",
+    "cov_exc_eyc",
+    "var_eac",
+    "var_ebc",
+    "var_ecc",
+    "cov_exc_ecc",
+    "cov_eyc_ecc",
+    "streams",
+    "doubts",
+    "head_scale",
+    "tilt_scale",
+    "lag",
+)
+"""Columns of a block of error motion after `t`; `observable`, `streams` and `doubts` are bit masks."""
+
+COLUMN = {name: place for place, name in enumerate(COLUMNS)}
+AUTOCOLLIMATOR, COMMAND = "autocollimator", "command"
+TURN = 2 * np.pi
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """What m ticks show that all have the same streams.
+
+    Attributes:
+        rows: (m, k) error motion, columns `COLUMNS`, before anything is doubted.
+        evidence: (m, l) what they say about their streams, columns as in `pipeline.evidence`.
+        parity: (m, h) contradiction of the heads, rad.
+        disagreement: (m,) of the heads, in standard deviations.
+        layout: of the heads that were used; None where these do not tell the rotation.
+    """
+
+    rows: NDArray[np.float64]
+    evidence: NDArray[np.float64]
+    parity: NDArray[np.float64]
+    disagreement: NDArray[np.float64]
+    layout: HeadLayout | None
+
+
+class RowMaker:
+    """Makes rows of error motion for one stage."""
+
+    def __init__(self, stage: StageDescription, heads: Mapping[str, float], period: float) -> None:
+        """Rows at ticks that are `period` (s) apart; `heads` gives the azimuth (rad) by name of the stream."""
+        self._stage = stage
+        self._heads = dict(heads)
+        self._period = period
+        self._layouts: dict[tuple[float, ...], HeadLayout] = {}
+
+    def layout(self, heads: tuple[str, ...]) -> HeadLayout | None:
+        """Layout of some heads; None for fewer than two."""
+        azimuths = tuple(self._heads[name] for name in heads)
+        if len(azimuths) < 2:
+            return None
+        if azimuths not in self._layouts:
+            self._layouts[azimuths] = HeadLayout(azimuths)
+        return self._layouts[azimuths]
+
+    def make(
+        self,
+        sampled: Mapping[str, Resampled],
+        there: tuple[str, ...],
+        used: tuple[str, ...],
+        rates: Mapping[str, float],
+    ) -> Ticks:
+        """Rows of ticks at which the streams `there` have a value, from those of them that are `used`.
+
+        Args:
+            sampled: the streams at the ticks, by name.
+            there: streams that have a value at all of these ticks.
+            used: those of them that are believed, as far as heads are meant.
+            rates: samples per s of each stream.
+        """
+        count = len(next(iter(sampled.values())).gain)
+        rows, seen = np.zeros((count, len(COLUMNS))), np.zeros((count, len(evidence.COLUMNS)))
+        parity, disagreement = np.zeros((count, len(self._heads))), np.zeros(count)
+        heads = tuple(name for name in self._heads if name in used)
+        everyone = tuple(name for name in self._heads if name in there)
+        layout, ring = self._ring(heads, sampled)
+        if layout is not None and ring is not None:
+            disagreement = ring.disagreement
+            parity[:, : layout.redundancy] = ring.parity
+            self._put_ring(rows, seen, layout, ring)
+            slowest = min(rates[name] for name in heads)
+            seen[:, evidence.INDEX["head_samples"]] = min(1.0, slowest * self._period)
+            if AUTOCOLLIMATOR in there:
+                self._put_tilt(rows, seen, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
+            if COMMAND in there:
+                bends = np.column_stack([sampled[name].bend for name in (*heads, COMMAND)])
+                self._put_command(rows, seen, sampled[COMMAND].values[:, 0], ring, bends)
+        whole = ring if everyone == heads else self._ring(everyone, sampled)[1]
+        if whole is not None:
+            seen[:, evidence.INDEX["agreement"]] = whole.disagreement**2
+        return Ticks(rows, seen, parity, disagreement, layout)
+
+    def _ring(
+        self, heads: tuple[str, ...], sampled: Mapping[str, Resampled]
+    ) -> tuple[HeadLayout | None, RingPose | None]:
+        """Layout and pose by some heads; none where these do not tell the rotation."""
+        layout = self.layout(heads)
+        if layout is None or "theta" not in layout.observable:
+            return None, None
+        encoder = self._stage.encoder
+        readings = np.column_stack([sampled[name].values for name in heads])
+        readings = motion.remove_graduation(readings, np.array(layout.azimuths), encoder.graduation)
+        gain = np.column_stack([sampled[name].gain for name in heads])
+        travel = np.column_stack([sampled[name].travel for name in heads])
+        variance = motion.head_variance(encoder, gain, travel)
+        return layout, estimate_ring_pose(layout, encoder.disc_radius, readings, variance)
+
+    def _put_ring(
+        self, rows: NDArray[np.float64], seen: NDArray[np.float64], layout: HeadLayout, ring: RingPose
+    ) -> None:
+        stage, index = self._stage, evidence.INDEX
+        rows[:, COLUMN["theta"]] = ring.theta
+        radial = motion.remove_eccentricity(ring.centre, ring.theta, stage.encoder)
+        described = planar_sum(stage.spindle.radial, ring.theta)
+        observable = 0
+        for axis, name in enumerate(("x", "y")):
+            if name not in layout.observable:
+                continue
+            rows[:, COLUMN[f"e{name}c"]] = radial[:, axis]
+            rows[:, COLUMN[f"var_e{name}c"]] = ring.covariance[:, 1 + axis, 1 + axis]
+            observable |= 1 << axis
+            seen[:, index[f"centre_{name}"]] = ring.centre[:, axis]
+            seen[:, index[f"described_{name}"]] = described[:, axis]
+        # what of the displacement is predicted, as far as these heads see it
+        predicted = (ring.centre - radial + described) @ layout.view[1]
+        seen[:, [index["surplus_x"], index["surplus_y"]]] = ring.seen - predicted
+        rows[:, COLUMN["cov_exc_eyc"]] = ring.covariance[:, 1, 2]
+        rows[:, COLUMN["observable"]] = observable
+        seen[:, index["theta"]] = ring.theta
+        seen[:, index["heads"]] = 1.0
+        seen[:, index["radial"]] = observable == 3
+        seen[:, index["believed_agreement"]] = ring.disagreement**2
+        seen[:, index["radial_variance"]] = self._radial_variance(layout, ring)
+
+    def _radial_variance(self, layout: HeadLayout, ring: RingPose) -> NDArray[np.float64]:
+        """The larger variance of what is seen along x and y, m²."""
+        if len(layout.observable) == 3:
+            return np.maximum(ring.covariance[:, 1, 1], ring.covariance[:, 2, 2])
+        # theta is seen free of the displacement: its variance is that of the readings over the number of heads
+        reading = ring.covariance[:, 0, 0] / (layout.weights[0] ** 2).sum()
+        return np.asarray(reading * self._stage.encoder.disc_radius**2 * (layout.view[0] ** 2).sum(axis=1).max())
+
+    def _put_tilt(self, rows: NDArray[np.float64], seen: NDArray[np.float64], sampled: Resampled, rate: float) -> None:
+        stage, index = self._stage, evidence.INDEX
+        theta = rows[:, COLUMN["theta"]]
+        tilt = motion.remove_mirror(sampled.values, theta, stage.mirror)
+        surplus = tilt - planar_sum(stage.spindle.tilt, theta)
+        for axis, name in enumerate(("eac", "ebc")):
+            rows[:, COLUMN[name]] = tilt[:, axis]
+            variance = motion.tilt_variance(stage.autocollimator, sampled.gain, sampled.travel[:, axis])
+            rows[:, COLUMN[f"var_{name}"]] = variance
+            seen[:, index[f"tilt_{'xy'[axis]}"]] = sampled.values[:, axis]
+            seen[:, index[f"tilt_surplus_{'xy'[axis]}"]] = surplus[:, axis]
+        rows[:, COLUMN["observable"]] += 0b11000
+        seen[:, index["tilt"]] = 1.0
+        seen[:, index["tilt_samples"]] = min(1.0, rate * self._period)
+        seen[:, index["tilt_variance"]] = rows[:, COLUMN["var_eac"]]
+
+    def _put_command(
+        self,
+        rows: NDArray[np.float64],
+        seen: NDArray[np.float64],
+        command: NDArray[np.float64],
+        ring: RingPose,
+        bends: NDArray[np.float64],
+    ) -> None:
+        index = evidence.INDEX
+        distance = ring.theta - command
+        # whole turns are no positioning error: heads and command count from zeros of their own
+        turns = np.rint(distance / TURN)
+        if turns.any():
+            distance = distance - TURN * turns
+            rows[:, COLUMN["theta"]] -= TURN * turns
+        rows[:, COLUMN["ecc"]] = distance
+        rows[:, COLUMN["var_ecc"]] = ring.covariance[:, 0, 0] + motion.bend_variance(bends)
+        rows[:, COLUMN["cov_exc_ecc"]] = ring.covariance[:, 0, 1]
+        rows[:, COLUMN["cov_eyc_ecc"]] = ring.covariance[:, 0, 2]
+        rows[:, COLUMN["observable"]] += 0b100000
+        seen[:, index["command"]] = 1.0
+        seen[:, index["ecc"]] = distance
+        seen[:, index["turns"]] = turns
+
+
+def error_motion_from_block(block: SampleBlock) -> motion.ErrorMotion:
+    """Error motion with its (m, 6, 6) covariance from a block with the columns `COLUMNS`.
+
+    Raises:
+        InputError: the block lacks one of the columns.
+    """
+    column = {name: block.column(name) for name in COLUMNS}
+    covariance = np.zeros((len(block.rows), 6, 6))
+    for (i, j), name in {
+        (0, 0): "var_exc",
+        (1, 1): "var_eyc",
+        (0, 1): "cov_exc_eyc",
+        (3, 3): "var_eac",
+        (4, 4): "var_ebc",
+        (5, 5): "var_ecc",
+        (0, 5): "cov_exc_ecc",
+        (1, 5): "cov_eyc_ecc",
+    }.items():
+        covariance[:, i, j] = covariance[:, j, i] = column[name]
+    bits = column["observable"].astype(np.int64)
+    observable = (bits[:, None] >> np.arange(6)) & 1 == 1
+    components = np.stack([column[name] for name in motion.COMPONENTS], axis=1)
+    return motion.ErrorMotion(column["theta"], components, observable, covariance)

@@ -1,0 +1,152 @@
+"""What the ticks of an estimate say about its inputs, gathered in windows of equal length that stand fixed in time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WINDOW_NS = 10_000_000
+"""Length of a window, ns: a tenth of the time after which what is published has to be right again."""
+
+COLUMNS = (
+    "theta",  # rad
+    "heads",  # whether the heads tell the rotation
+    "radial",  # whether both radial components are seen
+    "head_samples",  # independent samples of a head behind one tick, at most 1
+    "agreement",  # chi-square of the heads that are there over its degrees of freedom
+    "believed_agreement",  # the same of those that are believed
+    "command",  # whether there is a command
+    "turns",  # whole turns between rotation and command
+    "ecc",  # rotation minus command, rad, within half a turn
+    "centre_x",  # of the ring, m
+    "centre_y",
+    "surplus_x",  # centre less all that the description predicts of it, m
+    "surplus_y",
+    "described_x",  # error motion that the description predicts, m
+    "described_y",
+    "radial_variance",  # m²
+    "tilt",  # whether there is a tilt
+    "tilt_samples",  # independent samples behind one tick, at most 1
+    "tilt_x",  # of the mirror, rad
+    "tilt_y",
+    "tilt_surplus_x",  # tilt less all that the description predicts of it, rad
+    "tilt_surplus_y",
+    "tilt_variance",  # rad²
+)
+INDEX = {name: place for place, name in enumerate(COLUMNS)}
+
+
+class Reach(NamedTuple):
+    """Where a vector in the plane can be next: no component further from the middle than `reach`."""
+
+    x: float
+    y: float
+    reach: float
+
+
+EVERYWHERE = Reach(0.0, 0.0, math.inf)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What m ticks say.
+
+    Attributes:
+        ticks: (m,) number of each tick on the grid of the estimate.
+        values: (m, k) one column for each name in `COLUMNS`.
+        parity: (m, h) contradiction of the heads that are there, in their order, rad; zero where there is none.
+        available: (m,) bit mask of the streams that are there.
+    """
+
+    ticks: NDArray[np.int64]
+    values: Array
+    parity: Array
+    available: NDArray[np.int64]
+
+    def part(self, chosen: slice) -> Evidence:
+        """The same of some of the ticks."""
+        return Evidence(self.ticks[chosen], self.values[chosen], self.parity[chosen], self.available[chosen])
+
+    def followed_by(self, other: Evidence) -> Evidence:
+        """Both, one after the other."""
+        return Evidence(
+            np.concatenate([self.ticks, other.ticks]),
+            np.concatenate([self.values, other.values]),
+            np.concatenate([self.parity, other.parity]),
+            np.concatenate([self.available, other.available]),
+        )
+
+
+@dataclass(frozen=True)
+class Window:
+    """Means of the evidence over one window.
+
+    Attributes:
+        number: of the window on its grid.
+        duration: s.
+        ticks: in it.
+        mean: of each column.
+        parity: (h,) mean of the contradiction, rad.
+        available: streams that were there all the time, as a bit mask; those of the first tick if that changed.
+        steady: whether the same streams were there all the time.
+    """
+
+    number: int
+    duration: float
+    ticks: int
+    mean: tuple[float, ...]
+    parity: Array
+    available: int
+    steady: bool
+
+    def __getitem__(self, name: str) -> float:
+        return self.mean[INDEX[name]]
+
+    def pair(self, name: str) -> tuple[float, float]:
+        """Both components of a vector in the plane."""
+        place = INDEX[f"{name}_x"]
+        return self.mean[place], self.mean[place + 1]
+
+    def has(self, what: str) -> bool:
+        """Whether `what` (heads, radial, command, tilt) was there at every tick."""
+        return self.mean[INDEX[what]] > 1.0 - 1e-9
+
+
+class WindowGrid:
+    """Cuts ticks into windows."""
+
+    def __init__(self, period_ns: int) -> None:
+        """Windows of ticks that are `period_ns` apart; of a single tick where that is longer than a window."""
+        self.ticks = max(1, WINDOW_NS // period_ns)
+        self.duration = self.ticks * period_ns * 1e-9
+
+    def number(self, tick: int) -> int:
+        """The window in which a tick lies."""
+        return tick // self.ticks
+
+    def summarise(self, evidence: Evidence) -> list[Window]:
+        """Windows of evidence that holds whole ones only."""
+        count = len(evidence.ticks) // self.ticks
+        # over the middle axis numpy adds one after another: the same bits however many windows there are
+        means = (evidence.values.reshape(count, self.ticks, len(COLUMNS)).sum(axis=1) / self.ticks).tolist()
+        parity = evidence.parity.reshape(count, self.ticks, evidence.parity.shape[1]).sum(axis=1) / self.ticks
+        masks = evidence.available.reshape(count, self.ticks)
+        steady = (masks == masks[:, :1]).all(axis=1).tolist()
+        return [
+            Window(
+                self.number(int(evidence.ticks[i * self.ticks])),
+                self.duration,
+                self.ticks,
+                tuple(means[i]),
+                parity[i],
+                int(masks[i, 0]),
+                steady[i],
+            )
+            for i in range(count)
+        ]

@@ -1,0 +1,293 @@
+"""Whether the read heads are believed, and how far: judged over time, not tick by tick."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import Encoder
+from rotary_error_monitor.description.stage_limits import StageLimits
+from rotary_error_monitor.metrology.agreement import Isolation, chi_square_bound, isolate_head, isolate_implausible
+from rotary_error_monitor.metrology.encoder_heads import HeadLayout
+from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Reach, Window
+from rotary_error_monitor.pipeline.turn_memory import TurnMemory
+
+AGREEMENT = 0.5
+"""How long inputs that were doubted must agree before they are believed again, s."""
+
+SHORT, LONG = 10, 100
+"""Windows over which the agreement of the heads is averaged beside a single one: 0.1 s and 1 s."""
+
+PERSISTENT = 3
+"""Windows out of the last `SHORT` whose contradiction is beyond the limit that make it more than a passing glitch."""
+
+WEAK = 3.0
+"""Lasting contradiction, in standard deviations, from which the head that causes it is left out once it is known."""
+
+MEMORY = 1000
+"""Windows that are remembered to find the wrong head in, 10 s: a turn of a slow stage."""
+
+RECENT = 30
+"""Changes of each kind that are looked at: more of them would be noise from before the fault."""
+
+RETURNED = 0.1
+"""Part of the contradiction, as chi-square, below which a head that was off counts as back: a third of its fault."""
+
+RETURNED_STEP = 0.5
+"""Part of a step within which the ring counts as back where it was: nearer to that than to where it stepped to."""
+
+TRIES = 5
+"""Windows from one attempt to find the wrong head to the next."""
+
+
+class HeadBelief:
+    """Judges the heads of one ring, window by window.
+
+    What lasts of their contradiction raises their uncertainty, so that it holds for what the contradiction lets
+    through (Birge 1932). A head that is known to cause it is left out. One that is beyond the limit and belongs to
+    nobody is the reason to believe none, until all have agreed for `AGREEMENT`. Heads without redundancy contradict
+    nothing; a step that no bearing makes is the reason then.
+
+    Attributes:
+        doubted: why a head is left out, by its name.
+        contradiction: why none is believed; empty while they are.
+        scale: by which stated standard deviations are to be multiplied.
+        contradicting: whether the heads contradicted one another in the last window, beyond what is borne.
+        redundant: whether a further fault of a head would show.
+        reach: where the part of the radial error motion that is not described can be at the next ticks, where only that
+            tells a fault.
+    """
+
+    def __init__(
+        self, heads: Mapping[str, float], encoder: Encoder, limits: StageLimits, limit: float, timing: float
+    ) -> None:
+        """Judge of a ring.
+
+        Args:
+            heads: azimuth of each head by its name, rad.
+            encoder: description of the ring.
+            limits: of the stage.
+            limit: contradiction, in standard deviations, that is not borne.
+            timing: standard uncertainty of the stamps of two heads against one another, s.
+        """
+        self._heads = dict(heads)
+        self._radius, self._count = encoder.disc_radius, encoder.resolution
+        self._limits, self._limit, self._timing = limits, limit, timing
+        self._described = HeadLayout(tuple(heads.values())).redundancy
+        self.doubted: dict[str, str] = {}
+        self.contradiction = ""
+        self.scale = self._tolerance = 1.0
+        self.redundant = self._described > 0
+        self.reach = EVERYWHERE
+        self.contradicting = False
+        self._agreeing = 0.0
+        self._believed: tuple[str, ...] = ()
+        self._layouts: dict[tuple[float, ...], HeadLayout] = {}
+        self._untried = TRIES
+        self._size = self._step = 0.0
+        self._place: tuple[float, float] | None = None
+        self._last_theta: float | None = None
+        self._forget()
+
+    def reset(self) -> None:
+        """Believe all heads again."""
+        self.doubted.clear()
+        self.contradiction = ""
+        self.scale = self._tolerance = 1.0
+        self._agreeing = 0.0
+        self._forget()
+
+    @property
+    def most(self) -> float:
+        """Contradiction that is borne, in standard deviations of noise: beside noise the stamps are uncertain."""
+        return math.hypot(self._limit, WEAK * math.sqrt(self._tolerance**2 - 1.0))
+
+    @property
+    def lost(self) -> bool:
+        """Whether redundancy that the stage is described with is not there any more."""
+        return self._described > 0 and not self.redundant
+
+    def judge(self, window: Window, available: Sequence[str]) -> None:
+        """Take in a window in which the heads `available` were there, whether believed or not."""
+        self.reach, self.contradicting = EVERYWHERE, False
+        if not window.has("heads") or not window.steady:
+            self._agreeing = 0.0
+            return
+        believed = tuple(name for name in available if name not in self.doubted)
+        if believed != self._believed:
+            self._believed = believed
+            self._forget()
+        layout = self._layout(believed)
+        self.redundant = layout.redundancy > 0
+        self._tolerance = self._explained(window)
+        self._restore(window, available)
+        self._remember(window, layout)
+        if self.redundant:
+            self._judge_redundant(window, layout)
+        else:
+            self._judge_steps(window)
+
+    def _judge_redundant(self, window: Window, layout: HeadLayout) -> None:
+        found, most = window["believed_agreement"], self.most**2
+        self._agreement.append(min(found, most))
+        freedom = max(1.0, window.ticks * window["head_samples"]) * layout.redundancy
+        self.scale = math.sqrt(max(1.0, *self._excesses(freedom)))
+        # what is borne changes with the speed: each window has its own
+        self._beyond.append((found >= most, found >= (WEAK * self._tolerance) ** 2, found))
+        persistent, lasting = (sum(each) >= PERSISTENT for each in list(zip(*self._beyond, strict=True))[:2])
+        self.contradicting = found >= most
+        if not (self.contradiction or persistent or lasting):
+            return
+        self._untried += 1
+        if self._untried >= TRIES:
+            self._untried = 0
+            if self._leave_out_the_wrong(layout):
+                self.contradiction, self._size = "", found
+                return
+        if persistent and not self.contradiction:
+            self._size = found
+            largest = math.sqrt(max(each for _, _, each in self._beyond))
+            self.contradiction = (
+                f"the heads contradict one another by {largest:.3g} standard deviations, and nothing tells "
+                "which is wrong; a head's place, zero or direction, or the described noise may be wrong"
+            )
+
+    def _excesses(self, freedom: float) -> Iterable[float]:
+        """Mean contradiction over what chance allows, for the last window and the longer spans."""
+        values = list(self._agreement)
+        for span in (1, SHORT, LONG):
+            part = values[-span:]
+            yield sum(part) / len(part) / chi_square_bound(freedom * len(part))
+
+    def _leave_out_the_wrong(self, layout: HeadLayout) -> bool:
+        """Leave out the head that causes the contradiction; give whether its course tells which that is."""
+        motion = np.array([each for each, _ in self._history])
+        parity = np.array([each for _, each in self._history])
+        for found in self._isolations(layout, motion, parity):
+            if found is not None:
+                name = self._believed[found.head]
+                self.doubted[name] = self._describe(found.fault)
+                self._agreeing = 0.0
+                return True
+        return False
+
+    def _isolations(
+        self, layout: HeadLayout, motion: NDArray[np.float64], parity: NDArray[np.float64]
+    ) -> Iterable[Isolation | None]:
+        """What tells the wrong head: what the stage can do, then how its motion goes on."""
+        if len(motion) >= PERSISTENT:
+            last = slice(-PERSISTENT, None)
+            radial = self._limits.radial / self._radius
+            most = np.array([self._limits.following_error + self._limits.latency * self._limits.speed, radial, radial])
+            yield isolate_implausible(layout, motion[last, 1:], parity[last], most)
+        for lag in self._lags(motion):
+            recent = slice(-RECENT * lag, None)
+            yield isolate_head(layout, motion[recent, 1:], parity[recent], lag)
+
+    def _lags(self, motion: NDArray[np.float64]) -> Iterable[int]:
+        """Steps over which to look for changes: one window, 0.1 s, 1 s, and a turn, where what turns is the same."""
+        yield from (lag for lag in (1, SHORT, LONG) if len(motion) > 2 * lag)
+        theta = motion[:, 0]
+        turned = np.flatnonzero(np.abs(theta[-1] - theta) >= 2 * np.pi)
+        if len(turned):
+            lag = len(theta) - 1 - int(turned[-1])
+            if lag > SHORT and len(theta) > 2 * lag:
+                yield lag
+
+    def _describe(self, fault: NDArray[np.float64]) -> str:
+        recent = fault[-2:]  # the windows before may hold but a part of it
+        spread, mean = float(recent.std()), float(recent.mean())
+        if spread < 0.2 * abs(mean):
+            return f"off by {mean / self._count:.4g} counts against the others"
+        size = math.sqrt(float(np.mean(recent**2)))
+        return f"differs from the others by {size / self._count:.3g} counts (root mean square)"
+
+    def _explained(self, window: Window) -> float:
+        """What a reading is uncertain by, its stamp included, over its noise alone."""
+        if not self._history:
+            return 1.0
+        speed = (window["theta"] - self._history[-1][0][0]) / window.duration  # of what was remembered before it
+        reading = math.sqrt(2.0 * window["radial_variance"]) / self._radius
+        return math.hypot(1.0, self._timing * speed / reading) if reading > 0.0 else 1.0
+
+    def _judge_steps(self, window: Window) -> None:
+        """Without redundancy: a step that no bearing makes; how well the stamps fit must be taken on trust.
+
+        A step of a head lasts, so it is over only where the ring is again where it was at this angle before.
+        """
+        self.scale = self._tolerance
+        place, theta = window.pair("surplus"), window["theta"]
+        moved = 0.0 if self._last_theta is None else theta - self._last_theta
+        self._last_theta = theta
+        noise = math.sqrt(window["radial_variance"] / max(1.0, window.ticks * window["head_samples"]))
+        allowed = self._limits.radial_rate * window.duration + 6.0 * math.sqrt(2.0) * noise
+        if self.contradiction:
+            if self._step == 0.0:  # it is not the step of one component that would show here when it is over
+                return
+            before = self._turn.get(theta, moved)
+            if before is None:
+                return
+            back = _distance(place, before) <= RETURNED_STEP * self._step
+            self._agreeing = self._agreeing + window.duration if back else 0.0
+            if self._agreeing >= AGREEMENT:
+                self.contradiction, self._step = "", 0.0
+        elif self._place is not None:
+            step = _distance(place, self._place)
+            if step > allowed:
+                self._step, self._agreeing = step, 0.0
+                self.contradiction = (
+                    f"a step of {step * 1e6:.3g} µm within {window.duration * 1e3:g} ms that no bearing makes (at most "
+                    f"{allowed * 1e6:.3g} µm), and too few heads to tell which is wrong; a reset accepts it"
+                )
+        self._place = place
+        if not self.contradiction:
+            self._turn.put(theta, moved, place)
+            self.reach = Reach(*place, 1.5 * allowed)
+
+    def _restore(self, window: Window, available: Sequence[str]) -> None:
+        """Believe all heads again once all of them have agreed long enough."""
+        if not (self.doubted or (self.contradiction and self.redundant)):
+            return
+        whole = self._layout(tuple(available))
+        back = all(name in available for name in self.doubted) and whole.redundancy > 0
+        freedom = max(1.0, window.ticks * window["head_samples"]) * max(whole.redundancy, 1)
+        bound = chi_square_bound(freedom)
+        # what the uncertainty of stamps explains at a speed is no return of a head that was off before
+        most = min(bound * self._tolerance**2, max(bound, RETURNED * self._size))
+        fine = back and window["agreement"] <= most
+        self._agreeing = self._agreeing + window.duration if fine else 0.0
+        if self._agreeing >= AGREEMENT:
+            self.doubted.clear()
+            self.contradiction = ""
+
+    def _remember(self, window: Window, layout: HeadLayout) -> None:
+        x, y = window.pair("surplus")
+        ecc = window["ecc"] if window.has("command") else math.nan
+        # the angle by which the readings differ, also where it is large (Lou et al. 2019, Equation 3)
+        motion = (window["theta"], ecc, math.atan(x / self._radius), math.atan(y / self._radius))
+        self._history.append((motion, window.parity[: layout.redundancy].copy()))
+
+    def _forget(self) -> None:
+        self._agreement: deque[float] = deque(maxlen=LONG)
+        self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
+        self._history: deque[tuple[tuple[float, ...], NDArray[np.float64]]] = deque(maxlen=MEMORY)
+        self._turn = TurnMemory()
+        self._place = None
+        self._last_theta = None
+        self._step = 0.0
+        self._untried = TRIES
+
+    def _layout(self, names: Sequence[str]) -> HeadLayout:
+        azimuths = tuple(self._heads[name] for name in names)
+        if azimuths not in self._layouts:
+            self._layouts[azimuths] = HeadLayout(azimuths)
+        return self._layouts[azimuths]
+
+
+def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """The larger of the two components."""
+    return max(abs(one[0] - other[0]), abs(one[1] - other[1]))

@@ -1,0 +1,168 @@
+"""Whether error motion and joint states belong together, tick by tick, before an offset is computed from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.pipeline.belief import DOUBTS, names_of
+from rotary_error_monitor.pipeline.joints import AxisPositions
+from rotary_error_monitor.signals.blocks import SampleBlock
+
+MEMORY_NS = 2_000_000_000
+"""How long commands are remembered, ns: a joint state is held against that of its own stamp."""
+
+LARGEST_GAP_NS = 50_000_000
+"""Commands further apart, ns, say nothing of the time between them."""
+
+_TOLD = {
+    "autocollimator": "tilt from the description: the autocollimator is not used",
+    "command": "angular positioning from the description: the command is not used",
+    "redundancy": "too few heads to show a further fault",
+}
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How far inputs may be apart: as the settings of the same names of `CompensatorSettings`."""
+
+    age_limit_ns: int
+    position_tolerance: float
+    command_tolerance: float
+    stamp_tolerance: float
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What m ticks can be used for.
+
+    Attributes:
+        usable: (m,) whether an offset can be computed.
+        commanded: (m,) command to the monitored axis, rad.
+        command: (m,) whether the command is believed, and with it the angular positioning error motion.
+        hold: why the last tick cannot be used; empty where it can.
+        remarks: what is not as it should be, all the same.
+    """
+
+    usable: NDArray[np.bool_]
+    commanded: NDArray[np.float64]
+    command: NDArray[np.bool_]
+    hold: str
+    remarks: tuple[str, ...]
+
+
+class InputChecks:
+    """Holds error motion and joint states against one another."""
+
+    def __init__(self, machine: MachineDescription, tolerances: Tolerances) -> None:
+        """Checks for a machine with a monitored axis; for one without they are never asked."""
+        self._letter = machine.monitored or ""
+        self._column = machine.letters.index(machine.monitored) if machine.monitored else 0
+        self._tolerances = tolerances
+        self._verified = False
+        self._apart = False
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the commands of the past."""
+        self._times = np.empty(0, np.int64)
+        self._commands = np.empty(0)
+
+    def joints_are_sound(self) -> bool:
+        """Whether the encoder did not contradict the joint states when it spoke last."""
+        return not self._apart
+
+    def judge(
+        self, ticks: NDArray[np.int64], axes: AxisPositions, motion: ErrorMotion, doubts: NDArray[np.int64]
+    ) -> Checked:
+        """What the ticks can be used for; `doubts` (m,) is what the estimator doubts, as a bit mask."""
+        limits = self._tolerances
+        commanded = motion.theta - np.where(motion.observable[:, 5], motion.components[:, 5], 0.0)
+        self._remember(ticks, commanded)
+        fresh = axes.known & (axes.age * 1e9 <= limits.age_limit_ns)
+        difference, allowed = self._distance(axes)
+        told = axes.told & fresh
+        agree = ~told | (np.abs(difference) <= limits.position_tolerance)
+        command = ~told | (np.abs(difference) <= allowed)
+        fits = doubts >> DOUBTS.index("ring") & 1 == 0
+        proven = self._proven(doubts)
+        usable = fresh & ~axes.doubted & agree & fits & proven
+        if fresh[-1]:
+            self._apart = not agree[-1]
+        last = -1
+        told_angle = commanded[last] + difference[last]
+        hold = next(
+            (
+                reason
+                for wrong, reason in (
+                    (not axes.known[last], "no joint states: the positions of the other axes are unknown"),
+                    (axes.doubted[last], "joint states are not believed"),
+                    (
+                        not fresh[last],
+                        f"joint states {axes.age[last]:.2f} s old; limit {limits.age_limit_ns * 1e-9:.2f} s",
+                    ),
+                    (not agree[last], self._where(commanded[last], told_angle)),
+                    (not fits[last], "the stage does not fit its description; the estimator's diagnostics say how"),
+                    (not proven[last], "the stage's description has not been held against a whole turn yet"),
+                )
+                if wrong
+            ),
+            "",
+        )
+        return Checked(
+            usable, commanded, command, hold, self._remarks(int(doubts[last]), command[last], difference[last])
+        )
+
+    def _remember(self, ticks: NDArray[np.int64], commanded: NDArray[np.float64]) -> None:
+        times, commands = np.concatenate([self._times, ticks]), np.concatenate([self._commands, commanded])
+        kept = slice(int(np.searchsorted(times, ticks[-1] - MEMORY_NS)), None)
+        self._times, self._commands = times[kept], commands[kept]
+
+    def _distance(self, axes: AxisPositions) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(m,) joint state less command at the joint state's own stamp, rad, and how much that may be."""
+        limits = self._tolerances
+        at = np.clip(axes.stamps, self._times[0], self._times[-1])
+        command = np.interp(at, self._times, self._commands)
+        behind = np.interp(at - round(limits.stamp_tolerance * 1e9), self._times, self._commands)
+        # the position was told for the stamp; `positions` has been carried on from there to the tick
+        difference = axes.stamped[:, self._column] - command
+        turned = difference - 2 * np.pi * np.rint(difference / (2 * np.pi))
+        after = np.clip(np.searchsorted(self._times, axes.stamps), 1, max(len(self._times) - 1, 1))
+        gap = self._times[np.minimum(after, len(self._times) - 1)] - self._times[after - 1]
+        known = (axes.stamps >= self._times[0]) & (gap <= LARGEST_GAP_NS)
+        allowed = limits.command_tolerance + np.abs(command - behind)
+        return np.where(known, turned, 0.0), allowed
+
+    def _proven(self, doubts: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether the description has passed a turn, now or at any time before."""
+        verified = doubts >> DOUBTS.index("unverified") & 1 == 0
+        proven = np.logical_or.accumulate(verified | self._verified)
+        self._verified = bool(proven[-1])
+        return np.asarray(proven)
+
+    def _where(self, commanded: float, told: float) -> str:
+        turn = 2 * np.pi
+        return (
+            f"axis {self._letter} stands at {np.degrees(commanded % turn):.2f}° by its encoder but at "
+            f"{np.degrees(told % turn):.2f}° by the joint states; set the encoder's zero"
+        )
+
+    def _remarks(self, doubts: int, command: np.bool_, difference: np.float64) -> tuple[str, ...]:
+        remarks = [_TOLD[name] for name in names_of(doubts) if name in _TOLD]
+        if not command:
+            remarks.append(
+                "angular positioning from the description: command and joint states are "
+                f"{difference * 1e6:.3g} µrad apart"
+            )
+        return tuple(remarks)
+
+
+def doubts_of(block: SampleBlock) -> NDArray[np.int64]:
+    """(m,) bit mask of what the estimator doubts; none where the block does not say."""
+    if "doubts" not in block.names:
+        return np.zeros(len(block.rows), np.int64)
+    return block.column("doubts").astype(np.int64)

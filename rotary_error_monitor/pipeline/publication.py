@@ -1,0 +1,193 @@
+"""What of an estimate goes out: nothing that is not believed, and uncertainties as large as they were seen to be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.agreement import chi_square_bound
+from rotary_error_monitor.metrology.encoder_heads import HeadLayout
+from rotary_error_monitor.pipeline.belief import DOUBTS, Verdict
+from rotary_error_monitor.pipeline.error_motion_rows import COLUMN
+from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
+from rotary_error_monitor.signals.blocks import SampleBlock
+
+_BELIEVED = ("streams", "doubts", "head_scale", "tilt_scale", "lag")
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a live run decided for one tick.
+
+    Attributes:
+        streams: bit mask of the streams that were used.
+        doubts, head_scale, tilt_scale, lag: as in `Verdict`; none where a run of an earlier version did not say.
+    """
+
+    streams: int
+    doubts: int | None = None
+    head_scale: float = 1.0
+    tilt_scale: float = 1.0
+    lag: float = 0.0
+
+
+Decisions: TypeAlias = Mapping[int, Decision]
+"""Decisions by the stamp (ns) of their tick."""
+
+
+def decisions_from_block(block: SampleBlock) -> dict[int, Decision]:
+    """What the run decided that published a block of error motion.
+
+    Raises:
+        InputError: the block does not say which streams were used.
+    """
+    streams = block.column("streams").astype(np.int64).tolist()
+    times = block.times_ns.tolist()
+    if "doubts" not in block.names:
+        return {time: Decision(mask) for time, mask in zip(times, streams, strict=True)}
+    said = block.columns(_BELIEVED).tolist()
+    return {time: Decision(int(row[0]), int(row[1]), *row[2:]) for time, row in zip(times, said, strict=True)}
+
+
+class Believed:
+    """What is believed at m ticks, as arrays (m,) of what a `Verdict` holds for one."""
+
+    def __init__(self, count: int) -> None:
+        self.excluded = np.zeros(count, np.int64)
+        self.doubts = np.zeros(count, np.int64)
+        self.head_scale, self.tilt_scale = np.ones(count), np.ones(count)
+        self.lag = np.zeros(count)
+        self.most = np.full(count, np.inf)
+        self.reach = {name: np.tile([0.0, 0.0, np.inf], (count, 1)) for name in ("tilt", "ecc", "radial")}
+
+    def has(self, doubt: str) -> NDArray[np.bool_]:
+        """(m,) whether there is that doubt."""
+        return np.asarray(self.doubts >> DOUBTS.index(doubt) & 1 == 1)
+
+    def within(self, name: str, x: NDArray[np.float64], y: NDArray[np.float64] | float = 0.0) -> NDArray[np.bool_]:
+        """(m,) whether a vector is where it can be."""
+        reach = self.reach[name]
+        return np.asarray(np.maximum(np.abs(x - reach[:, 0]), np.abs(y - reach[:, 1])) <= reach[:, 2])
+
+    def put(self, where: slice | int, verdict: Verdict) -> None:
+        """The verdict holds at some of the ticks."""
+        self.excluded[where] = verdict.excluded
+        self.doubts[where] = verdict.doubts
+        self.head_scale[where], self.tilt_scale[where] = verdict.head_scale, verdict.tilt_scale
+        self.lag[where], self.most[where] = verdict.lag, verdict.most
+        for name, reach in (("tilt", verdict.tilt), ("ecc", verdict.ecc), ("radial", verdict.radial)):
+            self.reach[name][where] = reach
+
+    def repeat(self, place: int, decision: Decision) -> None:
+        """A live run decided at one tick: what it did not use is not used, what it found uncertain is as uncertain."""
+        if decision.doubts is None:
+            return
+        self.doubts[place] |= decision.doubts
+        self.head_scale[place], self.tilt_scale[place] = decision.head_scale, decision.tilt_scale
+        self.lag[place] = decision.lag
+
+
+class Publication:
+    """Turns rows of a stage's error motion into what may be published."""
+
+    def __init__(self, stage: StageDescription, bits: Mapping[str, int]) -> None:
+        """Publication for `stage`, with the `bits` of its streams."""
+        self._radius = stage.encoder.disc_radius
+        self._bits = bits
+        self._assembly = _assembly_variance(stage)
+        # The smallest fault that shows is the internal reliability of geodesy (Baarda 1968): without redundancy a step
+        # of one head shows only where no bearing makes it within a window. Its distribution is taken as rectangular,
+        # as an unknown within bounds is (JCGM 100:2008, 4.3.7).
+        # One of heads and command may round to the next count, the other down.
+        self._rounding = stage.encoder.resolution**2 / 12.0
+        self._unseen = (stage.limits.radial_rate * WINDOW_NS * 1e-9) ** 2 / 3.0
+        # What a description that was not held against a turn yet can be off by is bounded by what the stage can do.
+        self._unproven = {"radial": stage.limits.radial**2 / 3.0, "tilt": stage.limits.tilt**2 / 3.0}
+
+    def finish(
+        self,
+        rows: NDArray[np.float64],
+        evidence: NDArray[np.float64],
+        streams: NDArray[np.int64],
+        disagreement: NDArray[np.float64],
+        redundancy: NDArray[np.int64],
+        believed: Believed,
+    ) -> NDArray[np.bool_]:
+        """Complete the rows (m, k) in place, from the `streams` that are used; give which of them may go out (m,)."""
+        seen = {name: evidence[:, place] for name, place in INDEX.items()}
+        far = ~believed.within("tilt", seen["tilt_surplus_x"], seen["tilt_surplus_y"]) & (seen["tilt"] > 0)
+        streams = np.where(far, streams & ~self._bits["autocollimator"], streams)
+        far = ~believed.within("ecc", seen["ecc"]) & (seen["command"] > 0)
+        streams = np.where(far, streams & ~self._bits["command"], streams)
+        near = believed.within("radial", seen["surplus_x"], seen["surplus_y"])
+        self._raise_uncertainty(rows, disagreement, redundancy, believed)
+        doubts = {name: believed.has(name) for name in DOUBTS}
+        tilt = streams & self._bits["autocollimator"] == 0
+        command = streams & self._bits["command"] == 0
+        observable = rows[:, COLUMN["observable"]].astype(np.int64)
+        for which, bits, names in (
+            (doubts["ring"], 0b11, ("exc", "eyc", "var_exc", "var_eyc", "cov_exc_eyc", "cov_exc_ecc", "cov_eyc_ecc")),
+            (tilt, 0b11000, ("eac", "ebc", "var_eac", "var_ebc")),
+            (command, 0b100000, ("ecc", "var_ecc", "cov_exc_ecc", "cov_eyc_ecc")),
+        ):
+            if which.any():
+                observable[which] &= ~bits
+                for name in names:
+                    rows[which, COLUMN[name]] = 0.0
+        rows[:, COLUMN["observable"]] = observable
+        rows[:, COLUMN["streams"]] = streams
+        for name in ("doubts", "head_scale", "tilt_scale", "lag"):
+            rows[:, COLUMN[name]] = getattr(believed, name)
+        agree = (disagreement <= believed.most) & near & ~doubts["heads"]
+        return np.asarray(agree & np.isfinite(rows).all(axis=1))
+
+    def _raise_uncertainty(
+        self,
+        rows: NDArray[np.float64],
+        disagreement: NDArray[np.float64],
+        redundancy: NDArray[np.int64],
+        believed: Believed,
+    ) -> None:
+        """What the heads contradict one another, at the tick or before, and what could go unseen, count as well."""
+        bounds = np.ones(int(redundancy.max(initial=0)) + 1)
+        bounds[1:] = [chi_square_bound(float(freedom)) for freedom in range(1, len(bounds))]
+        heads = np.maximum(believed.head_scale**2, disagreement**2 / bounds[redundancy])
+        for name in ("var_exc", "var_eyc", "cov_exc_eyc", "var_ecc", "cov_exc_ecc", "cov_eyc_ecc"):
+            rows[:, COLUMN[name]] *= heads
+        bits = rows[:, COLUMN["observable"]].astype(np.int64)
+        step = np.where(redundancy == 0, self._unseen, 0.0)
+        radial = self._assembly["radial"] + np.where(believed.has("unverified"), self._unproven["radial"], 0.0)
+        tilt = self._assembly["tilt"] + np.where(believed.has("unverified_tilt"), self._unproven["tilt"], 0.0)
+        for bit, name, added in (
+            (0, "var_exc", step + radial),
+            (1, "var_eyc", step + radial),
+            (3, "var_eac", tilt),
+            (4, "var_ebc", tilt),
+            (5, "var_ecc", step / self._radius**2 + believed.lag**2 + self._rounding),
+        ):
+            if name in ("var_eac", "var_ebc"):
+                rows[:, COLUMN[name]] *= believed.tilt_scale**2
+            rows[:, COLUMN[name]] += np.where(bits >> bit & 1 == 1, added, 0.0)
+
+
+def _assembly_variance(stage: StageDescription) -> dict[str, float]:
+    """Variance that the stated uncertainty of what is taken off adds to a component, m² and rad².
+
+    A vector that turns with the rotor adds that of one of its components at each angle; so does each order.
+    """
+    stated = stage.uncertainty
+    graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(stage.encoder.graduation))
+    flatness = stated.get("mirror.flatness", 0.0) * math.sqrt(len(stage.mirror.flatness))
+    radial = stated.get("encoder.eccentricity", 0.0) ** 2 + 0.5 * (stage.encoder.disc_radius * graduation) ** 2
+    return {"radial": radial, "tilt": stated.get("mirror.tilt", 0.0) ** 2 + flatness**2}
+
+
+def redundancy_of(layout: HeadLayout | None) -> int:
+    """Contradictions that would show among the heads of a layout; none without one."""
+    return 0 if layout is None else layout.redundancy

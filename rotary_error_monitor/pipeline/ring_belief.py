@@ -1,0 +1,253 @@
+"""Whether ring and command fit their descriptions: the radial error motion over a turn, the rotation's distance."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from scipy.special import stdtrit
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.description_check import MIRRORED, FigureCheck
+from rotary_error_monitor.pipeline.evidence import Reach, Window
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
+
+CONFIDENT = 0.2
+"""Stated noise over what is seen, the other way round: a stage whose heads scatter by less than a fifth of it is not
+the one that is described."""
+
+STEADY = 0.25
+"""Part of the largest following error by which rotation and command may come apart within a window."""
+
+ACCELERATION = 100.0
+"""Angular acceleration, rad/s², that direct drives of rotary tables reach."""
+
+SLOPE_CHANCE = 1e-9
+"""Probability by which chance makes a delay between rotation and command that counts as seen, by Student's t:
+of few windows a rotor that hardly changes its speed shows any delay."""
+
+
+class RingBelief:
+    """Judges whether the radial error motion can be that of the described stage, window by window.
+
+    Attributes:
+        doubt: why the description is not believed; empty while it is.
+        figure: of the ring's centre over the rotation.
+    """
+
+    def __init__(self, stage: StageDescription) -> None:
+        """Judge of the ring of a stage."""
+        self._limit = stage.limits.radial
+        noise = math.hypot(stage.encoder.noise, stage.encoder.resolution / math.sqrt(12.0)) * stage.encoder.disc_radius
+        self.figure = FigureCheck(MIRRORED, noise, 0.5 * self._limit, "eccentricity of the ring, m,")
+        self.reset()
+
+    @property
+    def beyond(self) -> bool:
+        """Whether it is doubted for a motion that the stage cannot make."""
+        return self.doubt.startswith(_BEYOND)
+
+    def reset(self) -> None:
+        """Believe the description again, until it is contradicted anew."""
+        self.doubt = ""
+        self.figure.forget()
+        self._agreeing = 0.0
+        self._agreement: deque[float] = deque(maxlen=LONG)
+        self._turned: deque[float] = deque(maxlen=LONG)
+
+    def retract(self, *, doubt: bool) -> None:
+        """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
+        self.doubt = "" if doubt else self.doubt
+        self._agreeing = 0.0
+        self._agreement.clear()
+        self._turned.clear()
+
+    def judge(self, window: Window) -> None:
+        """Take in a window of believed heads."""
+        if not (window.has("heads") and window.has("radial")):
+            self._agreeing = 0.0
+            return
+        wrong = self._beyond(window) or self._misread(window) or self._too_quiet(window)
+        if wrong:
+            self.doubt, self._agreeing = wrong, 0.0
+        elif self.doubt:
+            self._agreeing += window.duration
+            if self._agreeing >= AGREEMENT:
+                self.doubt = ""
+
+    def _beyond(self, window: Window) -> str:
+        x, y = window.pair("surplus")
+        described_x, described_y = window.pair("described")
+        motion = math.hypot(x + described_x, y + described_y)
+        if motion <= self._limit:
+            return ""
+        return (
+            f"{_BEYOND} of {motion * 1e6:.3g} µm; the stage's is {self._limit * 1e6:.3g} at most. "
+            "Eccentricity, radius of the ring or places of the heads are not as described"
+        )
+
+    def _misread(self, window: Window) -> str:
+        x, y = window.pair("centre")
+        off_x, off_y = window.pair("surplus")
+        if not self.figure.add(window["theta"], (x, y), (x - off_x, y - off_y)) and window.number % SHORT:
+            return self.doubt if self.doubt.startswith(_MISREAD) else ""
+        found = self.figure.judge()
+        if found is None:
+            return ""
+        return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µm that is unexplained)"
+
+    def _too_quiet(self, window: Window) -> str:
+        """Heads that move and yet scatter far less than the described noise."""
+        if window["believed_agreement"] == 0.0:  # no redundancy to see it by
+            self._agreement.clear()
+            self._turned.clear()
+            return ""
+        self._agreement.append(window["believed_agreement"])
+        self._turned.append(window["theta"])
+        if len(self._agreement) < LONG or abs(self._turned[-1] - self._turned[0]) < math.pi / 8:
+            return ""
+        seen = math.sqrt(sum(self._agreement) / LONG)
+        if seen > CONFIDENT:
+            return ""
+        return f"the heads scatter by {seen:.2g} times their described noise: that is stated far too large"
+
+
+_BEYOND = "a radial error motion"
+_MISREAD = "the ring does not fit its description"
+
+
+class CommandBelief:
+    """Judges whether rotation and command can belong together.
+
+    Attributes:
+        doubt: why the command is not believed; empty while it is.
+        delay: age of the heads against the command that the distance of both shows, s; zero while it shows none.
+        reach: where the distance can be at the next ticks.
+        lag: standard uncertainty of the distance at the present speed, for the stamps of both are not surer, rad.
+    """
+
+    def __init__(self, stage: StageDescription) -> None:
+        """Judge of the command of a stage."""
+        self._limits, self._timing = stage.limits, stage.timing("command")
+        self._noise = math.hypot(stage.encoder.noise, stage.encoder.resolution)
+        farthest = stage.limits.following_error + stage.limits.latency * stage.limits.speed
+        self._anywhere = Reach(0.0, 0.0, farthest)
+        self.reset()
+
+    def reset(self) -> None:
+        """Believe the command again."""
+        self.doubt = ""
+        self.delay = self.lag = 0.0
+        self.reach = self._anywhere
+        self._agreeing = 0.0
+        self._size = 0.0
+        self._before: float | None = None
+        self._squares: deque[float] = deque(maxlen=LONG)
+        self._last: Window | None = None
+        self._still = self._speed = 0.0
+        self._pairs: deque[tuple[float, float]] = deque(maxlen=10 * LONG)
+
+    def retract(self, *, doubt: bool) -> None:
+        """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
+        if doubt:
+            self.doubt, self._before = "", None
+        self._agreeing = 0.0
+        self._last = None
+        self._squares.clear()
+        self._pairs.clear()
+
+    def judge(self, window: Window) -> None:
+        """Take in a window in which the heads tell the rotation."""
+        last, self._last = self._last, window
+        self.reach = self._anywhere
+        if not (window.has("command") and window.has("heads")) or last is None or window.number != last.number + 1:
+            self._agreeing = 0.0
+            return
+        speed = (window["theta"] - last["theta"]) / window.duration
+        step = self._step(window, last, speed)
+        wrong = self._beyond(window, speed) or self._stuck(window, last) or step
+        if not wrong:
+            self._measure(window, speed)
+            wrong = self._late()
+        if wrong and not self.doubt:
+            self._before = last["ecc"] if step else None
+        if wrong:
+            self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
+        elif self.doubt:
+            # after a step only the return to what was before it tells that it is over
+            back = self._before is None or abs(window["ecc"] - self._before) <= 0.3 * self._size
+            self._agreeing = self._agreeing + window.duration if back else 0.0
+            if self._agreeing >= AGREEMENT:
+                self.doubt = ""
+        self._speed = speed
+        self.lag = math.hypot(speed * math.hypot(self.delay, self._timing), self._scatter(window))
+        faster = ACCELERATION * window.duration * self._limits.latency
+        reach = STEADY * self._limits.following_error + faster + 6.0 * self.lag
+        self.reach = Reach(window["ecc"], 0.0, reach)
+
+    def _beyond(self, window: Window, speed: float) -> str:
+        allowed = self._limits.following_error + self._limits.latency * abs(speed)
+        if abs(window["ecc"]) <= allowed:
+            return ""
+        return (
+            f"rotation and command are {window['ecc'] * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error and "
+            f"latency explain {allowed * 1e6:.3g}. Command, its stamps, or the zero of the heads are wrong"
+        )
+
+    def _step(self, window: Window, last: Window, speed: float) -> str:
+        """A step of the distance that neither the drive nor a change of speed makes."""
+        step = abs(window["ecc"] - last["ecc"])
+        accelerated = self._limits.latency * abs(speed - self._speed)
+        if step <= STEADY * self._limits.following_error + accelerated + 6.0 * self._scatter(window):
+            return ""
+        self._size = step
+        return f"a step of {step * 1e6:.3g} µrad between rotation and command within {window.duration * 1e3:g} ms"
+
+    def _scatter(self, window: Window) -> float:
+        """Standard deviation of a single distance by the scatter of windows about their neighbours, rad."""
+        if len(self._squares) < SHORT:
+            return 0.0
+        samples = max(1.0, window.ticks * window["head_samples"])
+        return math.sqrt(sum(self._squares) / len(self._squares) / 1.5 * samples)
+
+    def _stuck(self, window: Window, last: Window) -> str:
+        """A command that stands while the rotor turns."""
+        command = (window["theta"] - window["ecc"]) - (last["theta"] - last["ecc"])
+        turned = window["theta"] - last["theta"]
+        if abs(command) > 1e-3 * abs(turned) or abs(turned) < 6.0 * self._noise:
+            self._still = 0.0
+            return ""
+        self._still += abs(turned)
+        if self._still < 0.1 * self._limits.following_error:
+            return ""
+        return f"the command stands still while the rotor has turned by {self._still * 1e6:.3g} µrad"
+
+    def _measure(self, window: Window, speed: float) -> None:
+        """Scatter of the distance, and its slope over the speed, where that stands out from the scatter."""
+        pairs = self._pairs
+        if len(pairs) >= 2:
+            self._squares.append((pairs[-1][1] - 0.5 * (pairs[-2][1] + window["ecc"])) ** 2)
+        pairs.append((speed, window["ecc"]))
+        if window.number % SHORT == 0 and len(pairs) >= SHORT:
+            self._measure_delay()
+
+    def _measure_delay(self) -> None:
+        pairs = np.array(self._pairs)
+        speed, ecc = (pairs - pairs.mean(axis=0)).T
+        spread = float(speed @ speed)
+        if spread <= 0.0:
+            return
+        slope = float(speed @ ecc) / spread
+        rest = float(np.sum((ecc - slope * speed) ** 2))
+        freedom = max(0.1 * len(pairs) - 2.0, 1.0)  # neighbouring windows see the same jitter: one in ten counts
+        deviation = math.sqrt(rest / spread / freedom)
+        self.delay = -slope if abs(slope) > float(stdtrit(freedom, 1.0 - SLOPE_CHANCE)) * deviation else 0.0
+
+    def _late(self) -> str:
+        if abs(self.delay) <= self._limits.latency:
+            return ""
+        return (
+            f"the heads are {self.delay * 1e3:.3g} ms behind the command, more than the "
+            f"{self._limits.latency * 1e3:.3g} ms of the stage's limits: stamps of one of them are wrong"
+        )

@@ -1,0 +1,100 @@
+"""The one place where a temperature is believed: within its range, no faster than iron warms, and fresh."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+
+from rotary_error_monitor.description.machine import MachineDescription
+
+BEYOND = "beyond its range"
+FAST = "faster than a machine warms"
+NOT_FINITE = "not finite"
+
+JITTER = 0.5
+"""What noise and resolution of a thermometer may add to a change, K."""
+
+
+@dataclass(frozen=True)
+class Warmth:
+    """Temperature of a machine and how well it is known, °C and K."""
+
+    temperature: float
+    deviation: float
+
+
+class Thermometer:
+    """The machine's temperature, from a sensor that may be absent, silent or wrong.
+
+    A temperature that is not believed is replaced by the last one that was, with an uncertainty that grows as fast as a
+    machine can warm; without any by the reference temperature, uncertain by all that its range allows.
+
+    Attributes:
+        refused: temperatures that were not believed, by reason.
+        doubt: why the last one was not; empty where it was.
+    """
+
+    def __init__(self, machine: MachineDescription) -> None:
+        self._limits = machine.limits
+        self._reference = machine.reference_temperature
+        self.needed = any(axis.expansion != 0.0 for axis in machine.axes)
+        self.refused: Counter[str] = Counter()
+        self.doubt = ""
+        self._last: tuple[int, float] | None = None
+
+    def reset(self) -> None:
+        """Believe the next temperature wherever it is in its range."""
+        self._last, self.doubt = None, ""
+
+    @property
+    def has_spoken(self) -> bool:
+        """Whether a temperature was believed yet."""
+        return self._last is not None
+
+    def push(self, stamp_ns: int, temperature: float) -> bool:
+        """Take in a temperature (°C) measured at `stamp_ns`, timestamp (ns); give whether it is believed."""
+        self.doubt = self._judge(stamp_ns, temperature)
+        if self.doubt:
+            return False
+        self._last = stamp_ns, temperature
+        return True
+
+    def at(self, time_ns: int) -> Warmth:
+        """What is known at `time_ns`, timestamp (ns)."""
+        low, high = self._limits.temperature
+        widest = (high - low) / math.sqrt(12.0)
+        if self._last is None:
+            return Warmth(self._reference, widest if self.needed else 0.0)
+        stamp_ns, temperature = self._last
+        old = max(0.0, (time_ns - stamp_ns) * 1e-9 - self._limits.temperature_age)
+        return Warmth(temperature, min(widest, self._limits.temperature_rate * old))
+
+    def trouble(self, time_ns: int) -> str:
+        """What is wrong with the temperature at `time_ns`; empty where nothing is."""
+        if self.doubt:
+            return f"temperature not believed: {self.doubt}"
+        if self._last is None:
+            return "no temperature: that of reference stands in" if self.needed else ""
+        age = (time_ns - self._last[0]) * 1e-9
+        return f"temperature is {age:.0f} s old" if age > self._limits.temperature_age else ""
+
+    def _judge(self, stamp_ns: int, temperature: float) -> str:
+        low, high = self._limits.temperature
+        if not math.isfinite(temperature):
+            return self._refuse(NOT_FINITE, f"{temperature} is {NOT_FINITE}")
+        if not low <= temperature <= high:
+            return self._refuse(BEYOND, f"{temperature:g} °C is {BEYOND} of {low:g} to {high:g} °C")
+        if self._last is not None:
+            last_ns, last = self._last
+            elapsed = (stamp_ns - last_ns) * 1e-9
+            # a jump does not become true by lasting
+            passed = min(max(elapsed, 0.0), self._limits.temperature_age)
+            allowed = self._limits.temperature_rate * passed + JITTER
+            if abs(temperature - last) > allowed:
+                return self._refuse(FAST, f"{temperature - last:+.3g} K within {elapsed:.3g} s is {FAST}")
+        return ""
+
+    def _refuse(self, reason: str, words: str) -> str:
+        self.refused[reason] += 1
+        return words

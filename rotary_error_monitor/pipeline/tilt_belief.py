@@ -1,0 +1,208 @@
+"""Whether the autocollimator is believed: one signal without redundancy, held against what turns with the rotor."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from rotary_error_monitor.description.stage import Autocollimator, StageDescription
+from rotary_error_monitor.metrology.agreement import chi_square_bound
+from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, FigureCheck
+from rotary_error_monitor.pipeline.evidence import Reach, Window
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
+
+SURE = 1e-9
+"""Probability of a run of equal readings by chance from which the signal counts as stuck."""
+
+SIGMAS = 6.0
+"""Standard deviations that noise does not reach in years."""
+
+STAYED = 0.3
+"""Part of a step, or else of the largest tilt, within which a signal that was doubted counts as back where it was."""
+
+
+class TiltBelief:
+    """Judges the tilt, window by window.
+
+    What is looked for: a value that stands still where noise or the turning mirror must move it, a step that no bearing
+    makes, tilt beyond what the stage can do, and a figure over the rotation that a mistake in the connection explains
+    better than the description. What is doubted is believed again once it has agreed for `AGREEMENT` with what it was
+    before, or with the description where nothing was before.
+
+    Attributes:
+        doubt: why the tilt is not believed; empty while it is.
+        scale: by which stated standard deviations are to be multiplied: noise is measured, not taken on trust.
+        reach: where the part of the tilt that is not described can be at the next ticks.
+        figure: of the tilt over the rotation.
+    """
+
+    def __init__(self, stage: StageDescription) -> None:
+        """Judge of the autocollimator of a stage."""
+        self._instrument, self._limits = stage.autocollimator, stage.limits
+        self._anywhere = Reach(0.0, 0.0, 2.0 * stage.limits.tilt)
+        self._equal_run = run_by_chance(stage.autocollimator)
+        noise = math.hypot(stage.autocollimator.noise, stage.autocollimator.resolution / math.sqrt(12.0))
+        self.figure = FigureCheck(
+            {**MIRRORED, **DARK}, noise, 0.5 * stage.limits.tilt, "tilt of the mirror on the rotor, rad,"
+        )
+        self.reset()
+
+    def reset(self) -> None:
+        """Believe the tilt again."""
+        self.doubt = ""
+        self.scale = 1.0
+        self.reach = self._anywhere
+        self.figure.forget()
+        self._agreeing = self._size = self._near = 0.0
+        self._squares: deque[float] = deque(maxlen=LONG)
+        self._recent: deque[tuple[float, float]] = deque(maxlen=SHORT)
+        self._before: tuple[float, float] | None = None
+        self._last: Window | None = None
+        self._still: Window | None = None
+
+    def retract(self, *, doubt: bool) -> None:
+        """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
+        if doubt:
+            self.doubt, self._before = "", None
+        self._agreeing = 0.0
+        self._recent.clear()
+        self._last = self._still = None
+
+    def judge(self, window: Window) -> None:
+        """Take in a window; the tilt counts only where the heads tell the rotation."""
+        self.reach = self._anywhere
+        if not (window.has("tilt") and window.has("heads")):
+            self._still = None
+            self._agreeing = 0.0
+            return
+        stuck = self._is_stuck(window)
+        step = self._step(window)
+        wrong = stuck or step or self._beyond(window) or self._misread(window)
+        self._measure_noise(window)
+        if wrong and not self.doubt:
+            self._before = self._mean_before()
+            self._recent.clear()
+            self._near = STAYED * self._size if step else STAYED * self._limits.tilt
+        if wrong:
+            # a step back is no new fault, but a reason to wait
+            self.doubt = self.doubt if self.doubt and step else wrong
+            self._agreeing = 0.0
+        elif self.doubt:
+            self._agreeing = self._agreeing + window.duration if self._is_back(window) else 0.0
+            if self._agreeing >= AGREEMENT:
+                self.doubt = ""
+        if not self.doubt:
+            self._recent.append(window.pair("tilt_surplus"))
+        self._last = window
+        # one tick is less sure than the mean of a window, and may be a window and a half away
+        samples = max(1.0, window.ticks * window["tilt_samples"])
+        noise = math.hypot(self._deviation(window) * math.sqrt(1.0 + samples), self._drift(window))
+        reach = 1.5 * self._limits.tilt_rate * window.duration + SIGMAS * noise
+        self.reach = Reach(*window.pair("tilt_surplus"), reach)
+
+    def _is_stuck(self, window: Window) -> str:
+        """Equal readings for longer than chance allows, or while the mirror must have moved them."""
+        if self._last is None or window.pair("tilt") != self._last.pair("tilt"):
+            self._still = window
+            return ""
+        assert self._still is not None
+        run = window.number - self._still.number + 1
+        readings = run * window.ticks * window["tilt_samples"]
+        moved = max(
+            abs(a - b) for a, b in zip(window.pair("tilt_surplus"), self._still.pair("tilt_surplus"), strict=True)
+        )
+        floor = self._instrument.resolution + SIGMAS * self._instrument.noise
+        if readings > self._equal_run or moved > floor:
+            return f"stuck: the same reading for {run * window.duration * 1e3:.0f} ms"
+        return ""
+
+    def _step(self, window: Window) -> str:
+        last = self._last
+        if last is None:
+            return ""
+        passed = (window.number - last.number) * window.duration
+        step = _distance(window.pair("tilt_surplus"), last.pair("tilt_surplus"))
+        noise = math.hypot(self._deviation(window), self._drift(window))
+        if step <= self._limits.tilt_rate * passed + SIGMAS * math.sqrt(2.0) * noise:
+            return ""
+        self._size = step
+        return f"a step of {step * 1e6:.3g} µrad within {passed * 1e3:.3g} ms that no bearing makes"
+
+    def _beyond(self, window: Window) -> str:
+        surplus = math.hypot(*window.pair("tilt_surplus"))
+        if surplus <= 2.0 * self._limits.tilt:  # what is left where the description is the opposite of the truth
+            return ""
+        most = self._limits.tilt * 1e6
+        return f"{surplus * 1e6:.3g} µrad from the described tilt; the stage tilts by {most:.3g} at most"
+
+    def _misread(self, window: Window) -> str:
+        x, y = window.pair("tilt")
+        off_x, off_y = window.pair("tilt_surplus")
+        if not self.figure.add(window["theta"], (x, y), (x - off_x, y - off_y)) and window.number % SHORT:
+            return self.doubt if self.doubt.startswith(_MISREAD) else ""
+        found = self.figure.judge()
+        if found is None:
+            return ""
+        return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µrad that is unexplained)"
+
+    def _measure_noise(self, window: Window) -> None:
+        """Scatter of a window about its neighbours against what the stated noise explains."""
+        recent = self._recent
+        if len(recent) >= 2 and self._last is not None and window.number == self._last.number + 1 and not self.doubt:
+            variance = 1.5 * self._deviation(window, stated=True) ** 2 + self._drift(window) ** 2
+            here = window.pair("tilt_surplus")
+            for first, middle, last in zip(recent[-2], recent[-1], here, strict=True):
+                self._squares.append(min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6))
+        if len(self._squares) >= SHORT:
+            values = list(self._squares)
+            # neighbours share windows, which leaves about half of them independent
+            excess = (sum(values[-n:]) / n / chi_square_bound(0.5 * n) for n in (2, SHORT, len(values)))
+            self.scale = math.sqrt(max(1.0, *excess))
+
+    def _deviation(self, window: Window, *, stated: bool = False) -> float:
+        """Standard deviation of the mean of a window, rad."""
+        samples = max(1.0, window.ticks * window["tilt_samples"])
+        noise = math.hypot(self._instrument.noise, self._instrument.resolution / math.sqrt(12.0))
+        return noise / math.sqrt(samples) * (1.0 if stated else self.scale)
+
+    def _drift(self, window: Window) -> float:
+        """Standard deviation of what turbulence changes from window to window, over the root of two, rad."""
+        turbulence = self._instrument.turbulence
+        if turbulence is None:
+            return 0.0
+        return turbulence.std * math.sqrt(min(1.0, window.duration / turbulence.correlation_time))
+
+    def _mean_before(self) -> tuple[float, float] | None:
+        if not self._recent:
+            return self._before
+        count = len(self._recent)
+        return sum(x for x, _ in self._recent) / count, sum(y for _, y in self._recent) / count
+
+    def _is_back(self, window: Window) -> bool:
+        """Whether the tilt is near where it was before it was doubted; the description where nothing was before."""
+        before = self._before or (0.0, 0.0)
+        near = self._near + SIGMAS * math.hypot(self._deviation(window), self._drift(window))
+        return _distance(window.pair("tilt_surplus"), before) <= near
+
+
+def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """The larger of the two components."""
+    return max(abs(one[0] - other[0]), abs(one[1] - other[1]))
+
+
+_MISREAD = "it does not fit its description"
+
+
+def run_by_chance(instrument: Autocollimator) -> float:
+    """Readings of both components in a row that chance makes equal less often than `SURE`, at most a million.
+
+    A reading repeats where the noise stays within half a step, at best with `erf(resolution / (2 sqrt(2) noise))`.
+    """
+    if instrument.resolution == 0.0:
+        return 2.0 if instrument.noise > 0.0 else 1e6
+    if instrument.noise == 0.0:
+        return 1e6
+    equal = math.erf(instrument.resolution / (2.0 * math.sqrt(2.0) * instrument.noise)) ** 2
+    if equal == 0.0:  # a step that is next to none
+        return 2.0
+    return min(1e6, 1.0 + math.log(SURE) / math.log(equal)) if equal < 1.0 else 1e6

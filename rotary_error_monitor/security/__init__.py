@@ -1,0 +1,1 @@
+"""Who may speak and listen in a cell: least-privilege policies, keys, and whether security is in effect."""

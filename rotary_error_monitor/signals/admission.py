@@ -1,0 +1,264 @@
+"""The one place where a sample is believed: declared checks that the samples of every stream pass.
+
+Whether a sample is believed follows from the samples of its own stream, in the order of their stamps, so that live and
+in replay the same ones are. Only the clock is held against the time of arrival, which a recording has as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.errors import InputError
+
+NOT_FINITE = "not finite"
+LATE = "not after the one before"
+BEYOND = "beyond what the instrument can show"
+FAST = "faster than the axis can turn"
+SPIKE = "a spike"
+FUTURE = "stamped in the future"
+OLD = "too old at arrival"
+
+HALF_TURN = math.pi
+TURN = 2 * math.pi
+
+SPIKE_SIGMAS = 8.0
+"""A sample that stands off the mean of its neighbours by more standard deviations is a spike: of normal noise one in
+1e15 would be, of noise a third larger than stated one in 1e9."""
+
+SPREAD_OF_FIVE = 0.94
+"""Standard deviation of a normal sample about the median of the five around it, over its own: the root of
+1 + 0.287 - 2 * 0.2."""
+
+WAITING_SIGMAS = 5.0
+"""A newest sample that stands off by more from where the two before it lead waits for the next one to be judged; of
+normal noise one in two million does."""
+
+LARGEST_ANGLE = 1e7
+"""An unwrapped angle, rad, beyond which float64 no longer holds a thousandth of a count of the finest encoders."""
+
+Samples = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class SampleLimits:
+    """What the samples of a stream can be, in the units of the stream.
+
+    Attributes:
+        largest: largest absolute value of a sample.
+        speed: fastest change per s; where values are angles, whole turns beyond it are taken out.
+        turns: whether a value may start again after a whole turn.
+        jitter: change that noise and resolution may add to that, at most.
+        noise: standard deviation of a sample, resolution included; spikes are told by it. Without it they are not.
+    """
+
+    largest: float = math.inf
+    speed: float = math.inf
+    turns: bool = False
+    jitter: float = 0.0
+    noise: float | None = None
+
+
+@dataclass
+class Admission:
+    """Holds the samples of one stream against their limits.
+
+    Attributes:
+        refused: samples that were not believed, by reason.
+        refusals: timestamp (ns) of each of the latest of them, not before that of the sample taken last.
+        wraps: how often the readings started again after whole turns.
+    """
+
+    limits: SampleLimits = field(default_factory=SampleLimits)
+    refused: Counter[str] = field(default_factory=Counter)
+    refusals: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    wraps: int = 0
+
+    def __post_init__(self) -> None:
+        self.forget()
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Timestamp (ns) of the newest sample that was taken, one that waits for its neighbour included."""
+        return self._newest_ns
+
+    def forget(self) -> None:
+        """Begin anew, as before the first sample; counts stay."""
+        self._newest_ns: int | None = None
+        self._last: NDArray[np.float64] | None = None
+        self._turns = 0
+        self.refusals = self.refusals[:0]
+        self._waiting: Samples | None = None
+        self._tail = np.empty((0, 0))
+
+    def admit(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Samples:
+        """What can be believed of samples `values` (n, k) at `times` (n,), ns; the last may wait for the next call."""
+        times, values = self._in_order(times, values)
+        if len(times) == 0:
+            return times, values
+        values, kept = self._continuous(times, values)
+        if kept is not None:
+            times, values = times[kept], values[kept]
+            if len(times) == 0:
+                return times, values
+        self._newest_ns, self._last = int(times[-1]), values[-1]
+        return (times, values) if self.limits.noise is None else self._without_spikes(times, values)
+
+    def turn_by(self, turns: int) -> None:
+        """Take further whole turns out of all that comes."""
+        self._turns += turns
+        if self._last is not None:
+            self._last = self._last - TURN * turns
+
+    def _in_order(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Samples:
+        """Samples that are finite, within range and after all that came before."""
+        before = -(2**62) if self._newest_ns is None else self._newest_ns
+        good = np.abs(values) <= self.limits.largest  # false for NaN
+        if len(times) and times[0] > before and bool((times[1:] > times[:-1]).all()) and bool(good.all()):
+            return times, values
+        finite: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
+        within: NDArray[np.bool_] = np.asarray(good.all(axis=1))
+        usable = np.where(finite & within, times, before)
+        newest = np.maximum.accumulate(np.concatenate([[before], usable[:-1]]))
+        fresh = times > newest
+        when = np.maximum(times, newest)
+        self._count(NOT_FINITE, ~finite, when)
+        self._count(BEYOND, finite & ~within, when)
+        self._count(LATE, ~fresh & finite & within, when)
+        return times[finite & within & fresh], values[finite & within & fresh]
+
+    def _continuous(
+        self, times: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
+        """Values without the whole turns after which they start again, and which are no faster than they can be."""
+        limits = self.limits
+        if math.isinf(limits.speed):
+            return values, None
+        turned = values - TURN * self._turns if self._turns else values
+        last, since = self._last, self._newest_ns
+        steps = np.diff(turned[:, 0], prepend=turned[0, 0] if last is None else last[0])
+        passed = np.diff(times, prepend=times[0] if since is None else since) * 1e-9
+        if bool((np.abs(steps) <= limits.speed * passed + limits.jitter).all()):
+            return turned, None
+        kept = np.ones(len(times), np.bool_)
+        turned = values.copy()
+        for i in range(len(times)):
+            turned[i, 0] = values[i, 0] - TURN * self._turns
+            if last is not None and since is not None:
+                kept[i] = self._follows(turned[i], last, (int(times[i]) - since) * 1e-9)
+            if kept[i]:
+                last, since = turned[i], int(times[i])
+        self._count(FAST, ~kept, times)
+        return turned, kept
+
+    def _follows(self, value: NDArray[np.float64], last: NDArray[np.float64], passed: float) -> bool:
+        """Whether a value can follow the last one; whole turns are taken out of it where it can only so."""
+        allowed = self.limits.speed * passed + self.limits.jitter
+        step = float(value[0] - last[0])
+        if abs(step) <= allowed:
+            return True
+        turns = round(step / TURN) if self.limits.turns else 0
+        if abs(step - TURN * turns) > allowed:
+            return False
+        self._turns += turns
+        self.wraps += turns != 0
+        value[0] -= TURN * turns
+        return True
+
+    def _without_spikes(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Samples:
+        """Samples without those that stand off from the median of their five; newest ones that may be such wait.
+
+        The others need not wait: what one sample costs in time, no estimate should pay for another. A step is none: the
+        median follows it.
+        """
+        if self._waiting is not None:
+            times, values = np.concatenate([self._waiting[0], times]), np.concatenate([self._waiting[1], values])
+        before = len(self._tail)
+        rows = np.concatenate([self._tail, values]) if before else values
+        spikes = np.zeros(len(rows), np.bool_)
+        if len(rows) >= 5:
+            five = np.stack([rows[i : len(rows) - 4 + i] for i in range(5)])
+            off = np.abs(rows[2:-2] - np.median(five, axis=0)).max(axis=1)
+            spikes[2:-2] = off > SPIKE_SIGMAS * SPREAD_OF_FIVE * self._noise
+        judged = max(len(values) - 2, 0)  # the last two have not all of their neighbours yet
+        free = judged + self._unsuspicious(rows[before + judged - 2 :] if before + judged >= 2 else rows[:0])
+        free = len(values) if before + judged < 2 else free
+        self._waiting = (times[free:], values[free:]) if free < len(values) else None
+        taken = ~spikes[before : before + free]
+        self._count(SPIKE, ~taken, times[:free])
+        self._tail = np.concatenate([rows[:before], values[:free][taken]])[-4:]
+        return times[:free][taken], values[:free][taken]
+
+    def _unsuspicious(self, rows: NDArray[np.float64]) -> int:
+        """How many of the rows behind the first two go on as these lead."""
+        off = np.abs(rows[2:] - 2 * rows[1:-1] + rows[:-2]).max(axis=1, initial=0.0)
+        wild = np.flatnonzero(off > WAITING_SIGMAS * math.sqrt(6.0) * self._noise)
+        return int(wild[0]) if len(wild) else max(len(rows) - 2, 0)
+
+    @property
+    def _noise(self) -> float:
+        assert self.limits.noise is not None
+        return self.limits.noise
+
+    def _count(self, reason: str, which: NDArray[np.bool_], when: NDArray[np.int64]) -> None:
+        if which.any():
+            self.refused[reason] += int(which.sum())
+            self.refusals = np.concatenate([self.refusals, when[which]])
+
+
+@dataclass
+class ArrivalCheck:
+    """Holds the stamps of messages against the time at which they arrive.
+
+    Attributes:
+        max_age_ns: a message whose newest sample is older than this at its arrival is refused.
+        ahead_ns: how far a stamp may be ahead of the clock: less than an estimate waits for a stream that stays behind,
+            and more than the clocks of well kept computers differ by.
+        refused: messages by reason.
+    """
+
+    max_age_ns: int = 1_000_000_000
+    ahead_ns: int = 100_000_000
+    refused: Counter[str] = field(default_factory=Counter)
+    _behind: bool = False
+
+    def __post_init__(self) -> None:
+        if self.max_age_ns <= 0 or self.ahead_ns < 0:
+            raise InputError(
+                f"an age limit of {self.max_age_ns} ns and {self.ahead_ns} ns ahead; expected above 0 and at least 0"
+            )
+
+    def judge(self, newest_ns: int, arrival_ns: int) -> str:
+        """Why a message with its newest sample at `newest_ns` is refused at `arrival_ns`, timestamps; empty if not.
+
+        Once one was too old, all are refused until they come within half of that age: a backlog must not stay, but a
+        computer that is always somewhat late must come back.
+        """
+        age_ns = arrival_ns - newest_ns
+        if age_ns < -self.ahead_ns:
+            self.refused[FUTURE] += 1
+            return f"{FUTURE}: {_duration(-age_ns)} ahead of this computer's clock; are all clocks alike?"
+        limit_ns = self.max_age_ns // 2 if self._behind else self.max_age_ns
+        self._behind = age_ns > limit_ns
+        if self._behind:
+            self.refused[OLD] += 1
+            limit = f"limit {limit_ns * 1e-9:g} s" + (" until it has caught up" if limit_ns < self.max_age_ns else "")
+            return f"{OLD}: {_duration(age_ns)}, {limit}; are the clocks of all computers alike?"
+        return ""
+
+    def was_set_back(self, newest_ns: int | None, arrival_ns: int) -> bool:
+        """Whether what was believed before is in the future now: the clock was set back."""
+        return newest_ns is not None and newest_ns - arrival_ns > self.ahead_ns
+
+
+def _duration(ns: int) -> str:
+    """A span of time for people."""
+    seconds = ns * 1e-9
+    for size, unit in ((86_400.0, "days"), (3_600.0, "h"), (60.0, "min")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.3g} s"

@@ -1,0 +1,48 @@
+"""Where each executable of the package begins.
+
+Python answers Ctrl-C by an exception at whatever it does, and until a program handles that, it ends in a traceback.
+What the nodes import takes up to a second to load, so each program first lets SIGINT do what SIGTERM does: end it at
+once, with nothing said and the signal as its exit status. Nothing is there yet that would have to be put away. What is
+ready for more sets handlers of its own.
+
+Before this module Python itself starts, some hundredths of a second, and is as it is.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+
+PACKAGE = "rotary_error_monitor"
+
+
+def end_at_once() -> None:
+    """Have SIGINT end this process without a word, unless somebody has decided otherwise."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def command() -> int:
+    """Run the command `rotary_error_monitor`; give its exit code."""
+    end_at_once()
+    return int(import_module(f"{PACKAGE}.cli").main())
+
+
+def node(name: str) -> int:
+    """Run the executable of a node until a signal; give its exit code."""
+    end_at_once()
+    return int(import_module(f"{PACKAGE}.nodes.{name}").main())
+
+
+def __getattr__(name: str) -> Callable[[], int]:
+    """Entry point of a node, by the name of its executable."""
+    if name.startswith("_"):
+        raise AttributeError(f"module {__name__} has no attribute {name}")
+    return partial(node, name)
+
+
+if __name__ == "__main__":
+    sys.exit(node(sys.argv.pop(1)))

@@ -1,0 +1,144 @@
+"""A recording in several files: how rosbag2 users split bags, and what keeps a recorder's memory bounded."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+import tracemalloc
+from pathlib import Path
+
+import pytest
+import yaml
+
+from rotary_error_monitor.bags.contents import TYPES, Temperature
+from rotary_error_monitor.bags.messages import encode
+from rotary_error_monitor.bags.part import BagPart
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.bags.recovery import recover
+from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
+
+from .conftest import START, read_by_mcap, read_by_rosbags
+
+TOPICS = [BagTopic(f"/t/{name}", TYPES[Temperature]) for name in "ab"]
+SECOND = 1_000_000_000
+
+# Records so many messages a tenth of a second apart, in files of a second, and waits for its end.
+ENDLESS = f"""
+import sys, time
+from rotary_error_monitor.bags.contents import Temperature
+from rotary_error_monitor.bags.messages import encode
+from rotary_error_monitor.bags.writer import BagTopic, BagWriter
+topics = [BagTopic(f"/t/{{name}}", "sensor_msgs/msg/Temperature") for name in "ab"]
+writer = BagWriter(sys.argv[1], topics, flush_period=0.0, max_file_duration=1.0)
+for number in range(int(sys.argv[2])):
+    time_ns = {START} + number * {SECOND} // 10
+    writer.write(topics[number % 2].name, encode(Temperature({START} + number, float(number))), time_ns)
+print("written", flush=True)
+time.sleep(60)
+"""
+
+
+def _message(number: int, size: int = 0) -> bytes:
+    return encode(Temperature(START + number, float(number), 0.0, "x" * size))
+
+
+def _record(folder: Path, count: int, **limits: float) -> BagWriter:
+    """Messages a tenth of a second apart, flushed each."""
+    writer = BagWriter(folder, TOPICS, flush_period=0.0, **limits)  # type: ignore[arg-type]
+    for number in range(count):
+        writer.write(TOPICS[number % 2].name, _message(number), START + number * SECOND // 10, sequence=number)
+    return writer
+
+
+def _numbers(bag: Path) -> list[int]:
+    contents = BagReader(bag).read()
+    return sorted(int(c.temperature) for each in contents.values() for c in each if isinstance(c, Temperature))
+
+
+def _information(bag: Path) -> dict[str, object]:
+    content: dict[str, object] = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    return content
+
+
+def test_a_file_ends_after_its_duration(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    _record(bag, 125, max_file_duration=1.0).close()
+    names = [f"bag_{part}.mcap" for part in range(13)]
+    assert {path.name for path in bag.glob("*.mcap")} == set(names)
+    information = _information(bag)
+    assert information["relative_file_paths"] == names
+    assert [file["message_count"] for file in information["files"]] == [10] * 12 + [5]  # type: ignore[attr-defined]
+    assert information["message_count"] == 125
+    starts = [file["starting_time"]["nanoseconds_since_epoch"] for file in information["files"]]  # type: ignore[attr-defined]
+    assert starts == [START + part * SECOND for part in range(13)]
+    assert _numbers(bag) == list(range(125)), "also where bag_10 comes before bag_2 in the alphabet"
+    assert len(read_by_rosbags(bag)) == 125
+    assert BagReader(bag).damage is None and recover(bag).rewritten == ()
+
+
+def test_a_file_ends_at_its_size(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    with BagWriter(bag, TOPICS, flush_period=0.0, max_file_size=100_000) as writer:
+        for number in range(500):
+            writer.write("/t/a", _message(number, 1000), START + number)
+    sizes = [path.stat().st_size for path in sorted(bag.glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)]
+    assert len(sizes) > 4 and all(100_000 < size < 150_000 for size in sizes[:-1]), "its index comes on top"
+    assert _numbers(bag) == list(range(500)) and len(read_by_rosbags(bag)) == 500
+
+
+@pytest.mark.parametrize("count", [95, 100, 105])
+def test_a_killed_recording_of_several_files(tmp_path: Path, count: int) -> None:
+    """All closed files, and the last one as far as it goes."""
+    bag = tmp_path / "bag"
+    with subprocess.Popen([sys.executable, "-c", ENDLESS, str(bag), str(count)], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stdout.readline() == b"written\n"
+        process.kill()
+    assert _numbers(bag) == list(range(count))
+    damage = BagReader(bag).damage
+    assert damage is not None and "not closed" in damage
+    assert recover(bag).counts.total() == count
+    assert len(read_by_rosbags(bag)) == count and BagReader(bag).damage is None
+    assert _information(bag)["relative_file_paths"] == [f"bag_{part}.mcap" for part in range(-(-count // 10))]
+
+
+def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
+    """Counted, not timed: what is held after the 5th file and after the 25th, each of 200 chunks."""
+    each = 200
+    with BagWriter(tmp_path / "bag", TOPICS, flush_period=0.0, max_file_duration=float(each)) as writer:
+        held = []
+        tracemalloc.start()
+        try:
+            for number in range(25 * each + 1):
+                writer.write("/t/a", _message(0), START + number * SECOND)
+                if number in (5 * each, 25 * each):
+                    held.append(tracemalloc.get_traced_memory()[0])
+        finally:
+            tracemalloc.stop()
+    within = 20 * each * 200  # a fifth of what the index of that many chunks takes
+    assert held[1] - held[0] < within / 10, "a file's entry in metadata.yaml, no more"
+
+
+def test_a_file_that_cannot_be_begun_ends_the_recording_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = tmp_path / "bag"
+    writer = _record(bag, 30, max_file_duration=1.0)
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(BagPart, "_begin", refuse)
+    with pytest.raises(RecordingStoppedError, match=r"Read-only file system; the bag is complete .* with 30 messages"):
+        writer.write("/t/a", _message(30), START + 3 * SECOND)
+    monkeypatch.undo()
+    assert _numbers(bag) == list(range(30)) and len(read_by_rosbags(bag)) == 30
+    assert BagReader(bag).damage is None
+
+
+def test_the_number_of_a_message_is_kept(tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    _record(tmp_path / "bag", 5).close()
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
+        assert [message.sequence for _, _, message in make_reader(file).iter_messages()] == list(range(5))
+    assert len(read_by_mcap(tmp_path / "bag")) == 5

@@ -1,0 +1,232 @@
+"""Whatever a schema allows is a description that can be used, or is refused with its line; whatever else is refused."""
+
+from __future__ import annotations
+
+import copy
+import math
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_from_mapping
+from rotary_error_monitor.description.machine_section import machine_mapping
+from rotary_error_monitor.description.mount import load_mount, mount_machine
+from rotary_error_monitor.description.quadrature import load_quadrature
+from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
+from rotary_error_monitor.description.wire import load_wire, markdown_table
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.error_model import predict_tool_offset
+from rotary_error_monitor.machine.kinematics import arrange_machine
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.signals.blocks import block_from_samples
+from rotary_error_monitor.twin.document import stage_mapping
+
+from . import schemas
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / "config"
+START = 1_763_700_000_000_000_000
+LOADERS: dict[str, Callable[[Path], Any]] = {
+    "stage": load_stage,
+    "machine": load_machine,
+    "mount": load_mount,
+    "quadrature": load_quadrature,
+    "wire": lambda path: load_wire(folder=path.parent),
+}
+SHIPPED = {
+    "stage": [CONFIG / "stage.yaml"],
+    "machine": sorted((CONFIG / "machines").glob("*.yaml")),
+    "mount": sorted((CONFIG / "mounts").glob("*.yaml")),
+    "quadrature": [CONFIG / "quadrature.yaml"],
+    "wire": sorted((ROOT / "msg_defs").glob("*.yaml")),
+}
+MANY = settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("described")
+
+
+def load(kind: str, content: Any, folder: Path) -> Any:
+    """The description, or None where the file was refused as it should be."""
+    path = folder / f"{kind}.yaml"
+    for other in folder.iterdir():
+        other.unlink()
+    path.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    try:
+        return LOADERS[kind](path)
+    except InputError as error:
+        said = str(error)
+        assert said.startswith(str(folder)) and len(said) < 1500 and "\n" not in said, said
+        return None
+
+
+@MANY
+@given(content=schemas.contents(schemas.load("stage")))
+def test_every_stage_that_the_schema_allows_can_be_used(content: Any, folder: Path) -> None:
+    stage = load("stage", content, folder)
+    assert isinstance(stage, StageDescription)
+    assert stage_from_mapping(stage_mapping(stage)) == stage
+    try:
+        estimator = Estimator(stage)
+    except InputError:
+        return
+    times = START + np.arange(20) * 1_000_000
+    for name in estimator.inputs:
+        fields = ("tilt_x", "tilt_y") if name == "autocollimator" else ("angle",)
+        estimator.push(name, block_from_samples(times, fields, np.zeros((20, len(fields)))))
+    for block in estimator.finish():
+        assert np.isfinite(block.rows).all()
+
+
+@st.composite
+def machines(draw: st.DrawFn) -> Any:
+    """What the schema allows, and does not contradict itself."""
+    content = draw(schemas.contents(schemas.load("machine")))
+    section = content["machine"]
+    letters = list(section.get("axes", "XYZCA"))
+    travels = [axis["travel"] for axis in section["axes"].values()] if "axes" in section else section["travel"].values()
+    for travel in travels:
+        travel.sort()
+        travel[1] += 1.0 if travel[1] - travel[0] < 1e-3 else 0.0
+        travel[1] = min(travel[1], 1000.0)
+        travel[0] = min(travel[0], 999.0)
+    if temperatures := section.get("limits", {}).get("temperature"):
+        temperatures[:] = [min(temperatures) - 1.0, max(temperatures)]
+        temperatures[0] = max(temperatures[0], -50.0)
+        temperatures[1] = max(temperatures[1], -49.0)
+    errors = section.get("errors", {})
+    section["errors"] = {name[:2] + draw(st.sampled_from(letters)): row for name, row in errors.items()}
+    for row in section["errors"].values():
+        if table := row.get("table"):
+            table["positions"] = sorted({*table["positions"], -1000.0, 1000.0})
+            for column in ("values", "forward", "backward"):
+                if column in table:
+                    table[column] = (table[column] * len(table["positions"]))[: len(table["positions"])]
+    if "bodies" in section:
+        _mend_tree(draw, section, letters)
+    return content
+
+
+def _mend_tree(draw: st.DrawFn, section: Any, letters: list[str]) -> None:
+    for axis in section["axes"].values():
+        vector = np.array(axis["direction"])
+        length = float(np.linalg.norm(vector))
+        axis["direction"] = (vector / length).tolist() if length > 1e-9 else [0.0, 0.0, 1.0]
+    bodies = [{key: row[key] for key in row if key != "axis"} for row in section["bodies"]]
+    bodies += [{} for _ in range(len(letters) - len(bodies))]
+    names = ["base"]
+    for number, row in enumerate(bodies):
+        row |= {"name": f"body_{number}", "parent": draw(st.sampled_from(names))}
+        squareness = row.pop("squareness", {})
+        if number < len(letters):
+            row["axis"] = letters[number]
+            row["squareness"] = {x: angle for x, angle in squareness.items() if x in letters and x != row["axis"]}
+        names.append(row["name"])
+    section["bodies"] = bodies
+    section |= {"tool": draw(st.sampled_from(names)), "workpiece": draw(st.sampled_from(names))}
+    rotary = [letter for letter in letters if section["axes"][letter]["kind"] == "rotary"]
+    section["monitored"] = draw(st.sampled_from([None, *rotary]))
+
+
+@MANY
+@given(content=machines())
+def test_every_machine_that_does_not_contradict_itself_can_be_used(content: Any, folder: Path) -> None:
+    machine = load("machine", content, folder)
+    assert isinstance(machine, MachineDescription)
+    again = machine_from_mapping(machine_mapping(machine))
+    assert again.axes == machine.axes and again.errors == machine.errors
+    positions = np.array([[sum(axis.travel) / 2 for axis in machine.axes]])
+    offset = predict_tool_offset(arrange_machine(machine), positions)
+    assert offset.shape == (1, 6) and np.isfinite(offset).all()
+
+
+@MANY
+@given(content=schemas.contents(schemas.load("mount")))
+def test_every_mount_that_the_schema_allows_can_be_used(content: Any, folder: Path) -> None:
+    mount = load("mount", content, folder)
+    assert mount is not None
+    assert all(value > 0 for value in mount.geometry_uncertainty())
+    assert mount_machine(mount.latitude or 0.0, mount.geometry).letters == ("H", "D")
+
+
+@MANY
+@given(content=schemas.contents(schemas.load("quadrature")))
+def test_every_pair_of_signals_that_the_schema_allows_can_be_used(content: Any, folder: Path) -> None:
+    signals = load("quadrature", content, folder)
+    assert signals is not None
+    assert all(
+        0 < value < math.inf for value in (signals.period, signals.amplitude, signals.uncertainty, signals.noise)
+    )
+
+
+@settings(MANY, max_examples=15)
+@given(content=schemas.contents(schemas.load("wire")))
+def test_every_wire_contract_that_the_schema_allows_makes_a_table_or_names_what_is_double(
+    content: Any, folder: Path
+) -> None:
+    wire = load("wire", content, folder)
+    if wire is not None:
+        assert len(markdown_table(wire).splitlines()) == 2 + len(wire.names)
+
+
+def places(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Every place in a document."""
+    yield path
+    parts = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in parts:
+        yield from places(value, (*path, key))
+
+
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.just("x" * 5000) | st.dates(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5) | st.integers(), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@pytest.mark.parametrize(("kind", "path"), [(kind, path) for kind, paths in SHIPPED.items() for path in paths])
+@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_whatever_stands_anywhere_in_a_shipped_file_is_read_or_refused(kind, path, data, folder) -> None:
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    place = data.draw(st.sampled_from(list(places(content))))
+    value = data.draw(ANYTHING)
+    if place:
+        changed = copy.deepcopy(content)
+        parent = changed
+        for step in place[:-1]:
+            parent = parent[step]
+        if data.draw(st.booleans()):
+            parent[place[-1]] = value
+        else:
+            del parent[place[-1]]
+    else:
+        changed = value
+    load(kind, changed, folder)
+
+
+@settings(max_examples=100, deadline=None)
+@given(text=st.text(max_size=200), random=st.randoms())
+def test_whatever_text_is_read_or_refused(text: str, random, tmp_path_factory) -> None:
+    top = tmp_path_factory.getbasetemp() / "texts"
+    top.mkdir(exist_ok=True)
+    for kind, paths in SHIPPED.items():
+        whole = random.choice(paths).read_text(encoding="utf-8")
+        at = random.randrange(len(whole))
+        path = top / kind / "any.yaml"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(whole[:at] + text + whole[at:], encoding="utf-8", errors="surrogatepass")
+        try:
+            LOADERS[kind](path)
+        except InputError as error:
+            assert re.match(rf"{re.escape(str(path))}:?\d*: |{re.escape(str(path.parent))}: ", str(error)), error
+            assert len(str(error)) < 1500

@@ -1,0 +1,406 @@
+"""What becomes of the faults of a recording: the stated behaviour of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from world import DESCRIPTIONS, FAULTS
+
+from faults.documenting import Row
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.encoder_heads import HeadLayout
+
+WRONG_DESCRIPTIONS = {f"described_{name}": each for name, each in DESCRIPTIONS.items()}
+"""What can be wrong in the description of a stage; some faults of a recording have the same names."""
+
+Bound = Callable[[StageDescription], Mapping[str, float]]
+
+
+def command_bound(stage: StageDescription) -> Mapping[str, float]:
+    """A command that is off by no more than drive and stamps can be is one that the rotor follows as badly."""
+    limits = stage.limits
+    return {"ecc": limits.following_error + limits.latency * limits.speed}
+
+
+def tilt_bound(stage: StageDescription) -> Mapping[str, float]:
+    """A tilt that the stage itself can make, however it came about."""
+    return {"eac": 2.0 * stage.limits.tilt, "ebc": 2.0 * stage.limits.tilt}
+
+
+def slow_head_bound(stage: StageDescription) -> Mapping[str, float]:
+    """Without redundancy, a fault that grows no faster than a bearing moves is one, up to what it can move."""
+    if HeadLayout(tuple(stage.encoder.azimuths.values())).redundancy > 0:
+        return {}
+    radial = stage.limits.radial
+    return {"exc": radial, "eyc": radial, "ecc": radial / stage.encoder.disc_radius}
+
+
+def everything_bound(stage: StageDescription) -> Mapping[str, float]:
+    """As far as the stage itself can move."""
+    radial = stage.limits.radial
+    return {"exc": radial, "eyc": radial, **tilt_bound(stage), **command_bound(stage)}
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """The stated behaviour under some faults of the independent world.
+
+    Attributes:
+        faults: their names there.
+        group: chapter of the page.
+        seen, done, published, recovery: as in `Row`.
+        bound: what of a fault by its nature cannot be told from the stage: largest error of components, m and rad.
+        goes_on: components that are published as without the fault.
+        heads: from how many heads of a stage on they are.
+        named: whether the head that is wrong is left out by name, from as many heads on.
+    """
+
+    faults: tuple[str, ...]
+    group: str
+    seen: str
+    done: str
+    published: str
+    recovery: str
+    bound: Bound | None = None
+    goes_on: tuple[str, ...] = ()
+    heads: int = 2
+    named: bool = False
+
+
+_RADIAL, _TILT, _ECC = ("exc", "eyc"), ("eac", "ebc"), ("ecc",)
+_ALL = (*_RADIAL, *_TILT, *_ECC)
+_ONE_TO_SPARE = 4
+"""Heads of which one may be left out: three tell rotation from radial motion."""
+
+_LATCH = "after 0.5 s without contradiction"
+_NOTHING = "nothing is needed"
+_REST = "everything, from the other heads"
+_LEFT_OUT = "all, from the other heads, with their larger uncertainty; with fewer than three heads left nothing"
+_ESTIMATOR = "`error_estimator: estimate` names it"
+
+BEHAVIOUR = (
+    Behaviour(
+        ("head_turns_start", "head_turns_later", "heads_turns_start", "heads_turns_later"),
+        "heads",
+        "not a fault; `turns` counts them",
+        "whole turns between heads and command are taken out once, and checked on",
+        "everything",
+        _NOTHING,
+        goes_on=_ALL,
+    ),
+    Behaviour(
+        ("head_wraps_0_2pi", "head_wraps_pm_pi", "heads_wraps_0_2pi", "heads_wraps_pm_pi"),
+        "heads",
+        "not a fault; `wraps` counts them",
+        "a step of whole turns, which no axis makes between two samples, is taken out",
+        "everything",
+        _NOTHING,
+        goes_on=_ALL,
+    ),
+    Behaviour(
+        ("command_turns_start", "command_turns_later", "command_wraps_0_2pi", "command_wraps_pm_pi"),
+        "command",
+        "not a fault",
+        "whole turns are taken out; `ecc` lies within half a turn",
+        "everything",
+        _NOTHING,
+        goes_on=_ALL,
+    ),
+    Behaviour(
+        ("head_restarted",),
+        "heads",
+        f"{_ESTIMATOR}: off by so many counts, or rotation and command apart",
+        "the head is left out, within 0.1 s: no stage moves as far",
+        _LEFT_OUT,
+        "when the zero is as described again",
+        goes_on=_ALL,
+        heads=_ONE_TO_SPARE,
+        named=True,
+    ),
+    Behaviour(
+        ("heads_restarted",),
+        "heads",
+        f"{_ESTIMATOR}: rotation and command apart, and a ring that does not fit",
+        "where all lost their zero, none is believed",
+        "no radial motion, no positioning, no tilt",
+        "when the zero is as described again",
+    ),
+    Behaviour(
+        ("head_degrees", "head_arcseconds"),
+        "heads",
+        f"{_ESTIMATOR}: off against the others, or samples faster than the axis can turn",
+        "the head is left out",
+        _LEFT_OUT,
+        _LATCH,
+        goes_on=_ALL,
+        heads=_ONE_TO_SPARE,
+        named=True,
+    ),
+    Behaviour(
+        ("heads_degrees", "heads_arcseconds"),
+        "heads",
+        f"{_ESTIMATOR}: rotation and command apart, or samples beyond the speed of the axis",
+        "neither ring nor command is believed",
+        "no radial motion, no positioning, no tilt",
+        _LATCH,
+    ),
+    Behaviour(
+        ("heads_swapped",),
+        "description",
+        f"{_ESTIMATOR}: the heads contradict one another, and nothing tells which is wrong",
+        "no head is believed until all agree",
+        "nothing",
+        _LATCH,
+    ),
+    Behaviour(
+        ("head_two_publishers",),
+        "heads",
+        f"{_ESTIMATOR}: samples not after the one before; do two publish?",
+        "the head is left out while a tenth of its samples is refused",
+        _LEFT_OUT,
+        _LATCH,
+    ),
+    Behaviour(
+        ("head_dead_start", "head_dead_later"),
+        "heads",
+        "its stream is stale or waiting; redundancy is lost is said",
+        "the estimate goes on after `patience` (0.1 s)",
+        _LEFT_OUT,
+        "0.1 s after its first whole block",
+        goes_on=_ALL,
+        heads=_ONE_TO_SPARE,
+    ),
+    Behaviour(
+        ("two_heads_dead_opposed", "two_heads_dead_neighbours"),
+        "heads",
+        "their streams are stale; redundancy is lost is said",
+        "as the remaining heads tell rotation and motion apart",
+        "what they determine: two opposed heads rotation and one direction, two others nothing",
+        "0.1 s after the first whole block",
+    ),
+    Behaviour(
+        ("head_stuck", "head_reversed", "head_late", "head_noisy", "head_drifts", "head_future_10ms"),
+        "heads",
+        f"{_ESTIMATOR}: off against the others by so many counts",
+        "what it changed of late, over 10 ms to a turn, tells which head it is: that one is left out",
+        _LEFT_OUT
+        + "; until it is found the uncertainty holds what it contradicts; without redundancy a fault that grows "
+        "no faster than a bearing moves goes on until it is beyond what the stage can move",
+        _LATCH,
+        slow_head_bound,
+        goes_on=_ALL,
+        heads=_ONE_TO_SPARE,
+        named=True,
+    ),
+    Behaviour(
+        ("head_jumps_1", "head_jumps_2", "head_jumps_10", "head_jumps_100", "head_jumps_line"),
+        "heads",
+        f"{_ESTIMATOR}: off by so many counts against the others; without redundancy a step that no bearing makes",
+        "the head is left out; without redundancy none is believed until the ring is where it was at this angle",
+        _LEFT_OUT,
+        _LATCH,
+        goes_on=_ALL,
+        heads=_ONE_TO_SPARE,
+    ),
+    Behaviour(
+        ("head_dead_then_other_jumps_1", "head_dead_then_other_jumps_10", "head_dead_then_other_jumps_100"),
+        "heads",
+        "redundancy is lost is said with the first; a step that no bearing makes with the second",
+        "the uncertainty counts what could go unseen; a larger step takes the estimate away",
+        "from three heads with the smallest step that would show as uncertainty; then nothing",
+        "when the ring is back where it was at this angle for 0.5 s, or on a reset",
+    ),
+    Behaviour(
+        ("head_nan", "head_inf", "head_1e30", "head_1e300"),
+        "heads",
+        "samples refused: not finite, or beyond what the instrument can show",
+        "they are left out; a head with more than a tenth of them is not used",
+        "everything",
+        _LATCH,
+        goes_on=_ALL,
+        heads=_ONE_TO_SPARE,
+    ),
+    Behaviour(
+        ("head_time_equal", "head_time_falls", "blocks_overlapping", "blocks_duplicated"),
+        "messages",
+        "samples refused: not after the one before; do two publish?",
+        "they are left out; a stream with more than a tenth of them is not used",
+        "everything",
+        _LATCH,
+        goes_on=_ALL,
+        heads=_ONE_TO_SPARE,
+    ),
+    Behaviour(
+        ("head_future_1s", "head_future_1h", "head_future_365d", "head_future_once", "head_1969"),
+        "messages",
+        "messages refused: in the future, or older than `max_age`; `refused` names stream and reason",
+        "what is stamped more than 0.1 s ahead of its arrival is refused",
+        _REST,
+        "with the first right stamp",
+        goes_on=_ALL,
+        heads=_ONE_TO_SPARE,
+    ),
+    Behaviour(
+        ("blocks_late", "blocks_lost", "blocks_out_of_order", "blocks_empty", "recording_paused"),
+        "messages",
+        "its stream is stale, samples are late or missing",
+        "what comes within `patience` counts, what comes later does not; over a gap nothing is joined",
+        "from the streams that are there",
+        "with the first whole block after `patience`",
+    ),
+    Behaviour(
+        ("clocks_step_forward", "clocks_step_back"),
+        "messages",
+        "a warning that the clock was set back; a pause after a step ahead",
+        "after a step back everything begins anew; a step ahead is a pause",
+        "everything, with the new stamps",
+        "at once",
+        everything_bound,
+    ),
+    Behaviour(
+        ("autocollimator_stuck", "autocollimator_unlit_zero", "autocollimator_saturated"),
+        "autocollimator",
+        f"{_ESTIMATOR}: the same reading for so many ms, a step, or at the end of its range",
+        "the tilt is not used",
+        "everything but tilt",
+        "after 0.5 s near what it was before",
+        goes_on=(*_RADIAL, *_ECC),
+    ),
+    Behaviour(
+        ("autocollimator_stepped", "autocollimator_unlit_noise"),
+        "autocollimator",
+        f"{_ESTIMATOR}: a step that no bearing makes",
+        "the tilt is not used",
+        "everything but tilt",
+        "after 0.5 s near what it was before",
+        tilt_bound,
+        goes_on=(*_RADIAL, *_ECC),
+    ),
+    Behaviour(
+        ("autocollimator_spikes", "autocollimator_noisy"),
+        "autocollimator",
+        "samples refused: a spike; the uncertainty is raised by the noise that is measured",
+        "what stands off from the median of five is left out",
+        "everything, tilt with its measured noise",
+        "as the noise falls, within 1 s",
+        goes_on=(*_RADIAL, *_ECC),
+    ),
+    Behaviour(
+        ("autocollimator_degrees", "autocollimator_arcseconds"),
+        "autocollimator",
+        "samples refused: beyond what the instrument can show, or spikes",
+        "the tilt is not used",
+        "everything but tilt",
+        _LATCH,
+        tilt_bound,
+        goes_on=(*_RADIAL, *_ECC),
+    ),
+    Behaviour(
+        (
+            "autocollimator_axes_swapped",
+            "autocollimator_x_reversed",
+            "autocollimator_y_reversed",
+            "autocollimator_gain_half",
+            "autocollimator_gain_double",
+            "autocollimator_late",
+        ),
+        "autocollimator",
+        f"{_ESTIMATOR}: it does not fit its description, and which mistake explains it",
+        "before a turn has verified it, its uncertainty is what the stage can tilt; after that the figure over the "
+        "angles of the last turn tells",
+        "everything but tilt; until enough angles were visited, a tilt that is off by no more than the stage can tilt",
+        "after 0.5 s in which it fits",
+        tilt_bound,
+        goes_on=(*_RADIAL, *_ECC),
+    ),
+    Behaviour(
+        ("autocollimator_drifts",),
+        "autocollimator",
+        f"{_ESTIMATOR}, once it is beyond what the stage can tilt",
+        "a slow drift of the only tilt signal cannot be told from a tilt of the rotor",
+        "a tilt that is off by no more than the stage can tilt, then none",
+        "after 0.5 s near what it was before",
+        tilt_bound,
+        goes_on=(*_RADIAL, *_ECC),
+    ),
+    Behaviour(
+        ("autocollimator_dead_start", "autocollimator_dead_later"),
+        "autocollimator",
+        "its stream is stale",
+        "the tilt is not used; the corrections' covariance says what that costs",
+        "everything but tilt",
+        "0.1 s after its first whole block",
+        goes_on=(*_RADIAL, *_ECC),
+    ),
+    Behaviour(
+        ("command_stamps_off", "command_offset", "command_wrong_rate"),
+        "command",
+        f"{_ESTIMATOR}: apart by more than following error and latency explain, a step, or heads behind the command",
+        "the command is not used; the compensation holds it against the joint states besides",
+        "everything but positioning; a positioning error that is off by no more than `following_error` and `latency`",
+        "after 0.5 s within what it was before",
+        command_bound,
+        goes_on=(*_RADIAL, *_TILT),
+    ),
+    Behaviour(
+        ("command_degrees", "command_arcseconds", "command_stuck", "command_noisy"),
+        "command",
+        f"{_ESTIMATOR}: apart, a step, or it stands while the rotor turns; its noise raises the uncertainty",
+        "the command is not used",
+        "everything but positioning",
+        _LATCH,
+        command_bound,
+        goes_on=(*_RADIAL, *_TILT),
+    ),
+    Behaviour(
+        ("command_dead_start", "command_dead_later"),
+        "command",
+        "its stream is stale",
+        "the command is not used",
+        "everything but positioning",
+        "0.1 s after its first whole block",
+        goes_on=(*_RADIAL, *_TILT),
+    ),
+    Behaviour(
+        ("command_wrong_velocity",),
+        "command",
+        "not looked at",
+        "the angle alone counts",
+        "everything",
+        _NOTHING,
+        goes_on=_ALL,
+    ),
+    Behaviour(
+        tuple(WRONG_DESCRIPTIONS),
+        "description",
+        f"{_ESTIMATOR}; `rotary_error_monitor check BAG` says what does not fit",
+        "held against the stage over a turn before corrections flow; before as uncertain as the stage can move",
+        "nothing that rests on what is contradicted; what limits cannot tell stays within them",
+        "with the right description",
+        everything_bound,
+    ),
+)
+"""The stated behaviour under every fault of the world."""
+
+
+def behaviour_of(name: str) -> Behaviour:
+    """The stated behaviour under a fault or with a wrong description."""
+    (found,) = (each for each in BEHAVIOUR if name in each.faults)
+    return found
+
+
+def rows() -> tuple[Row, ...]:
+    """Rows of the page, one for each behaviour."""
+    sentences = {name: each.sentence for name, each in (FAULTS | WRONG_DESCRIPTIONS).items()}
+    return tuple(
+        Row(
+            each.group,
+            "; ".join(dict.fromkeys(sentences[name].rstrip(".") for name in each.faults)),
+            each.seen,
+            each.done,
+            each.published,
+            each.recovery,
+        )
+        for each in BEHAVIOUR
+    )

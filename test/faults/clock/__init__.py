@@ -1,0 +1,1 @@
+"""Faults of the clock, in a running cell on simulated time."""

@@ -1,0 +1,182 @@
+"""A machine in motion that the compensation is given, with faults in what it hears, held against the same without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.limits import Level
+from rotary_error_monitor.pipeline.compensation import Compensator
+from rotary_error_monitor.pipeline.corrections import Correction
+from rotary_error_monitor.pipeline.estimation import COLUMNS
+from rotary_error_monitor.signals.blocks import block_from_samples
+
+MACHINE = load_machine("xyzac_trt")
+START = 1_763_700_000_000_000_000
+MS = 1_000_000
+DURATION = 8.0
+RATES = np.array([2e-3, 2e-3, 2e-3, 2e-2, 2e-2])
+"""Limits of the shipped settings, m/s and rad/s."""
+
+JointState = tuple[dict[str, float], dict[str, float]]
+Change = Callable[[float, dict[str, float], dict[str, float]], JointState | None]
+"""What becomes of a joint state at a time (s): positions and velocities by axis, or none."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Axes that move smoothly within their limits, a rotor with error motion, a shop that warms.
+
+    Attributes:
+        seed: of everything that is drawn.
+    """
+
+    seed: int
+    _waves: Mapping[str, tuple[float, float, float, float]] = field(init=False)
+    _rotor: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        draw = np.random.default_rng(self.seed)
+        waves = {}
+        for axis in MACHINE.axes:
+            low, high = axis.travel if axis.letter != "C" else (-100.0, 100.0)
+            middle, size = 0.5 * (low + high), 0.3 * (high - low)
+            angular = draw.uniform(0.2, 0.9) * min(0.5 * axis.fastest / size, np.sqrt(0.2 * axis.quickest / size), 4.0)
+            waves[axis.letter] = (middle, size * draw.uniform(0.3, 1.0), angular, draw.uniform(0, 2 * np.pi))
+        waves["C"] = (draw.uniform(-3, 3), draw.uniform(0.5, 4.0) * draw.choice([-1, 1]), 0.0, 0.0)
+        object.__setattr__(self, "_waves", waves)
+        object.__setattr__(self, "_rotor", draw.uniform(-1, 1, (6, 3)))
+
+    def axis(self, letter: str, t: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Position and speed of an axis, m or rad and per s."""
+        middle, size, angular, phase = self._waves[letter]
+        t = np.asarray(t, float)
+        if angular == 0.0:
+            return middle + size * t, np.full_like(t, size)
+        return middle + size * np.sin(angular * t + phase), size * angular * np.cos(angular * t + phase)
+
+    def joint_state(self, t: float) -> JointState:
+        """What a sound controller says."""
+        found = {axis.letter: self.axis(axis.letter, t) for axis in MACHINE.axes}
+        return {k: float(q) for k, (q, _) in found.items()}, {k: float(v) for k, (_, v) in found.items()}
+
+    def temperature(self, t: float) -> float:
+        """°C."""
+        return 20.0 + 0.002 * t
+
+    def motion_block(self, first_ms: int, count: int = 5):
+        """What a sound estimator publishes."""
+        times = START + (first_ms + np.arange(count)) * MS + MS // 2
+        t = (times - START) * 1e-9
+        rows = np.zeros((count, len(COLUMNS)))
+        command = self.axis("C", t)[0]
+        rows[:, COLUMNS.index("observable")] = 0b111011
+        size = {"exc": 3e-6, "eyc": 3e-6, "eac": 2e-5, "ebc": 2e-5, "ecc": 1e-5}
+        for i, (name, largest) in enumerate(size.items()):
+            a, b, c = self._rotor[i]
+            rows[:, COLUMNS.index(name)] = largest * (
+                0.4 * a * np.cos(command) + 0.3 * b * np.sin(2 * command) + 0.3 * c
+            )
+            rows[:, COLUMNS.index(f"var_{name}")] = (1e-8 if name in ("exc", "eyc") else 1e-7) ** 2
+        rows[:, COLUMNS.index("theta")] = command + rows[:, COLUMNS.index("ecc")]
+        return block_from_samples(times, COLUMNS, rows)
+
+
+@dataclass
+class Run:
+    """What came out.
+
+    Attributes:
+        corrections: by their stamps, ns.
+        uncertain: standard uncertainty of the tool's position at each report, m, by stamp.
+        held: why nothing came, by time (s) of a block of error motion after which it held.
+        said: what else was said, each with its time (s): refused messages, and remarks while corrections went on.
+    """
+
+    corrections: dict[int, Correction] = field(default_factory=dict)
+    uncertain: dict[int, float] = field(default_factory=dict)
+    held: dict[float, str] = field(default_factory=dict)
+    said: list[tuple[float, str]] = field(default_factory=list)
+
+    def told(self, begin: float, end: float) -> set[str]:
+        """What was said between two times, s."""
+        return {text for t, text in [*self.held.items(), *self.said] if begin <= t < end}
+
+
+def run(
+    machine: Machine,
+    change: Change = lambda _, positions, velocities: (positions, velocities),
+    temperature: Callable[[float, float], float | None] = lambda _, value: value,
+    description: MachineDescription = MACHINE,
+) -> Run:
+    """The compensation of a machine, its joint states and temperatures changed by a fault."""
+    compensator, found = Compensator(description), Run()
+    for ms in range(0, round(DURATION * 1e3), 5):
+        t = ms * 1e-3
+        if ms % 500 == 0 and (value := temperature(t, machine.temperature(t))) is not None:
+            compensator.push_temperature(value, START + ms * MS)
+        if ms % 10 == 0 and (state := change(t, *machine.joint_state(t))) is not None:
+            try:
+                compensator.accept_joint_state(START + ms * MS, *state)
+            except InputError as error:
+                found.said.append((t, str(error)))
+        result = compensator.push_error_motion(machine.motion_block(ms))
+        for correction in result.corrections:
+            found.corrections[correction.stamp_ns] = correction
+            if correction.report is not None:
+                found.uncertain[correction.stamp_ns] = float(np.sqrt(np.trace(correction.report.covariance[:3, :3])))
+        if compensator.hold or compensator.joints.doubt:
+            found.held[t] = compensator.hold or compensator.joints.doubt
+        found.said += [(t, remark) for remark in compensator.remarks]
+    return found
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What of a run with a fault is not as it is without.
+
+    Attributes:
+        wrong: part of the corrections after the first 0.1 s of the fault that say that all is well and are off, by more
+            than 6 standard uncertainties.
+        largest: by how much they are off at most, m.
+        fastest: largest rate of a correction over its limit.
+        recovered: time (s) after the end of the fault from which corrections are again those without it; NaN for never.
+    """
+
+    wrong: float
+    largest: float
+    fastest: float
+    recovered: float
+
+
+def compare(healthy: Run, found: Run, begin: float, end: float) -> Verdict:
+    """Hold the corrections of a run with a fault from `begin` to `end` (s) against those without."""
+    stamps = np.array(sorted(found.corrections))
+    values = np.array([found.corrections[stamp].values for stamp in stamps])
+    times = (stamps - START) * 1e-9
+    reported = np.array(sorted(found.uncertain))
+    uncertain = np.array([found.uncertain[stamp] for stamp in reported])
+    after = np.searchsorted(reported, stamps)
+    near = [uncertain[np.clip(after + k, 0, len(reported) - 1)] for k in (-1, 0)]  # it is told 20 times a second
+    spread = np.maximum(*near)
+    off = np.full(len(stamps), np.nan)
+    for i, stamp in enumerate(stamps.tolist()):
+        if stamp in healthy.corrections:
+            off[i] = np.linalg.norm(values[i, :3] - healthy.corrections[stamp].values[:3])
+    sure = np.array([found.corrections[stamp].level != Level.RATE_LIMITED for stamp in stamps.tolist()])
+    sure &= ~np.array([found.corrections[stamp].described for stamp in stamps.tolist()])
+    judged = sure & np.isfinite(off) & (times > begin + 0.1)
+    wrong = judged & (off > 6.0 * spread)
+    passed = np.minimum(np.diff(stamps) * 1e-9, 0.1)[:, None]
+    fastest = float((np.abs(np.diff(values, axis=0)) / passed / RATES).max())
+    same = (times > end) & (off <= 6.0 * spread)
+    return Verdict(
+        float(wrong.sum() / max(judged.sum(), 1)),
+        float(off[wrong].max(initial=0.0)),
+        fastest,
+        float(times[same].min() - end) if same.any() else float("nan"),
+    )

@@ -1,0 +1,130 @@
+"""Mistakes in a description are told from its departures: over random stages, angles and error motions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, FigureCheck
+
+NOISE = 5e-7
+TILT = 1e-4
+
+
+def wave(generator, theta, size, orders=(1, 2, 3, 5)):
+    """A vector in the plane over a rotation: an ellipse of each order."""
+    total = np.zeros(len(theta), complex)
+    for order in orders:
+        forward, backward = generator.normal(0.0, size, 2) + 1j * generator.normal(0.0, size, 2)
+        total += forward * np.exp(1j * order * theta) + backward * np.exp(-1j * order * theta)
+    return total / len(orders)
+
+
+def stage(seed, begin, turn):
+    """Rotations, what is described of the tilt there, and what there is beside it: a tenth of its error motion."""
+    generator = np.random.default_rng(seed)
+    theta = begin(generator) + np.linspace(0.0, turn * 2 * np.pi, 200)
+    mirror = generator.uniform(7e-5, 1.5e-4) * np.exp(1j * generator.uniform(0, 2 * np.pi))
+    described = mirror * np.exp(1j * theta) + wave(generator, theta, 2e-5)
+    true = described + wave(generator, theta, 2e-6) + generator.normal(0, NOISE, (2, 200)).T @ [1, 1j]
+    return theta, described, true, mirror
+
+
+def judge(theta, seen, described, mistakes=None):
+    check = FigureCheck(MIRRORED | DARK if mistakes is None else mistakes, NOISE, 0.5 * TILT, "tilt of the mirror")
+    for angle, here, said in zip(theta, seen, described, strict=True):
+        check.add(angle, (here.real, here.imag), (said.real, said.imag))
+    return check, check.judge()
+
+
+def anywhere(generator):
+    return generator.uniform(-20, 20)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.1, 0.3, 1.0, 3.0])
+def test_a_stage_as_described_is_not_accused(turn):
+    accused = 0
+    for seed in range(300):
+        theta, described, true, _ = stage(seed, anywhere, turn)
+        accused += judge(theta, true, described)[1] is not None
+    assert accused <= 6, "one angle may look like a mistake by chance, 2 % of the time at most"
+    if turn >= 0.3:
+        assert accused <= 1
+
+
+@pytest.mark.parametrize("name", list(MIRRORED | DARK))
+def test_a_mistake_is_named_after_a_turn(name):
+    for seed in range(60):
+        theta, described, true, _ = stage(seed, anywhere, 1.0)
+        seen = np.array([(MIRRORED | DARK)[name](value) for value in true])
+        check, found = judge(theta, seen, described)
+        assert check.covered == 1.0
+        assert found is not None
+        if name != "x and y are both reversed":  # which is a turn by 180° as well
+            assert found.mistake == name
+        assert found.explained > 0.9
+
+
+@pytest.mark.parametrize("name", ["x and y are exchanged", "x is reversed", "nothing is seen, as without light"])
+def test_a_mistake_shows_at_a_standstill_where_it_is_glaring(name):
+    """With a description to a hundredth, at an angle where the mistake shows at all, the first look tells."""
+    seen_at_once = 0
+    for seed in range(200):
+        theta, described, _, _ = stage(seed, anywhere, 0.0)
+        true = described + wave(np.random.default_rng(seed), theta, 3e-7)
+        seen = np.array([(MIRRORED | DARK)[name](value) for value in true])
+        _, found = judge(theta, seen, described)
+        seen_at_once += found is not None
+    assert seen_at_once > 140
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(0.5, "0.5 times"), (2.0, "2 times"), (np.exp(1j * np.pi / 3), "turned by 60"), (np.exp(-2j), "turned by -115")],
+)
+def test_scales_and_turned_zeros_are_measured(factor, said):
+    tried = 0
+    for seed in range(200):
+        theta, described, true, mirror = stage(seed, anywhere, 1.0)
+        if abs(factor - 1.0) * abs(mirror) < 0.6 * TILT:  # about what the stage may tilt besides
+            continue
+        tried += 1
+        _, found = judge(theta, factor * true, described)
+        assert found is not None
+        number = float(said.split()[0]) if "times" in said else abs(np.angle(factor)) * 180 / np.pi
+        told = found.mistake.removeprefix("what is read is ").split(" times what is described, turned by ")
+        value = float(told[0]) if "times" in said else abs(float(told[1].rstrip("°")))
+        assert value == pytest.approx(number, rel=0.05)
+    assert tried > 50
+
+
+def test_a_motion_that_the_stage_can_make_is_no_mistake():
+    """Beside a mirror that stands nearly square, the rotor's own tilt looks like one that was read in another way."""
+    for seed in range(200):
+        generator = np.random.default_rng(seed)
+        theta = np.linspace(0.0, 2 * np.pi, 200)
+        mirror, forward, backward = (generator.normal(0, size, 2) @ [1, 1j] for size in (5e-6, 8e-6, 8e-6))
+        described = mirror * np.exp(1j * theta)
+        own = forward * np.exp(1j * theta) + backward * np.exp(-1j * theta)
+        true = described + own + generator.normal(0, NOISE, (2, 200)).T @ [1, 1j]
+        assert judge(theta, true, described)[1] is None
+
+
+def test_a_mirror_that_was_left_out_is_named_with_its_size():
+    for seed in range(60):
+        theta, described, true, mirror = stage(seed, anywhere, 1.0)
+        bare = described - mirror * np.exp(1j * theta)
+        _, found = judge(theta, true, bare, {})
+        assert found is not None
+        assert found.mistake.startswith("tilt of the mirror differs by ")
+        assert float(found.mistake.split()[-1]) == pytest.approx(abs(mirror), rel=0.15)
+
+
+def test_what_was_seen_long_ago_makes_room():
+    """A fault that is over is forgotten within a turn."""
+    theta, described, true, _ = stage(5, anywhere, 1.0)
+    check, found = judge(theta, true.conjugate(), described)
+    assert found is not None
+    for angle, here, said in zip(theta + 2 * np.pi, true, described, strict=True):
+        check.add(angle, (here.real, here.imag), (said.real, said.imag))
+    assert check.judge() is None

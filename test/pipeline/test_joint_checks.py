@@ -1,0 +1,136 @@
+"""Which joint states are believed: what a machine can do is, and nothing that it cannot."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.pipeline.joint_checks import BEYOND_TRAVEL, FROZEN, JUMP, JointChecks
+
+MACHINE = load_machine("xyzac_trt")
+MS = 1_000_000
+SPEEDS = dict.fromkeys("XYZAC", 0.0)
+
+
+def position(t):
+    """X, Y, Z swing, A tilts, C turns on and on."""
+    return np.array([0.2 * np.sin(0.8 * t), 0.1 * np.cos(1.3 * t), 0.05 * t % 0.2, 1.2 * np.sin(0.9 * t), 6.0 * t])
+
+
+def judged(rows, period_ms=10, speeds=SPEEDS, jitter=None):
+    checks = JointChecks(MACHINE)
+    times = np.arange(len(rows)) * period_ms * MS
+    if jitter is not None:
+        times = times + (jitter * MS).astype(int)
+    return checks, [
+        checks.judge(int(time), np.asarray(row, float), speeds) for time, row in zip(times, rows, strict=True)
+    ]
+
+
+def smooth(count=400):
+    rows = np.array([position(0.01 * k) for k in range(count)])
+    rows[:, 2] = 0.1 * np.sin(0.5 * 0.01 * np.arange(count))
+    return rows
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 2**31), st.booleans())
+def test_a_machine_in_production_is_believed(seed, wrapped):
+    """Also with stamps that jitter by milliseconds, and a table that is told modulo a turn."""
+    generator = np.random.default_rng(seed)
+    rows = smooth() + generator.normal(0.0, 1e-7, (400, 5))
+    if wrapped:
+        rows[:, 4] = np.mod(rows[:, 4] + np.pi, 2 * np.pi) - np.pi
+    _, said = judged(rows, jitter=generator.uniform(0.0, 2.0, 400))
+    assert set(said) == {""}
+
+
+@pytest.mark.parametrize(
+    ("axis", "value", "reason"),
+    [
+        (0, 1.0, BEYOND_TRAVEL),  # X 1 m beyond
+        (3, 10.0, BEYOND_TRAVEL),  # A in another turn
+        (3, math.degrees(0.4), BEYOND_TRAVEL),  # A in degrees
+        (1, 1e300, BEYOND_TRAVEL),
+        (4, 1e30, BEYOND_TRAVEL),
+        (0, 0.24, JUMP),
+        (4, 2.0, JUMP),
+    ],
+)
+def test_what_no_axis_does_is_refused_and_its_end_believed_at_once(axis, value, reason):
+    rows = smooth()
+    wrong = rows.copy()
+    wrong[100:150, axis] = value
+    checks, said = judged(wrong)
+    assert all(reason in each for each in said[100:150])
+    assert set(said[:100] + said[150:]) == {""}
+    assert checks.refused == {reason: 50}
+
+
+@pytest.mark.parametrize("offset", [0.02, -0.05, 0.1])
+def test_an_offset_that_came_by_a_jump_stays_wrong_however_long_it_lasts(offset):
+    wrong = smooth(2000)
+    wrong[:, 0] *= 0.5
+    wrong[300:, 0] += offset
+    _, said = judged(wrong)
+    assert set(said[:300]) == {""}
+    assert all(f"axis X made {JUMP} of {offset:.3g} m" in each or JUMP in each for each in said[300:])
+
+
+def test_after_a_pause_an_axis_may_be_elsewhere():
+    checks = JointChecks(MACHINE)
+    assert checks.judge(0, position(0.0), SPEEDS) == ""
+    assert checks.judge(600 * MS, position(0.0) + 0.05, SPEEDS) == ""
+
+
+def test_reset_believes_the_next_one():
+    checks = JointChecks(MACHINE)
+    checks.judge(0, position(0.0), SPEEDS)
+    assert JUMP in checks.judge(10 * MS, position(0.0) + 0.05, SPEEDS)
+    checks.reset()
+    assert checks.judge(20 * MS, position(0.0) + 0.05, SPEEDS) == ""
+
+
+def test_positions_that_stand_while_the_controller_says_they_move():
+    rows = np.tile(position(1.0), (100, 1))
+    checks, said = judged(rows, speeds=SPEEDS | {"Y": 0.05})
+    assert said[0] == said[1] == ""
+    assert all(f"axis Y is {FROZEN}" in each for each in said[4:])
+    assert checks.refused[FROZEN] >= 95
+    assert set(judged(rows)[1]) == {""}, "a machine may stand"
+    assert set(judged(rows, speeds=dict.fromkeys("XYZAC", 1.0))[1]) == {""}, "signs of the travel, not speeds"
+
+
+@pytest.mark.parametrize("stall", [2, 5, 10, 30, 100])
+@pytest.mark.parametrize("begin", [50, 111, 247])
+def test_a_controller_that_stalls_is_believed_again_at_once(stall, begin):
+    """For some periods of 10 ms it repeats what it said, and then says where the axes are."""
+    checks, rows = JointChecks(MACHINE), smooth()
+    said = []
+    for k in range(len(rows)):
+        told = begin if begin <= k < begin + stall else k
+        speed = (rows[min(told + 1, len(rows) - 1)] - rows[told]) / 0.01
+        said.append(checks.judge(k * 10 * MS, rows[told], dict(zip("XYZAC", speed.tolist(), strict=True))))
+    assert set(said[:begin]) == {""}
+    assert set(said[begin + stall :]) == {""}, checks.refused
+
+
+def test_a_step_within_the_speed_of_the_axis_is_refused_for_a_second():
+    """It may be a stamp that is late, or an acceleration beyond the stated one: no more than millimetres off."""
+    rows = smooth()
+    rows[200:, 0] += 0.004
+    _, said = judged(rows)
+    assert set(said[:200]) == {""}
+    assert all(JUMP in each for each in said[200:299])
+    assert set(said[301:]) == {""}
+
+
+def test_an_axis_that_is_not_named_is_not_judged():
+    rows = smooth()
+    rows[:, 4] = np.nan
+    assert set(judged(rows)[1]) == {""}

@@ -1,0 +1,63 @@
+"""Who may do what, read off the contract: one node speaks where something moves, heads speak for themselves."""
+
+from __future__ import annotations
+
+import pytest
+
+from rotary_error_monitor.description.wire import load_services, load_wire
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.security.access import OPERATOR, Access, cell_accesses
+
+
+def accesses(**options) -> dict[str, Access]:
+    return {access.node: access for access in cell_accesses(load_wire(("a", "b")), load_services(), **options)}
+
+
+def who(kind: str, name: str) -> set[str]:
+    return {node for node, access in accesses().items() if name in getattr(access, kind)}
+
+
+def test_corrections_come_from_the_compensation_alone():
+    assert who("publish", "/machine/axis_corrections") == {"compensation"}
+    assert "linuxcnc_bridge" in who("subscribe", "/machine/axis_corrections")
+
+
+@pytest.mark.parametrize("service", ["/compensation/reset", "/error_estimator/reset", "/linuxcnc_bridge/clear_offsets"])
+def test_a_person_alone_may_call_what_releases_corrections(service):
+    assert who("request", service) == {OPERATOR}
+    assert who("reply", service) == {service.split("/")[1]}
+
+
+def test_a_head_speaks_for_itself_alone():
+    assert who("publish", "/stage/head_a/samples") == {"encoder_head_a", "stage_follower"}
+    assert who("publish", "/stage/head_b/samples") == {"encoder_head_b", "stage_follower"}
+    assert "encoder_head" not in accesses()
+
+
+def test_nobody_may_do_everything():
+    for access in accesses().values():
+        for names in (access.publish, access.subscribe, access.reply, access.request):
+            assert not any(name.startswith("/*") for name in names)
+            assert len(set(names)) == len(names) and all(name.startswith("/") for name in names)
+
+
+def test_the_operator_publishes_nothing_of_the_contract():
+    assert set(accesses()[OPERATOR].publish).isdisjoint(load_wire(("a", "b")).names)
+
+
+def test_a_driver_is_heard_only_where_it_is_named():
+    assert who("subscribe", "/joint_states") == set()
+    given = accesses(listen={"encoder_head_a": ["/joint_states"]})
+    assert [node for node, access in given.items() if "/joint_states" in access.subscribe] == ["encoder_head_a"]
+
+
+@pytest.mark.parametrize(
+    ("listen", "why"),
+    [
+        ({"head_a": ["/x"]}, r"no node is called 'head_a'; the cell has autocollimator"),
+        ({"lvdt": ["x"]}, "'x' of lvdt"),
+    ],
+)
+def test_wrong_names_are_refused(listen, why):
+    with pytest.raises(InputError, match=why):
+        accesses(listen=listen)

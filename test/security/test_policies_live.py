@@ -1,0 +1,74 @@
+"""The policies say what running nodes do: everything that a node opens is allowed, and nothing else is.
+
+What a node opens is asked of the graph of ROS, so a topic or service that a node has and the contract has not, or the
+other way round, fails here.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from rotary_error_monitor.description.wire import load_services, load_wire
+from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.compensation import Compensation
+from rotary_error_monitor.nodes.encoder_head import EncoderHead
+from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
+from rotary_error_monitor.nodes.gap_monitor import GapMonitor
+from rotary_error_monitor.nodes.linuxcnc_bridge import LinuxcncBridge
+from rotary_error_monitor.nodes.lvdt import Lvdt
+from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.nodes.recorder import Recorder
+from rotary_error_monitor.nodes.stage_follower import StageFollower
+from rotary_error_monitor.security.access import OPERATOR, cell_accesses
+from rotary_error_monitor.testing import Cell
+
+HEADS = ("a", "b", "c", "d")
+POLICIES = {access.node: access for access in cell_accesses(load_wire(HEADS), load_services())}
+MACHINE = {"machine": "xyzac_trt"}
+NODES = {
+    "encoder_head_a": (EncoderHead, {}),
+    "encoder_head_d": (EncoderHead, {}),
+    "autocollimator": (Autocollimator, {}),
+    "lvdt": (Lvdt, {}),
+    "mock_controller": (MockController, MACHINE),
+    "error_estimator": (ErrorEstimator, {}),
+    "compensation": (Compensation, MACHINE),
+    "recorder": (Recorder, {}),
+    "gap_monitor": (GapMonitor, {}),
+    "linuxcnc_bridge": (LinuxcncBridge, {}),
+    "stage_follower": (StageFollower, MACHINE),
+}
+
+
+def test_there_is_a_policy_for_each_node_and_for_the_operator():
+    assert {name.partition("_head_")[0] for name in POLICIES} == {
+        *(name.partition("_head_")[0] for name in NODES),
+        OPERATOR,
+    }
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_a_policy_allows_what_its_node_opens_and_nothing_else(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    node_class, parameters = NODES[name]
+    with Cell(HEADS) as cell:
+        node = cell.run(node_class, name, **parameters)
+        assert node.active
+        for opened, allowed in (
+            (node.get_publisher_names_and_types_by_node, POLICIES[name].publish),
+            (node.get_subscriber_names_and_types_by_node, POLICIES[name].subscribe),
+            (node.get_service_names_and_types_by_node, POLICIES[name].reply),
+            (node.get_client_names_and_types_by_node, POLICIES[name].request),
+        ):
+            assert sorted(topic for topic, _ in opened(name, "/")) == list(allowed)
+
+
+def test_what_the_contract_says_of_services_is_their_type(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for service in load_services():
+        for server in service.servers:
+            node_class, parameters = NODES[server]
+            with Cell(HEADS) as cell:
+                node = cell.run(node_class, server, **parameters)
+                types = dict(node.get_service_names_and_types_by_node(server, "/"))
+                assert types[f"/{server}{service.name[1:]}"] == [service.type]

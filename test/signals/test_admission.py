@@ -1,0 +1,165 @@
+"""Which samples are believed: the same ones however they are cut into blocks, and each refusal has its reason."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.admission import (
+    BEYOND,
+    FAST,
+    FUTURE,
+    LATE,
+    NOT_FINITE,
+    OLD,
+    SPIKE,
+    TURN,
+    Admission,
+    ArrivalCheck,
+    SampleLimits,
+)
+
+MS = 1_000_000
+ANGLE = SampleLimits(largest=1e7, speed=10.0, turns=True, jitter=1e-3)
+TILT = SampleLimits(largest=1e-3, noise=5e-7)
+
+
+def admit(admission, times, values, cuts=()):
+    """What is taken of samples that come in blocks cut at `cuts`."""
+    taken = [admission.admit(t, v) for t, v in zip(np.split(times, cuts), np.split(values, cuts), strict=True)]
+    return np.concatenate([t for t, _ in taken]), np.concatenate([v for _, v in taken])
+
+
+def ramp(count=200, speed=3.0, period=4 * MS, start=0.0):
+    times = np.arange(count) * period
+    return times, (start + speed * times * 1e-9)[:, None]
+
+
+def test_what_is_sound_is_taken_as_it_is():
+    times, values = ramp()
+    admission = Admission(ANGLE)
+    taken = admit(admission, times, values, [50, 51, 120])
+    np.testing.assert_array_equal(taken[0], times)
+    np.testing.assert_array_equal(taken[1], values)
+    assert not admission.refused
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"), [(np.nan, NOT_FINITE), (np.inf, NOT_FINITE), (1e30, BEYOND), (1e300, BEYOND), (-1e8, BEYOND)]
+)
+def test_single_wrong_values_cost_only_themselves(wrong, reason):
+    times, values = ramp()
+    values[17] = wrong
+    admission = Admission(ANGLE)
+    taken = admit(admission, times, values, [40])[0]
+    np.testing.assert_array_equal(taken, np.delete(times, 17))
+    assert admission.refused == {reason: 1}
+    assert admission.refusals.tolist() == [times[17]]
+
+
+def test_times_that_do_not_rise_are_refused():
+    times, values = ramp(10)
+    times[4], times[7] = times[2], times[6]
+    admission = Admission(ANGLE)
+    assert admit(admission, times, values)[0].tolist() == [t * 4 * MS for t in (0, 1, 2, 3, 5, 6, 8, 9)]
+    assert admission.refused == {LATE: 2}
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.floats(-9.0, 9.0),
+    st.floats(-50.0, 50.0),
+    st.sampled_from([(0.0, TURN), (-np.pi, np.pi)]),
+    st.lists(st.integers(1, 199), max_size=6),
+)
+def test_a_reading_that_starts_again_after_a_turn_goes_on(speed, start, interval, cuts):
+    times, values = ramp(speed=speed, start=start)
+    wrapped = interval[0] + np.mod(values - interval[0], TURN)
+    admission = Admission(ANGLE)
+    taken = admit(admission, times, wrapped, sorted(cuts))[1]
+    np.testing.assert_allclose(taken - taken[0], values - values[0], atol=1e-9)
+    assert admission.wraps == np.count_nonzero(np.abs(np.diff(wrapped[:, 0])) > np.pi)
+    assert not admission.refused
+
+
+def test_a_jump_that_no_rotation_makes_is_refused_until_it_can_have_turned_there():
+    times, values = ramp(speed=0.0)
+    values[100:] += 1.0
+    admission = Admission(ANGLE)
+    taken = admit(admission, times, values)[0]
+    refused = admission.refused[FAST]
+    assert 20 <= refused <= 26, "at 10 rad/s it takes 0.1 s, 25 samples, to turn by 1 rad"
+    np.testing.assert_array_equal(taken, np.delete(times, np.arange(100, 100 + refused)))
+
+
+def tilts(generator, count=400):
+    times = np.arange(count) * 2_500_000
+    angle = 2.0 * times * 1e-9
+    noise = generator.normal(0.0, TILT.noise, (count, 2))
+    return times, 8e-5 * np.column_stack([np.cos(angle), np.sin(angle)]) + noise
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**31), st.integers(1, 2), st.lists(st.integers(1, 399), max_size=40))
+def test_spikes_are_left_out_and_nothing_else(seed, width, cuts):
+    generator = np.random.default_rng(seed)
+    times, values = tilts(generator)
+    wrong = np.sort(generator.choice(np.arange(5, 390, 12), 8, replace=False))
+    spikes = np.concatenate([wrong + i for i in range(width)])
+    values[spikes] += generator.choice([-1, 1], (len(wrong), 1)).repeat(width, 0).reshape(-1, 1)[: len(spikes)] * 4e-5
+    admission = Admission(TILT)
+    taken = admit(admission, times, values, sorted(cuts))[0]
+    missing = np.setdiff1d(times, taken)
+    waiting = missing[missing > times[-3]]
+    np.testing.assert_array_equal(np.setdiff1d(missing, waiting), times[np.sort(spikes)])
+    assert admission.refused[SPIKE] == len(spikes)
+
+
+def test_a_step_is_no_spike():
+    times, values = tilts(np.random.default_rng(3))
+    values[200:] += 1e-4
+    admission = Admission(TILT)
+    taken = admit(admission, times, values, range(2, 400, 2))[0]
+    np.testing.assert_array_equal(taken, times)
+    assert not admission.refused
+
+
+def test_normal_noise_is_no_spike_in_a_million_samples():
+    generator = np.random.default_rng(4)
+    count = 1_000_000
+    admission = Admission(TILT)
+    taken = admission.admit(np.arange(count) * MS, generator.normal(0.0, TILT.noise, (count, 2)))[0]
+    assert len(taken) >= count - 2
+    assert admission.refused[SPIKE] == 0
+
+
+def test_turns_are_taken_out_of_what_comes():
+    times, values = ramp(start=3 * TURN)
+    admission = Admission(ANGLE)
+    admission.admit(times[:50], values[:50])
+    admission.turn_by(3)
+    np.testing.assert_allclose(admission.admit(times[50:], values[50:])[1], values[50:] - 3 * TURN, atol=1e-12)
+    assert not admission.refused
+
+
+def test_arrivals():
+    check = ArrivalCheck(max_age_ns=1000 * MS, ahead_ns=100 * MS)
+    now = 10_000 * MS
+    assert check.judge(now, now) == check.judge(now + 90 * MS, now) == check.judge(now - 900 * MS, now) == ""
+    assert check.judge(now + 3600 * 1000 * MS, now).startswith(f"{FUTURE}: 60.0 min ahead")
+    assert check.judge(now - 1100 * MS, now).startswith(f"{OLD}: 1.1 s, limit 1 s")
+    assert check.judge(now - 600 * MS, now).startswith(f"{OLD}: 0.6 s, limit 0.5 s until it has caught up")
+    assert check.judge(now - 140 * MS, now) == "", "a computer that is always somewhat late comes back"
+    assert check.refused == {FUTURE: 1, OLD: 2}
+    assert check.was_set_back(now, now - 200 * MS)
+    assert not check.was_set_back(now, now - 50 * MS)
+    assert not check.was_set_back(None, now)
+
+
+@pytest.mark.parametrize("wrong", [{"max_age_ns": 0}, {"ahead_ns": -1}])
+def test_wrong_limits_of_arrival(wrong):
+    with pytest.raises(InputError, match="expected above 0"):
+        ArrivalCheck(**wrong)

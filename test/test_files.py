@@ -1,0 +1,50 @@
+"""Text files of measurements, packed or not, up to a size."""
+
+from __future__ import annotations
+
+import gzip
+import re
+from pathlib import Path
+
+import pytest
+
+from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.files import read_text
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "µ\n" * 1000])
+def test_packed_and_plain_text_are_read_alike(tmp_path: Path, text: str) -> None:
+    (tmp_path / "plain").write_text(text, encoding="utf-8")
+    (tmp_path / "packed").write_bytes(gzip.compress(text.encode()))
+    assert read_text(tmp_path / "plain", "a text") == text
+    assert read_text(tmp_path / "packed", "a text") == text
+
+
+def test_members_one_after_another_are_one_text(tmp_path: Path) -> None:
+    (tmp_path / "packed").write_bytes(gzip.compress(b"a,b\n") + gzip.compress(b"1,2\n") + bytes(512))
+    assert read_text(tmp_path / "packed", "a text") == "a,b\n1,2\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (bytes(101), "larger than 100 bytes; a text is expected, of at most that size"),
+        (gzip.compress(bytes(101)), "larger than 100 bytes"),
+        (gzip.compress(bytes(60)) + gzip.compress(bytes(60)), "larger than 100 bytes"),
+        (gzip.compress(b"a,b\n")[:-3], "cannot be unpacked (it ends too early); give the path of a text"),
+        (gzip.compress(b"a,b\n") + b"more", "cannot be unpacked ("),
+        (gzip.compress(b"a,b\n")[:10] + b"\xff" * 20, "cannot be unpacked ("),
+        (b"\xff\xfe", "cannot be read ("),
+    ],
+)
+def test_what_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "measured.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=rf"measured\.csv: {re.escape(message)}"):
+        read_text(path, "a text", 100)
+
+
+def test_long_texts_are_shown_by_their_ends() -> None:
+    assert excerpt("a" * 200) == "a" * 200
+    assert excerpt("a" * 500 + "b" * 500) == "a" * 100 + " … " + "b" * 100
+    assert excerpt(range(3)) == "range(0, 3)"

@@ -1,0 +1,251 @@
+"""Bags that lack something: replay, diagnosis and recovery say what, and go on with what the bag has."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faults.documenting import Row, shows
+
+from rotary_error_monitor.bags.contents import Content, JointState
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.bags.writer import BagWriter, write_messages
+from rotary_error_monitor.cli import main
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.pipeline.compensation import Compensator
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.replay import replay_bag
+from rotary_error_monitor.resources import config
+from rotary_error_monitor.signals.blocks import NANOSECONDS
+from rotary_error_monitor.sources.mock import MockSettings, MockSource, mock_stage
+from rotary_error_monitor.sources.mock_machine import MachineMotion
+
+START = 1_763_700_000 * NANOSECONDS
+DURATION = 24
+BLOCK = 20_000_000
+JOINTS = 10_000_000
+WIRE = load_wire()
+STAGE, MACHINE = load_stage(), load_machine("xyzac_trt")
+TOPICS = {f"head_{head}": WIRE.topic("head_samples", head).name for head in "abcd"} | {
+    name: WIRE.topic(f"{name}_samples").name for name in ("autocollimator", "command")
+}
+HEAD_C, HEAD_D = TOPICS["head_c"], TOPICS["head_d"]
+MOTION, OFFSET = WIRE.topic("error_motion_samples").name, WIRE.topic("tool_offset_samples").name
+JOINT_STATES = WIRE.topic("machine_joint_states").name
+
+Recording = Mapping[str, Sequence[Content]]
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    """What a cell published: four heads, autocollimator, command, joint states, error motion and tool offset."""
+    plant = mock_stage(STAGE, MockSettings(3, START - 60 * NANOSECONDS, (1.5, 3.0), False, 1000.0))
+    sources = {name: MockSource(plant, name) for name in TOPICS}
+    motion = MachineMotion(MACHINE, plant)
+    estimator, compensator = Estimator(STAGE), Compensator(MACHINE)
+    found: dict[str, list[Content]] = {name: [] for name in (*TOPICS.values(), JOINT_STATES, MOTION, OFFSET)}
+    for since in range(START, START + DURATION * NANOSECONDS, BLOCK):
+        for stamp in range(since, since + BLOCK, JOINTS):
+            axes = motion.at(stamp)
+            positions, velocities = ([getattr(axis, key) for axis in axes] for key in ("position", "velocity"))
+            state = JointState(stamp, MACHINE.letters, np.array(positions), np.array(velocities), np.empty(0))
+            found[JOINT_STATES].append(state)
+            compensator.accept_joint_state(
+                stamp,
+                dict(zip(MACHINE.letters, positions, strict=True)),
+                dict(zip(MACHINE.letters, velocities, strict=True)),
+            )
+        for name, source in sources.items():
+            block = source.take(since, since + BLOCK)
+            assert block is not None
+            found[TOPICS[name]].append(block)
+            estimator.accept(name, block)
+        for block in estimator.advance():
+            found[MOTION].append(block)
+            compensator.accept_error_motion(block)
+        found[OFFSET] += compensator.advance().offsets
+    return found
+
+
+def without(recording: Recording, topic: str, since: float = 0.0, until: float = DURATION) -> Recording:
+    """The recording without what a topic said from one time to another, s."""
+    gone = range(START + round(since * NANOSECONDS), START + round(until * NANOSECONDS))
+    return dict(recording) | {topic: [content for content in recording[topic] if content.stamp_ns not in gone]}
+
+
+def seconds(stamps: np.ndarray) -> np.ndarray:
+    return (stamps - START) / NANOSECONDS
+
+
+def live(recording: Recording, topic: str, columns: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    blocks = recording[topic]
+    return np.concatenate([b.times_ns for b in blocks]), np.concatenate([b.columns(columns) for b in blocks])
+
+
+def test_a_whole_bag_is_repeated_without_a_remark(recording, tmp_path):
+    write_messages(tmp_path / "bag", recording, WIRE)
+    result = replay_bag(tmp_path / "bag", STAGE, MACHINE)
+    assert result.remarks == () and not result.unrepeated.any() and result.repeated
+    stamps, theta = live(recording, MOTION, ["theta"])
+    again = np.isin(result.stamp_ns, stamps)
+    assert np.count_nonzero(again) == len(stamps) > 1000 * (DURATION - 1)
+    np.testing.assert_array_equal(result.theta[again], theta[:, 0])
+
+
+@shows(
+    Row(
+        "files",
+        "A bag lacks a stream, a part of it, or a file",
+        "notes on standard error; exit code 10 where live numbers cannot be repeated",
+        "the replay goes on with what there is",
+        "array `unrepeated` tells which numbers are not those of the live run",
+        "not needed",
+    ),
+)
+def test_a_stream_that_the_live_run_used_and_the_bag_lacks(recording, tmp_path, capsys):
+    """The estimate goes on from three heads, and says which ticks are not those of the live run."""
+    write_messages(tmp_path / "bag", without(recording, HEAD_C), WIRE)
+    out = tmp_path / "out.npz"
+    assert main(["replay", str(tmp_path / "bag"), "--machine", "xyzac_trt", "-o", str(out)]) == 10
+    said = capsys.readouterr()
+    assert f"no sample at all of {HEAD_C}" in said.err
+    assert "cannot be repeated: the live run used samples of head_c that the bag lacks" in said.err
+    with np.load(out) as found:
+        stamps, published = live(recording, MOTION, ["theta", "exc", "eyc"])
+        assert len(found["stamp_ns"]) > 0.95 * len(stamps)
+        assert found["unrepeated"].all()
+        order = np.searchsorted(stamps, found["stamp_ns"])
+        inside = order < len(stamps)
+        order = order[inside]
+        np.testing.assert_array_equal(stamps[order], found["stamp_ns"][inside])
+        assert np.abs(found["theta"][inside] - published[order, 0]).max() < 2e-6
+        seen = np.isfinite(found["error_motion"][inside, 0])
+        assert np.abs(found["error_motion"][inside, 0] - published[order, 1])[seen].max() < 2e-6
+        offsets = sum(len(block.rows) for block in recording[OFFSET])  # none before a turn verified the stage
+        assert np.isfinite(found["tool_offset"][:, 0]).sum() > 0.95 * offsets
+
+
+@pytest.mark.parametrize(("since", "until"), [(6.0, DURATION), (3.0, 5.0)])
+def test_a_head_that_falls_silent_in_the_recording_alone(recording, tmp_path, since, until):
+    write_messages(tmp_path / "bag", without(recording, HEAD_D, since, until), WIRE)
+    result = replay_bag(tmp_path / "bag", STAGE)
+    when = seconds(result.stamp_ns)
+    assert np.diff(result.stamp_ns).max() == 1_000_000, "no tick is left out"
+    np.testing.assert_array_equal(result.unrepeated[when < since - 0.05], False)
+    np.testing.assert_array_equal(result.unrepeated[(when > since + 0.05) & (when < until - 0.05)], True)
+    np.testing.assert_array_equal(result.unrepeated[when > until + 0.05], False)
+    stamps, published = live(recording, MOTION, ["theta"])
+    same = np.isin(stamps, result.stamp_ns[~result.unrepeated])
+    np.testing.assert_array_equal(
+        result.theta[np.isin(result.stamp_ns, stamps) & ~result.unrepeated], published[same, 0]
+    )
+    text = " ".join(result.remarks)
+    assert "the live run used samples of head_d that the bag lacks" in text
+    assert (f"{HEAD_D}: no sample in the last" if until == DURATION else f"{HEAD_D}: 2000 samples") in text
+
+
+def test_joint_states_that_the_bag_lacks(recording, tmp_path):
+    """Where no others are near, corrections are held as they were live; where they are, these count."""
+    few = [content for number, content in enumerate(recording[JOINT_STATES]) if number % 3]
+    write_messages(tmp_path / "bag", dict(recording) | {JOINT_STATES: few}, WIRE)
+    result = replay_bag(tmp_path / "bag", STAGE, MACHINE)
+    stamps, published = live(recording, OFFSET, ["x", "y", "z"])
+    places = np.searchsorted(result.stamp_ns, stamps)
+    again = result.tool_offset[places, :3]
+    settled = (seconds(stamps) > 0.3) & np.isfinite(again).all(axis=1)  # a reversal may be told too late to agree
+    assert settled.mean() > 0.95
+    assert np.abs(again - published)[settled].max() < 2e-6
+    exact = ~result.unrepeated[places]
+    assert 0.2 < exact[settled].mean() < 0.8
+    assert "the live run used joint states that the bag lacks" in " ".join(result.remarks)
+
+
+def test_a_recording_that_begins_in_mid_run(recording, tmp_path):
+    """Its first ticks rest on samples from before it: they are left out, and that is no remark."""
+    late = {
+        topic: [content for content in contents if content.stamp_ns >= START + 4 * NANOSECONDS]
+        for topic, contents in recording.items()
+    }
+    write_messages(tmp_path / "bag", late, WIRE)
+    result = replay_bag(tmp_path / "bag", STAGE, MACHINE)
+    assert result.remarks == () and not result.unrepeated.any()
+    assert seconds(result.stamp_ns)[0] < 4.2
+    stamps, published = live(recording, MOTION, ["theta"])
+    again = np.isin(result.stamp_ns, stamps)
+    np.testing.assert_array_equal(result.theta[again], published[np.isin(stamps, result.stamp_ns), 0])
+
+
+def test_a_file_of_a_split_bag_is_missing(recording, tmp_path, capsys):
+    write_messages(tmp_path / "whole", recording, WIRE)
+    bag = tmp_path / "bag"
+    reader = BagReader(tmp_path / "whole")
+    with BagWriter(bag, list(WIRE), max_file_duration=8.0) as writer:
+        for message in reader.messages():
+            writer.write(message.topic, message.data, message.log_time_ns)
+    np.testing.assert_array_equal(replay_bag(bag, STAGE).theta, replay_bag(tmp_path / "whole", STAGE).theta)
+    for name, expected in (("bag_1.mcap", "are missing in"), ("bag_2.mcap", "bag_2.mcap")):
+        broken = tmp_path / name
+        shutil.copytree(bag, broken)
+        (broken / name).unlink()
+        assert main(["replay", str(broken), "-o", str(tmp_path / "out.npz")]) == 0, "what is there is repeated"
+        said = capsys.readouterr().err
+        assert f"metadata.yaml tells of {name}, which is not there" in said
+        assert expected in said
+
+
+def test_a_bag_without_what_was_published(recording, tmp_path):
+    """Nothing to repeat: the rules decide, and a stream that is absent is named."""
+    rest = {topic: contents for topic, contents in recording.items() if topic not in (MOTION, OFFSET, HEAD_C)}
+    write_messages(tmp_path / "bag", rest, WIRE)
+    result = replay_bag(tmp_path / "bag", STAGE)
+    assert not result.repeated and not result.unrepeated.any()
+    assert result.remarks == (f"no sample at all of {HEAD_C}",)
+
+
+def test_counts_that_do_not_fit_are_said(recording, tmp_path):
+    bag = Path(tmp_path / "bag")
+    write_messages(bag, recording, WIRE)
+    count = len(recording[HEAD_C])
+    path = bag / "metadata.yaml"
+    path.write_text(path.read_text().replace(f"message_count: {count}", f"message_count: {count - 1}"))
+    (remark,) = replay_bag(bag, STAGE).remarks
+    assert "another number of messages than metadata.yaml says" in remark
+
+
+@pytest.mark.parametrize("lack", ["nothing", "half a head", "a file"])
+def test_a_diagnosis_says_what_the_recording_lacks(recording, tmp_path, capsys, lack):
+    bag = tmp_path / "bag"
+    write_messages(
+        tmp_path / "whole", without(recording, HEAD_D, DURATION / 2) if lack == "half a head" else recording, WIRE
+    )
+    with BagWriter(bag, list(WIRE), max_file_duration=8.0) as writer:
+        for message in BagReader(tmp_path / "whole").messages():
+            writer.write(message.topic, message.data, message.log_time_ns)
+    if lack == "a file":
+        (bag / "bag_1.mcap").unlink()
+    code = main(["diagnose", str(bag), "--twin", str(config("stage.yaml")), "-o", str(tmp_path / "out"), "--no-report"])
+    said = capsys.readouterr()
+    content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert code == 0 and content["verdict"] == "no_gap", said
+    wanted = {
+        "nothing": [],
+        "half a head": [f"{HEAD_D}: no sample in the last 12.0 s of 24.0 s"],
+        "a file": ["metadata.yaml tells of bag_1.mcap, which is not there", "(33 %) are missing in 1 silence"],
+    }[lack]
+    for text in wanted:
+        assert text in said.err
+        assert any(text in remark for remark in content["remarks"])
+    if lack == "nothing":
+        assert not any("missing" in remark or "no sample" in remark for remark in content["remarks"])
+
+
+def test_a_recovery_says_what_the_recording_lacks(recording, tmp_path, capsys):
+    write_messages(tmp_path / "bag", without(recording, HEAD_D, DURATION / 2), WIRE)
+    assert main(["recover", str(tmp_path / "bag")]) == 0
+    assert f"{HEAD_D}: no sample in the last 12.0 s of 24.0 s" in capsys.readouterr().err

@@ -1,0 +1,40 @@
+"""Wrong descriptions: each is valid, and differs from the true one only where it says."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+
+from .descriptions import DESCRIPTIONS
+from .stages import random_stage
+from .test_world_stage import CONFIG, DEFAULT
+
+
+@pytest.mark.parametrize("name", DESCRIPTIONS)
+def test_a_wrong_description_is_valid_and_wrong_only_where_it_says(name):
+    schema = yaml.safe_load((CONFIG / "schema" / "stage.yaml").read_text())
+    for true in (DEFAULT, random_stage(0), random_stage(1)):
+        kept = deepcopy(true)
+        wrong = DESCRIPTIONS[name](true, np.random.default_rng(1))
+        assert true == kept
+        jsonschema.Draft202012Validator(schema).validate({"stage": wrong})
+        if true is DEFAULT:
+            assert wrong != true
+        for key in DESCRIPTIONS[name].keys:
+            section, _, entry = key.partition(".")
+            for stage in (true := deepcopy(true), wrong):
+                if entry:
+                    stage.get(section, {}).pop(entry, None)
+                else:
+                    stage.pop(section, None)
+        assert wrong == true
+
+
+def test_the_draw_is_reproducible():
+    for description in DESCRIPTIONS.values():
+        first, second = (description(DEFAULT, np.random.default_rng(4)) for _ in range(2))
+        assert first == second
