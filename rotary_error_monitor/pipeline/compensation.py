@@ -22,12 +22,13 @@ from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.limits import CorrectionState
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.corrections import Compensation, CorrectionSettings, Corrector, Poses
+from rotary_error_monitor.pipeline.corrections import Compensation, CorrectionSettings, Corrector
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.holding import Holding
 from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances, doubts_of
 from rotary_error_monitor.pipeline.joints import AxisPositions, JointTrack, unpack_directions
 from rotary_error_monitor.pipeline.live_components import Carrier
+from rotary_error_monitor.pipeline.poses import Poses
 from rotary_error_monitor.pipeline.thermometer import Thermometer
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 

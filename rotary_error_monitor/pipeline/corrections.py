@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.machine.correction import AxisCorrections, remaining_offset, solve_axis_corrections
-from rotary_error_monitor.machine.error_model import described_components, predict_tool_offset, propagate_covariance
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.machine.limits import CorrectionState, Level, axis_limits, initial_state, limit_corrections
-from rotary_error_monitor.pipeline.description_spread import DescriptionSpread
 from rotary_error_monitor.pipeline.joints import pack_directions
+from rotary_error_monitor.pipeline.offset_spread import OffsetSpread
+from rotary_error_monitor.pipeline.poses import Poses
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 COLUMNS = ("x", "y", "z", "a", "b", "c", "joint_age", "directions", "temperature")
@@ -46,45 +46,6 @@ class CorrectionSettings:
     linear_limits: tuple[float, float, float] = (1e-4, 5e-4, 2e-3)
     rotary_limits: tuple[float, float, float] = (5e-4, 2e-3, 2e-2)
     uncertainty_limit: float = 1e-5
-
-
-@dataclass(frozen=True)
-class Poses:
-    """Poses at n ticks, as the machine model takes them.
-
-    Attributes:
-        stamps: (n,) time of each tick, ns.
-        positions, directions: (n, axes) in m or rad; sign of travel.
-        turned: (n, axes) probability that the direction is another by then.
-        age: (n,) of the joint state that they come from, s.
-        temperature, temperature_deviation: (n,) °C, and its standard uncertainty, K.
-        live: (n, 6) live components of the monitored axis; none where the description alone says them.
-        covariance: gives the (k, 6, 6) covariance of the live components of some of the ticks.
-    """
-
-    stamps: NDArray[np.int64]
-    positions: NDArray[np.float64]
-    directions: NDArray[np.float64]
-    turned: NDArray[np.float64]
-    age: NDArray[np.float64]
-    temperature: NDArray[np.float64]
-    temperature_deviation: NDArray[np.float64]
-    live: NDArray[np.float64] | None
-    covariance: Callable[[NDArray[np.int64]], NDArray[np.float64]]
-
-    def at(self, chosen: NDArray[np.int64]) -> Poses:
-        """Some of the poses."""
-        return Poses(
-            self.stamps[chosen],
-            self.positions[chosen],
-            self.directions[chosen],
-            self.turned[chosen],
-            self.age[chosen],
-            self.temperature[chosen],
-            self.temperature_deviation[chosen],
-            None if self.live is None else self.live[chosen],
-            lambda index: self.covariance(chosen[index]),
-        )
 
 
 @dataclass(frozen=True)
@@ -156,13 +117,8 @@ class Corrector:
         self._model = arrange_machine(machine)
         self._settings = settings
         self._limits = axis_limits(machine, linear=settings.linear_limits, rotary=settings.rotary_limits)
-        self._spread = DescriptionSpread(self._model, limits)
+        self._spread = OffsetSpread(machine, self._model, limits)
         self._linear = np.array([axis.kind == "linear" for axis in machine.axes])
-        measured = [axis.letter == machine.monitored for axis in machine.axes]  # its encoder tells where it is
-        self._fastest = np.where(measured, 0.0, [axis.fastest for axis in machine.axes])
-        self._quickest = np.where(measured, 0.0, [axis.quickest for axis in machine.axes])
-        self._reversal = np.array([axis.reversal for axis in machine.axes])
-        self._warms = any(axis.expansion != 0.0 for axis in machine.axes)
         self._last_period = -1
         self._last_report = -1
         self._asked: tuple[int, NDArray[np.float64]] | None = None
@@ -214,16 +170,7 @@ class Corrector:
             # The search gives the offsets as well, bit for bit: one pass over the machine less.
             wanted = self._wanted(poses)
             return wanted.offset, wanted.at(chosen)
-        return self._offset(poses), self._wanted(poses.at(chosen)) if len(chosen) else None
-
-    def _offset(self, poses: Poses, warmer: float = 0.0) -> NDArray[np.float64]:
-        return predict_tool_offset(
-            self._model,
-            poses.positions,
-            direction=poses.directions,
-            temperature=poses.temperature + warmer,
-            monitored=poses.live,
-        )
+        return poses.offsets(self._model), self._wanted(poses.at(chosen)) if len(chosen) else None
 
     def _wanted(self, poses: Poses) -> AxisCorrections:
         return solve_axis_corrections(
@@ -249,8 +196,8 @@ class Corrector:
         stamps = poses.stamps
         steady = self._is_steady(stamps, wanted.corrections)
         due = self._reports_due(stamps)
-        spread = self._spread_at(poses.at(due)) if len(due) else np.zeros((0, 6, 6))
-        self._judge(spread, described=described)
+        spread = self._spread.at(poses.at(due), offset[due])
+        self._judge(spread.lasting, described=described)
         if not apply or self.doubt:
             return ()
         before, before_ns = np.array(self.state.applied), self.state.time_ns
@@ -259,8 +206,7 @@ class Corrector:
         elapsed = np.diff(stamps, prepend=stamps[0] if before_ns is None else before_ns) * 1e-9
         moved = np.diff(limited.corrections, axis=0, prepend=before[None])
         rates = np.where(elapsed[:, None] > 0, moved / np.where(elapsed > 0, elapsed, 1.0)[:, None], 0.0)
-        spread = _with_spread(spread, self._turned_since(poses.at(due)))
-        reports = self._report(poses.at(due), limited.corrections[due], offset[due], spread)
+        reports = self._report(poses.at(due), limited.corrections[due], offset[due], spread.reported)
         by_index = dict(zip(due.tolist(), reports, strict=True))
         return tuple(
             Correction(
@@ -297,46 +243,6 @@ class Corrector:
             self._last_report = max(self._last_report, int(period[-1]))
         return due
 
-    def _spread_at(self, poses: Poses) -> NDArray[np.float64]:
-        """(n, 6, 6) covariance of the offset: of what is measured, of what the description stands in for, of warmth."""
-        covariance = poses.covariance(np.arange(len(poses.stamps)))
-        if self._model.monitored is not None:
-            described = described_components(
-                self._model, poses.positions, direction=poses.directions, temperature=poses.temperature
-            )
-            if poses.live is not None:
-                for time, live, said in zip(poses.stamps.tolist(), poses.live, described, strict=True):
-                    self._spread.learn(time, live, said)
-            covariance = propagate_covariance(self._model, poses.positions, covariance, self._spread.deviations)
-        if self._warms and (poses.temperature_deviation > 0.0).any():
-            warmed = (self._offset(poses, 1.0) - self._offset(poses)) * poses.temperature_deviation[:, None]
-            covariance = covariance + warmed[:, :, None] * warmed[:, None, :]
-        return _with_spread(covariance, self._moved_since(poses))
-
-    def _moved_since(self, poses: Poses) -> Iterator[NDArray[np.float64]]:
-        """(n, 6) standard uncertainty of the offset, for each axis that may have accelerated since its joint state.
-
-        What it has gone unseen is rectangular, as an unknown within bounds is (JCGM 100:2008, 4.3.7).
-        """
-        here = self._offset(poses)
-        farthest = np.minimum(0.5 * self._quickest * poses.age[:, None] ** 2, self._fastest * poses.age[:, None])
-        for axis in np.flatnonzero(farthest.any(axis=0)):
-            moved = poses.positions.copy()
-            moved[:, axis] += farthest[:, axis] / math.sqrt(3.0)
-            yield self._offset(replace(poses, positions=moved)) - here
-
-    def _turned_since(self, poses: Poses) -> Iterator[NDArray[np.float64]]:
-        """(n, 6) standard uncertainty of the offset, for each axis that may have turned back since its joint state.
-
-        Said in the report, but no reason to hold: it is over as soon as the next joint state tells the direction.
-        """
-        here = self._offset(poses)
-        for axis in np.flatnonzero((poses.turned * self._reversal).any(axis=0)):
-            directions = poses.directions.copy()
-            directions[:, axis] *= -1.0
-            turned = self._offset(replace(poses, directions=directions))
-            yield (turned - here) * np.sqrt(poses.turned[:, axis, None])
-
     def _judge(self, spread: NDArray[np.float64], *, described: bool) -> None:
         """Doubt corrections whose tool position is less certain than it may be."""
         if len(spread) == 0:
@@ -367,13 +273,6 @@ class Corrector:
             monitored=poses.live,
         )
         return [OffsetReport(*each) for each in zip(offset, spread, remaining, strict=True)]
-
-
-def _with_spread(covariance: NDArray[np.float64], deviations: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """(n, 6, 6) covariance with further, independent effects, each a (n, 6) standard uncertainty."""
-    for each in deviations:
-        covariance = covariance + each[:, :, None] * each[:, None, :]
-    return covariance
 
 
 def _rising(numbers: NDArray[np.int64], before: int) -> NDArray[np.int64]:

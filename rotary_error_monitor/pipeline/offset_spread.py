@@ -1,0 +1,116 @@
+"""How uncertain an offset is: by what is measured, what the description stands in for, warmth and unseen travel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.stage_limits import StageLimits
+from rotary_error_monitor.machine.error_model import described_components, predict_tool_offset, propagate_covariance
+from rotary_error_monitor.machine.kinematics import MachineModel
+from rotary_error_monitor.pipeline.description_spread import DescriptionSpread
+from rotary_error_monitor.pipeline.poses import Poses
+
+Array = NDArray[np.float64]
+
+
+class Spread(NamedTuple):
+    """Covariance of the offsets at n poses.
+
+    Attributes:
+        lasting: (n, 6, 6) of what lasts: a reason to hold corrections where it is large.
+        reported: (n, 6, 6) that, and axes that may have turned back since their joint state. It is over as soon as the
+            next joint state tells the direction, and no reason to hold.
+    """
+
+    lasting: Array
+    reported: Array
+
+
+class OffsetSpread:
+    """Covariance of a machine's offsets, pose after pose (JCGM 102:2011, 6.2: the law of propagation)."""
+
+    def __init__(self, machine: MachineDescription, model: MachineModel, limits: StageLimits) -> None:
+        """Covariance for `machine`, arranged as `model`, whose monitored axis is a stage with these limits."""
+        self._model = model
+        self._description = DescriptionSpread(model, limits)
+        measured = [axis.letter == machine.monitored for axis in machine.axes]  # its encoder tells where it is
+        self._fastest = np.where(measured, 0.0, [axis.fastest for axis in machine.axes])
+        self._quickest = np.where(measured, 0.0, [axis.quickest for axis in machine.axes])
+        self._reversal = np.array([axis.reversal for axis in machine.axes])
+        self._warms = any(axis.expansion != 0.0 for axis in machine.axes)
+
+    def at(self, poses: Poses, offset: Array) -> Spread:
+        """Covariance of the (n, 6) offset of poses."""
+        covariance = poses.covariance(np.arange(len(poses.stamps)))
+        if len(poses.stamps) == 0:
+            return Spread(covariance, covariance)
+        if self._model.monitored is not None:
+            covariance = self._of_components(poses, covariance)
+        lasting = [*self._warmed(poses), *self._moved_since(poses)]
+        passing = list(self._turned_since(poses))
+        effects = self._effects(poses, offset, lasting + passing)
+        squares = effects[..., :, None] * effects[..., None, :]
+        covariance = covariance + squares[: len(lasting)].sum(axis=0)
+        return Spread(covariance, covariance + squares[len(lasting) :].sum(axis=0))
+
+    def _of_components(self, poses: Poses, covariance: Array) -> Array:
+        """(n, 6, 6) from the live components, and from the described ones that stand in where none is observable."""
+        described = described_components(
+            self._model, poses.positions, direction=poses.directions, temperature=poses.temperature
+        )
+        if poses.live is not None:
+            for time, live, said in zip(poses.stamps.tolist(), poses.live, described, strict=True):
+                self._description.learn(time, live, said)
+        return propagate_covariance(self._model, poses.positions, covariance, self._description.deviations)
+
+    def _effects(self, poses: Poses, offset: Array, changed: list[_Changed]) -> Array:
+        """(k, n, 6) what each change of the poses makes of the offset, times its scale."""
+        if not changed:
+            return np.zeros((0, *offset.shape))
+        # One pass over the machine for all of them: a pass costs its calls, hardly its poses.
+        k = len(changed)
+        offsets = predict_tool_offset(
+            self._model,
+            np.concatenate([each.poses.positions for each in changed]),
+            direction=np.concatenate([each.poses.directions for each in changed]),
+            temperature=np.concatenate([each.poses.temperature for each in changed]),
+            monitored=None if poses.live is None else np.tile(poses.live, (k, 1)),
+        )
+        scales = np.array([each.scale for each in changed])
+        return np.asarray((offsets.reshape(k, *offset.shape) - offset) * scales[:, :, None])
+
+    def _warmed(self, poses: Poses) -> Iterator[_Changed]:
+        if self._warms and (poses.temperature_deviation > 0.0).any():
+            yield _Changed(replace(poses, temperature=poses.temperature + 1.0), poses.temperature_deviation)
+
+    def _moved_since(self, poses: Poses) -> Iterator[_Changed]:
+        """For each axis that may have accelerated since its joint state.
+
+        What it has gone unseen is rectangular, as an unknown within bounds is (JCGM 100:2008, 4.3.7).
+        """
+        farthest = np.minimum(0.5 * self._quickest * poses.age[:, None] ** 2, self._fastest * poses.age[:, None])
+        for axis in np.flatnonzero(farthest.any(axis=0)):
+            moved = poses.positions.copy()
+            moved[:, axis] += farthest[:, axis] / math.sqrt(3.0)
+            yield _Changed(replace(poses, positions=moved), np.ones(len(moved)))
+
+    def _turned_since(self, poses: Poses) -> Iterator[_Changed]:
+        """For each axis that may have turned back since its joint state."""
+        for axis in np.flatnonzero((poses.turned * self._reversal).any(axis=0)):
+            directions = poses.directions.copy()
+            directions[:, axis] *= -1.0
+            yield _Changed(replace(poses, directions=directions), np.sqrt(poses.turned[:, axis]))
+
+
+class _Changed(NamedTuple):
+    """Poses with one input changed, and the (n,) standard uncertainties of that input in units of the change."""
+
+    poses: Poses
+    scale: Array
