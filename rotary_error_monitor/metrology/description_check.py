@@ -8,6 +8,11 @@ each mistake by its sum of squares: that of a residual whose size is unknown bef
     (sum of squares of the description / sum of squares of the mistake) ** angles
 
 so a single angle tells a mistake only where it is glaring, and a whole turn where the figures differ by a tenth.
+
+What makes no more of a difference than the rotor's own motion can is not told from it, and accuses nobody. It counts as
+uncertainty instead: the square of the difference times the mistake's probability, its part of the total variance. A
+vector that turns with the rotor is never told from the rotor's own (ISO 230-7:2015 leaves it out of the radial error
+motion); unless its uncertainty is known from a calibration, all of it counts.
 """
 
 from __future__ import annotations
@@ -15,9 +20,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 Array = NDArray[np.complex128]
 
@@ -30,6 +37,9 @@ ODDS = math.log(1e3)
 LEAST_PART = 0.25
 """A mistake is one only where it explains as much of what the description leaves, in sum of squares, and a scale only
 where it is wrong by as much."""
+
+LEAST_NOISE = 1e-15
+"""Less noise than any instrument has, m or rad: what is described as exact is still a number of 53 bits."""
 
 FEWEST = 3
 """Angles from which a vector that turns with the rotor, or a scale and a turn, are fitted: each has two unknowns."""
@@ -50,8 +60,16 @@ class Finding:
     explained: float
 
 
-Reading = Callable[[complex], complex]
-"""What an instrument with a mistake shows in the place of a vector, `x + 1j * y`."""
+Reading = Callable[[Array], Array]
+"""What an instrument with a mistake shows in the place of vectors, `x + 1j * y`."""
+
+
+class _Rival(NamedTuple):
+    """An explanation beside the description: sum of squares, angles left to tell it, the difference that it makes."""
+
+    square: float
+    freedom: int
+    difference: float
 
 
 class FigureCheck:
@@ -59,9 +77,12 @@ class FigureCheck:
 
     Attributes:
         covered: part of a turn that was seen, 0 to 1.
+        unresolved: root mean square of what mistakes that are not told make by their probability, m or rad.
     """
 
-    def __init__(self, mistakes: Mapping[str, Reading], noise: float, fixed: float, fixed_name: str) -> None:
+    def __init__(
+        self, mistakes: Mapping[str, Reading], noise: float, fixed: float, fixed_name: str, *, known: bool = False
+    ) -> None:
         """Check that has seen nothing yet.
 
         Args:
@@ -70,10 +91,12 @@ class FigureCheck:
             fixed: largest vector that turns with the rotor and is not described, m or rad; a mistake that makes no
                 more of a difference is none.
             fixed_name: words for that vector.
+            known: whether the uncertainty of the described vector is, from a calibration: then a smaller one that
+                turns with the rotor is the rotor's own.
         """
         self._mistakes = dict(mistakes)
-        self._noise = noise
-        self._fixed, self._fixed_name = fixed, fixed_name
+        self._noise = max(noise, LEAST_NOISE)
+        self._fixed, self._fixed_name, self._known = fixed, fixed_name, known
         self.forget()
 
     def forget(self) -> None:
@@ -83,7 +106,7 @@ class FigureCheck:
         self._turned = np.ones(BINS, np.complex128)
         self._count = np.zeros(BINS, np.int64)
         self._last = -1
-        self.covered = 0.0
+        self.covered = self.unresolved = 0.0
 
     def add(self, theta: float, seen: tuple[float, float], described: tuple[float, float]) -> bool:
         """Take in what is seen and described (x, y) at a rotation (rad); give whether an angle is new."""
@@ -108,49 +131,40 @@ class FigureCheck:
         if angles == 0:
             return None
         seen, described = self._seen[visited], self._described[visited]
-        total = _square(seen - described)
-        left = math.sqrt(total / angles)
-        if left < 6.0 * self._noise:
-            return None
-        shown = {name: _each(reading, described) for name, reading in self._mistakes.items()}
+        least = angles * self._noise**2
+        total = max(_square(seen - described), least)
+        vector = complex(((seen - described) / self._turned[visited]).mean()) if angles >= FEWEST else 0j
+        # Nothing in a recording tells one that is described wrong from the rotor's own.
+        self.unresolved = 0.0 if self._known else abs(vector)
+        best, highest = None, ODDS
+        for name, rival in self._rivals(seen, described, vector * self._turned[visited]).items():
+            explained = 1.0 - max(rival.square, least) / total
+            paid = (angles - rival.freedom) * math.log(angles)  # what was fitted pays for its freedom (Schwarz 1978)
+            odds = -rival.freedom * math.log1p(-explained) - paid
+            self.unresolved = max(self.unresolved, rival.difference * math.sqrt(expit(odds)))
+            if odds >= highest and explained >= LEAST_PART and rival.difference > self._fixed:
+                best, highest = Finding(name, math.sqrt(total / angles), explained), odds
+        return None if best is None or best.left < 6.0 * self._noise else best
+
+    def _rivals(self, seen: Array, described: Array, turning: Array) -> dict[str, _Rival]:
+        """Mistakes, and what was fitted: the vector that turns with the rotor, a scale and a turn."""
+        angles = len(seen)
+        shown = {name: reading(described) for name, reading in self._mistakes.items()}
         found = {
-            name: (_square(seen - values), angles)
-            for name, values in shown.items()
-            if self._is_no_motion(values - described)
+            name: _Rival(_square(seen - values), angles, _size(values - described)) for name, values in shown.items()
         }
-        if angles >= FEWEST:
-            found |= self._fitted(seen, described, self._turned[visited])
-        odds = {}
-        for name, (square, freedom) in found.items():
-            least = max(square, angles * self._noise**2)
-            explained = 1.0 - least / total
-            if explained >= LEAST_PART:
-                free = angles - freedom  # what was fitted pays for its freedom (Schwarz 1978)
-                odds[name] = -freedom * math.log1p(-explained) - free * math.log(angles), explained
-        best = max(odds, key=lambda each: odds[each][0], default="")
-        if not best or odds[best][0] < ODDS:
-            return None
-        return Finding(best, left, odds[best][1])
-
-    def _is_no_motion(self, difference: Array) -> bool:
-        """Whether a mistake makes more of a difference than the rotor itself, whose motion may look like it."""
-        return math.sqrt(_square(difference) / len(difference)) > self._fixed
-
-    def _fitted(self, seen: Array, described: Array, turned: Array) -> dict[str, tuple[float, int]]:
-        """Mistakes with two unknowns that are larger than they may be: sum of squares, and angles left to tell."""
-        found = {}
-        residual, rest = seen - described, len(seen) - 1
-        vector = complex((residual / turned).mean())
-        if abs(vector) > self._fixed:
-            found[f"{self._fixed_name} differs by {abs(vector):.3g}"] = _square(residual - vector * turned), rest
+        if angles < FEWEST:
+            return found
+        differs = abs(complex(turning[0]))
+        if differs > self._fixed:
+            name = f"{self._fixed_name} differs by {differs:.3g}"
+            found[name] = _Rival(_square(seen - described - turning), angles - 1, differs)
         size = _square(described)
         scale = complex((seen * described.conj()).sum()) / size if size > 0.0 else 1.0 + 0j
-        if abs(scale - 1.0) > LEAST_PART and self._is_no_motion((scale - 1.0) * described):
-            square = _square(seen - scale * described)
-            found[f"what is read is {abs(scale):.3g} times what is described, turned by {_degrees(scale):.3g}°"] = (
-                square,
-                rest,
-            )
+        if abs(scale - 1.0) > LEAST_PART:
+            name = f"what is read is {abs(scale):.3g} times what is described, turned by {_degrees(scale):.3g}°"
+            difference = _size((scale - 1.0) * described)
+            found[name] = _Rival(_square(seen - scale * described), angles - 1, difference)
         return found
 
 
@@ -162,19 +176,21 @@ def _square(values: Array) -> float:
     return float((values * values.conj()).real.sum())
 
 
-def _each(reading: Reading, described: Array) -> Array:
-    return np.array([reading(complex(value)) for value in described])
+def _size(values: Array) -> float:
+    """Root mean square."""
+    return math.sqrt(_square(values) / len(values))
 
 
 MIRRORED: Mapping[str, Reading] = {
-    "x is reversed": lambda v: complex(-v.real, v.imag),
-    "y is reversed": lambda v: complex(v.real, -v.imag),
+    "x is reversed": lambda v: -v.conj(),
+    "y is reversed": lambda v: v.conj(),
     "x and y are both reversed": lambda v: -v,
-    "x and y are exchanged": lambda v: complex(v.imag, v.real),
-    "x and y are exchanged and reversed": lambda v: complex(-v.imag, -v.real),
-    "x is read as y and y as -x": lambda v: complex(-v.imag, v.real),
-    "x is read as -y and y as x": lambda v: complex(v.imag, -v.real),
+    "x and y are exchanged": lambda v: 1j * v.conj(),
+    "x and y are exchanged and reversed": lambda v: -1j * v.conj(),
+    "x is read as y and y as -x": lambda v: 1j * v,
+    "x is read as -y and y as x": lambda v: -1j * v,
 }
 """The seven other ways in which two axes can be connected."""
 
-DARK: Mapping[str, Reading] = {"nothing is seen, as without light": lambda v: 0j}
+DARK: Mapping[str, Reading] = {"nothing is seen, as without light": np.zeros_like}
+"""What an autocollimator shows whose light does not come back."""

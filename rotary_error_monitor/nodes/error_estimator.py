@@ -234,6 +234,8 @@ class ErrorEstimator(ManagedNode):
             "tilt_uncertainty_scale": belief.verdict.tilt_scale,
             "command_delay_ms": belief.command.delay * 1e3,
             "verified": belief.verified,
+            "unresolved_radial_um": belief.verdict.unresolved * 1e6,
+            "unresolved_tilt_urad": belief.verdict.unresolved_tilt * 1e6,
             "unseen_graduation_orders": " ".join(map(str, status.unseen_orders)),
         }
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.description_check import FigureCheck
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Evidence, Reach, Window, WindowGrid
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, PERSISTENT, SHORT, HeadBelief
 from rotary_error_monitor.pipeline.ring_belief import CommandBelief, RingBelief
@@ -39,6 +40,8 @@ class Verdict:
         tilt, ecc, radial: where what the description does not predict of each can be next: middle (rad, m) and reach.
         most: contradiction of the heads that is borne, in standard deviations.
         lag: what a delay of heads and command against one another makes at the present speed, rad.
+        unresolved: what mistakes in the description that are not told from the rotor's motion make of the radial error
+            motion, m; `unresolved_tilt` of the tilt, rad.
     """
 
     excluded: int = 0
@@ -46,6 +49,8 @@ class Verdict:
     head_scale: float = 1.0
     tilt_scale: float = 1.0
     lag: float = 0.0
+    unresolved: float = 0.0
+    unresolved_tilt: float = 0.0
     most: float = math.inf
     tilt: Reach = EVERYWHERE
     ecc: Reach = EVERYWHERE
@@ -185,6 +190,10 @@ class Belief:
     def _part(self, covered: float) -> float:
         return min(1.0, covered / self._check_turns) if self._check_turns > 0 else 1.0
 
+    def _unresolved(self, figure: FigureCheck) -> float:
+        """What a description leaves open that has been held against the stage; before, it counts as unverified."""
+        return figure.unresolved if self._check_turns > 0.0 and self._part(figure.covered) == 1.0 else 0.0
+
     def assess(self, evidence: Evidence) -> tuple[list[tuple[slice, Verdict]], int]:
         """Verdicts that hold for the ticks of the evidence, and for how many of them it is valid.
 
@@ -272,6 +281,8 @@ class Belief:
             self.heads.scale,
             self.tilt.scale,
             self.command.lag,
+            self._unresolved(self.ring.figure),
+            self._unresolved(self.tilt.figure),
             self.heads.most,
             self.tilt.reach,
             self.command.reach,

@@ -33,6 +33,8 @@ COLUMNS = (
     "head_scale",
     "tilt_scale",
     "lag",
+    "unresolved",
+    "unresolved_tilt",
 )
 """Columns of a block of error motion after `t`; `observable`, `streams` and `doubts` are bit masks."""
 

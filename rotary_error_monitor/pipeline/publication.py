@@ -18,7 +18,7 @@ from rotary_error_monitor.pipeline.error_motion_rows import COLUMN
 from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
 from rotary_error_monitor.signals.blocks import SampleBlock
 
-_BELIEVED = ("streams", "doubts", "head_scale", "tilt_scale", "lag")
+_UNCERTAIN = ("head_scale", "tilt_scale", "lag", "unresolved", "unresolved_tilt")
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,8 @@ class Decision:
 
     Attributes:
         streams: bit mask of the streams that were used.
-        doubts, head_scale, tilt_scale, lag: as in `Verdict`; none where a run of an earlier version did not say.
+        doubts, head_scale, tilt_scale, lag, unresolved, unresolved_tilt: as in `Verdict`; none where a run of an
+            earlier version did not say.
     """
 
     streams: int
@@ -35,6 +36,8 @@ class Decision:
     head_scale: float = 1.0
     tilt_scale: float = 1.0
     lag: float = 0.0
+    unresolved: float = 0.0
+    unresolved_tilt: float = 0.0
 
 
 Decisions: TypeAlias = Mapping[int, Decision]
@@ -51,7 +54,7 @@ def decisions_from_block(block: SampleBlock) -> dict[int, Decision]:
     times = block.times_ns.tolist()
     if "doubts" not in block.names:
         return {time: Decision(mask) for time, mask in zip(times, streams, strict=True)}
-    said = block.columns(_BELIEVED).tolist()
+    said = block.columns(("streams", "doubts", *_UNCERTAIN)).tolist()
     return {time: Decision(int(row[0]), int(row[1]), *row[2:]) for time, row in zip(times, said, strict=True)}
 
 
@@ -62,7 +65,7 @@ class Believed:
         self.excluded = np.zeros(count, np.int64)
         self.doubts = np.zeros(count, np.int64)
         self.head_scale, self.tilt_scale = np.ones(count), np.ones(count)
-        self.lag = np.zeros(count)
+        self.lag, self.unresolved, self.unresolved_tilt = np.zeros(count), np.zeros(count), np.zeros(count)
         self.most = np.full(count, np.inf)
         self.reach = {name: np.tile([0.0, 0.0, np.inf], (count, 1)) for name in ("tilt", "ecc", "radial")}
 
@@ -79,8 +82,9 @@ class Believed:
         """The verdict holds at some of the ticks."""
         self.excluded[where] = verdict.excluded
         self.doubts[where] = verdict.doubts
-        self.head_scale[where], self.tilt_scale[where] = verdict.head_scale, verdict.tilt_scale
-        self.lag[where], self.most[where] = verdict.lag, verdict.most
+        for name in _UNCERTAIN:
+            getattr(self, name)[where] = getattr(verdict, name)
+        self.most[where] = verdict.most
         for name, reach in (("tilt", verdict.tilt), ("ecc", verdict.ecc), ("radial", verdict.radial)):
             self.reach[name][where] = reach
 
@@ -89,8 +93,8 @@ class Believed:
         if decision.doubts is None:
             return
         self.doubts[place] |= decision.doubts
-        self.head_scale[place], self.tilt_scale[place] = decision.head_scale, decision.tilt_scale
-        self.lag[place] = decision.lag
+        for name in _UNCERTAIN:
+            getattr(self, name)[place] = getattr(decision, name)
 
 
 class Publication:
@@ -142,7 +146,7 @@ class Publication:
                     rows[which, COLUMN[name]] = 0.0
         rows[:, COLUMN["observable"]] = observable
         rows[:, COLUMN["streams"]] = streams
-        for name in ("doubts", "head_scale", "tilt_scale", "lag"):
+        for name in ("doubts", *_UNCERTAIN):
             rows[:, COLUMN[name]] = getattr(believed, name)
         agree = (disagreement <= believed.most) & near & ~doubts["heads"]
         return np.asarray(agree & np.isfinite(rows).all(axis=1))
@@ -162,8 +166,11 @@ class Publication:
             rows[:, COLUMN[name]] *= heads
         bits = rows[:, COLUMN["observable"]].astype(np.int64)
         step = np.where(redundancy == 0, self._unseen, 0.0)
-        radial = self._assembly["radial"] + np.where(believed.has("unverified"), self._unproven["radial"], 0.0)
-        tilt = self._assembly["tilt"] + np.where(believed.has("unverified_tilt"), self._unproven["tilt"], 0.0)
+        # Of a vector that turns with the rotor, each component has half of the square.
+        radial = self._assembly["radial"] + 0.5 * believed.unresolved**2
+        radial += np.where(believed.has("unverified"), self._unproven["radial"], 0.0)
+        tilt = self._assembly["tilt"] + 0.5 * believed.unresolved_tilt**2
+        tilt += np.where(believed.has("unverified_tilt"), self._unproven["tilt"], 0.0)
         for bit, name, added in (
             (0, "var_exc", step + radial),
             (1, "var_eyc", step + radial),

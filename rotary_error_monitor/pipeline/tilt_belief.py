@@ -42,9 +42,9 @@ class TiltBelief:
         self._anywhere = Reach(0.0, 0.0, 2.0 * stage.limits.tilt)
         self._equal_run = run_by_chance(stage.autocollimator)
         noise = math.hypot(stage.autocollimator.noise, stage.autocollimator.resolution / math.sqrt(12.0))
-        self.figure = FigureCheck(
-            {**MIRRORED, **DARK}, noise, 0.5 * stage.limits.tilt, "tilt of the mirror on the rotor, rad,"
-        )
+        known = stage.uncertainty.get("mirror.tilt", 0.0) > 0.0
+        mirror = "tilt of the mirror on the rotor, rad,"
+        self.figure = FigureCheck({**MIRRORED, **DARK}, noise, 0.5 * stage.limits.tilt, mirror, known=known)
         self.reset()
 
     def reset(self) -> None:

@@ -105,6 +105,8 @@ def check_stage(bag: Path | str, stage: StageDescription) -> StageCheck:
         "tilt uncertainty scale": belief.verdict.tilt_scale,
         "delay of the heads against the command, ms": belief.command.delay * 1e3,
         "whole turns taken out": float(status.turns),
+        "eccentricity or error motion, not told which, um": belief.verdict.unresolved * 1e6,
+        "tilt of the mirror or of the axis, not told which, urad": belief.verdict.unresolved_tilt * 1e6,
     }
     remarks = tuple(remark for remark in (*reader.remarks, window and window.remark) if remark)
     return StageCheck(tuple(log.doubts.values()), refused, belief.verified, log.duration, figures, remarks)

@@ -376,9 +376,9 @@ BEHAVIOUR = (
         "description",
         f"{_ESTIMATOR}; `rotary_error_monitor check BAG` says what does not fit",
         "held against the stage over a turn before corrections flow; before as uncertain as the stage can move",
-        "nothing that rests on what is contradicted; what limits cannot tell stays within them",
+        "nothing that rests on what is contradicted; what is not told from the rotor's own motion is as uncertain",
         "with the right description",
-        everything_bound,
+        command_bound,
     ),
 )
 """The stated behaviour under every fault of the world."""

@@ -128,3 +128,46 @@ def test_what_was_seen_long_ago_makes_room():
     for angle, here, said in zip(theta + 2 * np.pi, true, described, strict=True):
         check.add(angle, (here.real, here.imag), (said.real, said.imag))
     assert check.judge() is None
+
+
+SMALL = {"left out": lambda v: 0 * v, "half": lambda v: 0.5 * v, **MIRRORED}
+
+
+def small_mistake(seed, mistake, own):
+    """A description with a mistake that the stage's own motion hides: the check, what it found, the mistake's size."""
+    generator = np.random.default_rng(seed)
+    theta = generator.uniform(-9, 9) + np.linspace(0.0, 2 * np.pi, 200)
+    figure = generator.uniform(1e-6, 0.2 * TILT) * np.exp(1j * (theta + generator.uniform(0, 2 * np.pi)))
+    described = figure if mistake is None else np.array([SMALL[mistake](value) for value in figure])
+    true = figure + wave(generator, theta, own) + generator.normal(0, NOISE, (2, 200)).T @ [1, 1j]
+    return *judge(theta, true, described, MIRRORED), np.abs(described - figure)
+
+
+@pytest.mark.parametrize("mistake", list(SMALL))
+def test_a_mistake_that_is_not_told_counts_as_uncertainty(mistake):
+    """An independent statement of the rule that nothing is off by more than six of its standard deviations."""
+    beyond = 0
+    for seed in range(300):
+        check, found, size = small_mistake(seed, mistake, 3e-6)
+        beyond += found is None and size.max() > 6.0 * np.hypot(check.unresolved / np.sqrt(2.0), NOISE)
+    assert beyond <= 6
+
+
+def test_what_is_described_right_stays_certain():
+    """What is left of the noise, and of the rotor's own motion the part that turns with it."""
+    for seed in range(100):
+        assert small_mistake(seed, None, 0.0)[0].unresolved < 0.5 * NOISE
+        assert small_mistake(seed, None, 3e-6)[0].unresolved < 3e-6
+
+
+def test_a_calibrated_vector_leaves_the_rotor_its_own():
+    generator = np.random.default_rng(7)
+    theta = np.linspace(0.0, 2 * np.pi, 200)
+    seen = 5e-6 * np.exp(1j * theta) + generator.normal(0, NOISE, (2, 200)).T @ [1, 1j]
+    checks = {known: FigureCheck({}, NOISE, 0.5 * TILT, "tilt of the mirror", known=known) for known in (False, True)}
+    for check in checks.values():
+        for angle, here in zip(theta, seen, strict=True):
+            check.add(angle, (here.real, here.imag), (0.0, 0.0))
+        assert check.judge() is None
+    assert checks[False].unresolved == pytest.approx(5e-6, rel=0.1)
+    assert checks[True].unresolved == 0.0
