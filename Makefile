@@ -39,18 +39,24 @@ run: setup ## start a whole machine cell on mock sensors, record it, replay it, 
 run-linuxcnc: setup ## a five-axis program on a headless LinuxCNC, with and without correction
 	$(BIN)/rotary_error_monitor run-linuxcnc
 
-# Tests of running processes wait for most of their time, so the others run beside them; what they say comes at the end.
-# Simulations over many stages and machines compute for minutes: coverage, which others give, would treble that.
+# Tests of running processes wait for most of their time, so the others run beside them.
 LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security soak testing)
-SIMULATED := $(addprefix test/,faults/test_recordings.py faults/test_machine_faults.py pipeline/test_reversals.py)
+# Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
+RECORDINGS := test/faults/test_recordings.py
+RATES := $(addprefix test/,fuzz test_lacking_recordings.py faults/test_machine_faults.py pipeline/test_reversals.py \
+	description/test_configurations.py $(addprefix calibration/test_,axis_lines.py identification.py \
+	straightness_rates.py) $(addprefix gap/test_,cases.py quadrature.py) $(addprefix metrology/test_,assembly.py axis_fits.py))
+
+# runs two commands at once; what the first says comes at the end
+BOTH = $(1) > build/beside.log 2>&1 & beside=$$!; $(2); here=$$?; \
+	wait $$beside; beside=$$?; cat build/beside.log; test $$here = 0 && test $$beside = 0
+COVERED := $(BIN)/python -m coverage run -m pytest $(PYTEST_ARGS)
 
 test: setup lint ## lint, type check and all tests, with coverage of at least 90 %
 	$(BIN)/python -m coverage erase
 	@mkdir -p build
-	$(BIN)/python -m coverage run -m pytest $(PYTEST_ARGS) $(LIVE) > build/live.log 2>&1 & live=$$!; \
-	$(BIN)/python -m coverage run -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(LIVE) $(SIMULATED)); others=$$?; \
-	$(BIN)/python -m pytest $(PYTEST_ARGS) $(SIMULATED); simulated=$$?; \
-	wait $$live; live=$$?; cat build/live.log; test $$others = 0 && test $$simulated = 0 && test $$live = 0
+	$(call BOTH,$(COVERED) $(LIVE),$(COVERED) $(addprefix --ignore=,$(LIVE) $(RECORDINGS) $(RATES)))
+	$(call BOTH,$(BIN)/python -m pytest $(PYTEST_ARGS) $(RECORDINGS),$(BIN)/python -m pytest $(PYTEST_ARGS) $(RATES))
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 

@@ -325,7 +325,7 @@ def test_repeated_coarse_runs_keep_travel_and_height(
 
 def test_stated_uncertainty_of_coarse_runs_covers(tmp_path: Path, machine: Path) -> None:
     shares, stated = [], []
-    for seed in range(25):
+    for seed in range(12):
         assert run("straightness", coarse_file(tmp_path, 3, 0.3, seed), "--machine", machine, *COARSE) == 0
         table, note = load_machine(machine).errors["EYX"].table, calibration_of(machine)["EYX"]
         assert table is not None

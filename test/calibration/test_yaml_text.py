@@ -145,7 +145,7 @@ VALUES = st.one_of(
 )
 
 
-@settings(max_examples=700, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(st.data())
 def test_only_the_lines_of_what_is_set_change(data: st.DataObject) -> None:
     key = data.draw(st.sampled_from(sorted(TEXTS)))
