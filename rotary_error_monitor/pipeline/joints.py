@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.pipeline.joint_checks import JointChecks
+from rotary_error_monitor.pipeline.travel import STILL, Travel
 from rotary_error_monitor.signals.blocks import NANOSECONDS, block_from_samples
 from rotary_error_monitor.signals.streams import SampleStream
-
-STILL = 1e-9
-"""Motion between two joint states (m or rad) that counts as none; the direction of travel then stays."""
 
 MEMORY_NS = 10_000_000_000
 """How long a refused joint state is remembered, ns: longer than any joint state is used."""
@@ -103,7 +101,7 @@ class JointTrack:
         self._refused = np.empty(0, np.int64)
         self.checks = JointChecks(machine)
         self.doubt = ""
-        self._direction = np.zeros(len(self._letters))
+        self._travel = Travel(machine)
         self._last: NDArray[np.float64] | None = None
 
     def push(self, stamp_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]) -> bool:
@@ -127,14 +125,15 @@ class JointTrack:
         row = row if told else np.nan_to_num(row)
         recent = newest is not None and stamp_ns - newest <= LONGEST_STEP * NANOSECONDS
         # over a longer pause an axis may have turned back: then its speed tells which way it goes
-        moved = self._moved(row - self._last) if self._last is not None and recent else np.zeros(len(row))
-        direction = np.where(np.abs(moved) > STILL, np.sign(moved), np.sign(speed))
-        direction = np.where(direction == 0, self._direction, direction)
+        if self._last is not None and recent:
+            direction = self._travel.move(self._moved(row - self._last), speed)
+        else:
+            direction = self._travel.resume(speed)
         taken = self.stream.push(
             block_from_samples(np.array([stamp_ns]), self.stream.names, np.concatenate([row, direction, [told]])[None])
         )
         if taken:
-            self._last, self._direction = row, direction
+            self._last = row
         return bool(taken)
 
     def count_decided(self, ticks_ns: NDArray[np.int64], watermark_ns: int) -> int:
