@@ -153,5 +153,8 @@ def _travel(
         now += change * time
         left -= time
         if left <= 0.0:
-            return position + sign * moved, sign * now
+            reached = position + sign * moved
+            # what goes towards its target can brake before it: what lies beyond is rounding
+            beyond = start >= 0.0 and sign * (target - reached) < 0.0
+            return (target if beyond else reached), sign * now
     return target, 0.0

@@ -97,7 +97,9 @@ class StageDescription:
 
     Attributes:
         stated_limits: limits by name, as in the file; empty where it states none.
-        uncertainty: standard uncertainty of parameters by dotted name, as in the file; empty for an exact description.
+        uncertainty: standard uncertainty of parameters by dotted name, as in the file or its calibration. A twin is
+            exact in what is not named; live, eccentricity and tilt of the mirror are then as uncertain as the stage
+            shows them.
     """
 
     encoder: Encoder
@@ -174,8 +176,20 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
         else Lvdt(float(lvdt["height"]), float(lvdt["noise"]), _pair(lvdt.get("artefact_eccentricity", (0.0, 0.0)))),
         reference_temperature=float(stage.get("environment", {}).get("reference_temperature", 20.0)),
         stated_limits={name: float(value) for name, value in stage.get("limits", {}).items()},
-        uncertainty={name: float(value) for name, value in stage.get("uncertainty", {}).items()},
+        uncertainty=_calibrated(stage) | {name: float(value) for name, value in stage.get("uncertainty", {}).items()},
     )
+
+
+def _calibrated(stage: Mapping[str, Any]) -> dict[str, float]:
+    """Standard uncertainties of ring and mirror from their calibration; what the file states itself counts before."""
+    found = {}
+    for part, vector, rows in (("encoder", "eccentricity", "graduation"), ("mirror", "tilt", "flatness")):
+        note = stage.get("calibration", {}).get(part, {})
+        if "uncertainty" in note:
+            found[f"{part}.{vector}"] = float(note["uncertainty"])
+        if f"{rows}_uncertainty" in note.get("figures", {}):
+            found[f"{part}.{rows}"] = float(note["figures"][f"{rows}_uncertainty"])
+    return found
 
 
 def _pair(values: Iterable[float]) -> tuple[float, float]:

@@ -40,7 +40,7 @@ class RingBelief:
         """Judge of the ring of a stage."""
         self._limit = stage.limits.radial
         noise = math.hypot(stage.encoder.noise, stage.encoder.resolution / math.sqrt(12.0)) * stage.encoder.disc_radius
-        known = stage.uncertainty.get("encoder.eccentricity", 0.0) > 0.0
+        known = "encoder.eccentricity" in stage.uncertainty
         self.figure = FigureCheck(MIRRORED, noise, 0.5 * self._limit, "eccentricity of the ring, m,", known=known)
         self.reset()
 

@@ -42,7 +42,7 @@ class TiltBelief:
         self._anywhere = Reach(0.0, 0.0, 2.0 * stage.limits.tilt)
         self._equal_run = run_by_chance(stage.autocollimator)
         noise = math.hypot(stage.autocollimator.noise, stage.autocollimator.resolution / math.sqrt(12.0))
-        known = stage.uncertainty.get("mirror.tilt", 0.0) > 0.0
+        known = "mirror.tilt" in stage.uncertainty
         mirror = "tilt of the mirror on the rotor, rad,"
         self.figure = FigureCheck({**MIRRORED, **DARK}, noise, 0.5 * stage.limits.tilt, mirror, known=known)
         self.reset()

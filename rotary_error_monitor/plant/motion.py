@@ -72,7 +72,7 @@ class Motion:
     def at(self, time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Commanded angle (n,) rad and velocity (n,) rad/s at `time` (n,) s; the angle is 0 at time 0."""
         turns = np.floor(time / self.cycle)
-        within = time - turns * self.cycle
+        within = np.maximum(time - turns * self.cycle, 0.0)  # the quotient of a tiny time before 0 is 0
         index = np.minimum(np.searchsorted(self._starts, within, side="right") - 1, len(self.segments) - 1)
         before, change, ramp = self._before[index], self._change[index], self._ramps[index]
         passed = within - self._starts[index]

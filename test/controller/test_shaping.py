@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rotary_error_monitor.controller.shaping import LONGEST_STEP, Course, CourseLimits
@@ -87,6 +87,7 @@ def test_a_target_that_stands_is_overshot_by_no_more_than_the_way_to_brake(accel
 
 @settings(max_examples=200, deadline=None)
 @given(accelerations, shares, shares, st.lists(intervals, min_size=2, max_size=150))
+@example(0.001, 8e-06, 0.0, [4_000_000, 4_000_000])
 def test_from_rest_it_goes_straight_to_its_target(acceleration, start, end, steps):
     course = make(acceleration, start * LARGEST)
     course.aim((end * LARGEST,))

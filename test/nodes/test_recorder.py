@@ -30,6 +30,9 @@ from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.qos import profile
 from rotary_error_monitor.nodes.recorder import Recorder
 
+REPEATED = 4.0
+"""Time, s, after which the middleware has sent again what did not fit into its buffers: its heartbeat period is 3 s."""
+
 
 def recorded(bag, topic):
     """Bytes of each message of a topic, by rosbags."""
@@ -186,7 +189,7 @@ def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tm
     recorder.go_on()
     cell.spin_for(2.0)
     ended_ns = time.time_ns()
-    cell.spin_for(1.0)
+    cell.spin_for(REPEATED)
     assert cell.figures("recorder: recording")["lost_messages"] == "0"
     assert recorder.stop() == 0
     for name, received in heard.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rotary_error_monitor.errors import InputError
@@ -34,6 +34,7 @@ def test_angle_of_constant_speeds_is_their_sum() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(2, 20), st.floats(-10, 10)), min_size=1, max_size=6), st.floats(-1e3, 1e3))
+@example([(2.0, 0.0), (2.0, 1.0)], -5e-324)
 def test_motion_repeats(rows: list[tuple[float, float]], start: float) -> None:
     motion = Motion(tuple(Segment(*row) for row in rows))
     time = start + np.linspace(0, 30, 50)

@@ -76,9 +76,9 @@ def test_a_second_publisher_of_an_input(live, chance, make):
         name = f"error_estimator: publishers of {topic.name}"
         # one block of 16 MB is enough: many would keep the middleware from bringing anything else
         pause = 2 * REPEATED if make is stranger.a_million else 0.025
-        shared = "several publishers share"
-        speak_until(live, say, lambda: live.has_said(name, begin_ns, shared), "a word of two", pause)
-        said = live.wait_for_word(name, begin_ns, "/stranger", "/mock" if "command" in key else key.split("_")[0])
+        words = "several publishers share", "/stranger", "/mock" if "command" in key else key.split("_")[0]
+        speak_until(live, say, lambda: live.has_said(name, begin_ns, *words), "a word of two", pause)
+        said = live.wait_for_word(name, begin_ns, *words)
         transfer = REPEATED if make is stranger.a_million else 0.0
         check("said", said.stamp_ns - begin_ns, SAID_WITHIN + transfer, lost())
         end_ns = live.clock()

@@ -31,7 +31,8 @@ def test_two_machines_do_not_hear_one_another(live, seed):
     assert abs(live.truth.offset(now) - left.truth.offset(now)).max() > 1e-7, "the machines differ"
     said = {each.name for each in live.heard.said if each.stamp_ns > up_ns and each.level > 0}
     assert not {name for name in said if "publishers of" in name}
-    assert {f"left/{name}: state" for name in NAMES} <= {each.name for each in live.heard.said}
+    states = {f"left/{name}: state" for name in NAMES}
+    live.wait(lambda: states <= {each.name for each in live.heard.said}, "diagnostics of every node on the left")
     for name in NAMES:
         left.kill(name)
     with live.lost() as lost:
