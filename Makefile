@@ -43,9 +43,10 @@ run-linuxcnc: setup ## a five-axis program on a headless LinuxCNC, with and with
 LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security soak testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 RECORDINGS := test/faults/test_recordings.py
-RATES := $(addprefix test/,fuzz test_lacking_recordings.py faults/test_machine_faults.py pipeline/test_reversals.py \
+RATES := $(addprefix test/,fuzz test_lacking_recordings.py faults/test_machine_faults.py \
 	description/test_configurations.py $(addprefix calibration/test_,axis_lines.py identification.py \
-	straightness_rates.py) $(addprefix gap/test_,cases.py quadrature.py) $(addprefix metrology/test_,assembly.py axis_fits.py))
+	straightness_rates.py yaml_text.py) $(addprefix gap/test_,cases.py quadrature.py) $(addprefix metrology/test_,assembly.py \
+	axis_fits.py description_check.py) $(addprefix pipeline/test_,estimation.py reversals.py))
 
 # runs two commands at once; what the first says comes at the end
 BOTH = $(1) > build/beside.log 2>&1 & beside=$$!; $(2); here=$$?; \
