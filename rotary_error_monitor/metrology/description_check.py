@@ -38,6 +38,9 @@ LEAST_PART = 0.25
 """A mistake is one only where it explains as much of what the description leaves, in sum of squares, and a scale only
 where it is wrong by as much."""
 
+FINDING = 6.0
+"""Standard deviations of the noise below which nothing is a finding: noise does not reach them in years."""
+
 LEAST_NOISE = 1e-15
 """Less noise than any instrument has, m or rad: what is described as exact is still a number of 53 bits."""
 
@@ -87,7 +90,7 @@ class FigureCheck:
 
         Args:
             mistakes: readings by the words for the mistake; what each would show in the place of the described vector.
-            noise: standard deviation of what noise leaves, m or rad; less than six of it is no finding.
+            noise: standard deviation of what noise leaves, m or rad; less than `FINDING` of it is no finding.
             fixed: largest vector that turns with the rotor and is not described, m or rad; a mistake that makes no
                 more of a difference is none.
             fixed_name: words for that vector.
@@ -107,6 +110,11 @@ class FigureCheck:
         self._count = np.zeros(BINS, np.int64)
         self._last = -1
         self.covered = self.unresolved = 0.0
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether what is not resolved is more than noise."""
+        return self.unresolved > FINDING * self._noise
 
     def add(self, theta: float, seen: tuple[float, float], described: tuple[float, float]) -> bool:
         """Take in what is seen and described (x, y) at a rotation (rad); give whether an angle is new."""
@@ -144,7 +152,7 @@ class FigureCheck:
             self.unresolved = max(self.unresolved, rival.difference * math.sqrt(expit(odds)))
             if odds >= highest and explained >= LEAST_PART and rival.difference > self._fixed:
                 best, highest = Finding(name, math.sqrt(total / angles), explained), odds
-        return None if best is None or best.left < 6.0 * self._noise else best
+        return None if best is None or best.left < FINDING * self._noise else best
 
     def _rivals(self, seen: Array, described: Array, turning: Array) -> dict[str, _Rival]:
         """Mistakes, and what was fitted: the vector that turns with the rotor, a scale and a turn."""

@@ -217,6 +217,14 @@ class ErrorEstimator(ManagedNode):
         if belief.verdict.head_scale > _TOLD_SCALE:
             scale = belief.verdict.head_scale
             yield Level.WARN, f"the heads contradict one another: their uncertainty is raised {scale:.1f} times"
+        for what, size in belief.unresolved:
+            yield (
+                Level.WARN,
+                (
+                    f"{what} and error motion are not told apart: {size * 1e6:.3g} µm (or µrad) count as uncertainty; "
+                    "rotary_error_monitor calibrate assembly tells"
+                ),
+            )
         if belief.verified < 1.0:
             yield Level.WARN, f"the description is held against the stage: {belief.verified:.0%} of a turn so far"
 

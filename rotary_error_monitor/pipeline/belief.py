@@ -190,6 +190,13 @@ class Belief:
     def _part(self, covered: float) -> float:
         return min(1.0, covered / self._check_turns) if self._check_turns > 0 else 1.0
 
+    @property
+    def unresolved(self) -> Iterator[tuple[str, float]]:
+        """What of the description the recording leaves open by more than noise, and how much of it, m or rad."""
+        for what, figure in (("eccentricity of the ring", self.ring.figure), ("tilt of the mirror", self.tilt.figure)):
+            if figure.stands_out and self._unresolved(figure) > 0.0:
+                yield what, figure.unresolved
+
     def _unresolved(self, figure: FigureCheck) -> float:
         """What a description leaves open that has been held against the stage; before, it counts as unverified."""
         return figure.unresolved if self._check_turns > 0.0 and self._part(figure.covered) == 1.0 else 0.0

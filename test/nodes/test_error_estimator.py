@@ -17,6 +17,7 @@ from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 COMPONENTS = ("exc", "eyc", "ezc", "eac", "ebc", "ecc")
@@ -250,3 +251,16 @@ def test_two_publishers_of_a_head_are_told_and_the_head_is_left_out(cell, estima
     status = cell.wait_for_status(f"error_estimator: publishers of {topic.name}", "several publishers share")
     assert "test_harness" in status.message
     assert newest_mask(estimates) & 0b1111 == 0b1011
+
+
+def test_an_eccentricity_that_nobody_calibrated_is_said(cell, sensors, tmp_path):
+    """Off by 4 µm, which the stage itself could move: no mistake is told, but it is as uncertain."""
+    text = config("stage.yaml").read_text(encoding="utf-8")
+    assert "eccentricity: [2.4e-05, -1.1e-05]" in text
+    stage = tmp_path / "stage.yaml"
+    stage.write_text(text.replace("[2.4e-05, -1.1e-05]", "[2.8e-05, -1.1e-05]"), encoding="utf-8")
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, stage=str(stage))
+    cell.wait_for_status(
+        "error_estimator: estimate", "eccentricity of the ring and error motion are not told apart", 60
+    )
+    assert float(cell.figures("error_estimator: estimate")["unresolved_radial_um"]) == pytest.approx(4.0, abs=1.0)
