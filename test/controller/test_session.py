@@ -121,6 +121,9 @@ def machine(controller, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "hal", hal)
     monkeypatch.setitem(sys.modules, "linuxcnc", linuxcnc)
     monkeypatch.setattr(signal, "signal", lambda *_: None)
+    # a session asks for it for itself; here it would last, for the tests after it and for all that they start
+    machine.scheduled = []
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *asked: machine.scheduled.append(asked[:2]))
     return machine
 
 
@@ -145,6 +148,7 @@ def speak(monkeypatch, pipes):
 def test_a_session_says_hello_and_leaves_quietly(machine, speak):
     assert speak() == (0, [Hello(("X", "Y", "Z", "A", "C"))])
     assert machine.exited == 1
+    assert machine.scheduled == [(0, os.SCHED_RR)]
 
 
 @pytest.mark.parametrize(
