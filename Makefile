@@ -48,8 +48,8 @@ RATES := $(addprefix test/,fuzz test_lacking_recordings.py faults/test_machine_f
 	straightness_rates.py yaml_text.py) $(addprefix gap/test_,cases.py quadrature.py) $(addprefix metrology/test_,assembly.py \
 	axis_fits.py description_check.py) $(addprefix pipeline/test_,estimation.py reversals.py))
 
-# runs two commands at once; what the first says comes at the end
-BOTH = $(1) > build/beside.log 2>&1 & beside=$$!; $(2); here=$$?; \
+# runs two commands at once, the second on what the first leaves of the processors; what the first says comes at the end
+BOTH = $(1) > build/beside.log 2>&1 & beside=$$!; nice -n 19 $(2); here=$$?; \
 	wait $$beside; beside=$$?; cat build/beside.log; test $$here = 0 && test $$beside = 0
 COVERED := $(BIN)/python -m coverage run -m pytest $(PYTEST_ARGS)
 
