@@ -39,7 +39,7 @@ run: setup ## start a whole machine cell on mock sensors, record it, replay it, 
 run-linuxcnc: setup ## a five-axis program on a headless LinuxCNC, with and without correction
 	$(BIN)/rotary_error_monitor run-linuxcnc
 
-# Tests of running processes wait for most of their time, so the others run beside them.
+# Tests of running processes have the computer to themselves: what else runs would be tested with them.
 LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security soak testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 RECORDINGS := test/faults/test_recordings.py
@@ -47,17 +47,20 @@ RATES := $(addprefix test/,fuzz test_lacking_recordings.py faults/test_machine_f
 	description/test_configurations.py $(addprefix calibration/test_,axis_lines.py identification.py \
 	straightness_rates.py yaml_text.py) $(addprefix gap/test_,cases.py quadrature.py) $(addprefix metrology/test_,assembly.py \
 	axis_fits.py description_check.py) $(addprefix pipeline/test_,estimation.py reversals.py))
+MODELS := $(addprefix test/,calibration effects gap machine metrology twin)
 
-# runs two commands at once, the second on what the first leaves of the processors; what the first says comes at the end
-BOTH = $(1) > build/beside.log 2>&1 & beside=$$!; nice -n 19 $(2); here=$$?; \
+PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
+COVERED := $(BIN)/python -m coverage run
+# runs two commands at once, one for each of two processors; what the first says comes at the end
+BOTH = $(1) > build/beside.log 2>&1 & beside=$$!; $(2); here=$$?; \
 	wait $$beside; beside=$$?; cat build/beside.log; test $$here = 0 && test $$beside = 0
-COVERED := $(BIN)/python -m coverage run -m pytest $(PYTEST_ARGS)
 
 test: setup lint ## lint, type check and all tests, with coverage of at least 90 %
 	$(BIN)/python -m coverage erase
 	@mkdir -p build
-	$(call BOTH,$(COVERED) $(LIVE),$(COVERED) $(addprefix --ignore=,$(LIVE) $(RECORDINGS) $(RATES)))
-	$(call BOTH,$(BIN)/python -m pytest $(PYTEST_ARGS) $(RECORDINGS),$(BIN)/python -m pytest $(PYTEST_ARGS) $(RATES))
+	$(COVERED) $(call PYTEST,,$(LIVE))
+	$(call BOTH,$(COVERED) $(call PYTEST,$(RATES),$(MODELS)),$(COVERED) $(call PYTEST,$(LIVE) $(MODELS) $(RECORDINGS) $(RATES)))
+	$(call BOTH,$(BIN)/python $(call PYTEST,,$(RECORDINGS)),$(BIN)/python $(call PYTEST,,$(RATES)))
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 
