@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 NANOSECONDS = 1_000_000_000
 
@@ -18,6 +19,10 @@ class Moment(NamedTuple):
 
     stamp_ns: int
     steady_ns: int
+
+
+Clock: TypeAlias = Callable[[], Moment]
+"""Gives the present time."""
 
 
 def present() -> Moment:

@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from rotary_error_monitor.controller import session
-from rotary_error_monitor.controller.clock import NANOSECONDS, Moment
+from rotary_error_monitor.controller.clock import NANOSECONDS, Clock, Moment
 from rotary_error_monitor.controller.kinematics import ROTARY, Kinematics, Position
 from rotary_error_monitor.controller.offsets import (
     OffsetControl,
@@ -71,13 +71,13 @@ class Link:
         elif isinstance(record, HaltRequest):
             self._control.halt()
 
-    def look(self, now: Moment) -> State:
+    def look(self, clock: Clock) -> State:
         """Read the machine, write the counts that are due, and say how it stands.
 
         Raises:
             InputError: the servo thread stands still, or the pins are not free any more.
         """
-        reading = self._pins.read(now.stamp_ns)
+        reading, now = self._pins.read(clock), clock()
         self._check_pulse(reading, now.steady_ns)
         kinematics = self._pins.kinematics(reading)
         if kinematics is None:

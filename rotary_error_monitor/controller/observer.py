@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from rotary_error_monitor.controller import session
-from rotary_error_monitor.controller.clock import Moment
+from rotary_error_monitor.controller.clock import Clock, Moment
 from rotary_error_monitor.controller.pins import MachinePins
 from rotary_error_monitor.controller.protocol import Observation, ObserverSettings, Record
 
@@ -24,9 +24,9 @@ class Observer:
     def handle(self, record: Record, now: Moment) -> None:
         """Nothing is asked of an observer."""
 
-    def look(self, now: Moment) -> Observation:
+    def look(self, clock: Clock) -> Observation:
         """Axes and joints of one servo period."""
-        reading = self._pins.read(now.stamp_ns)
+        reading = self._pins.read(clock)
         return Observation(reading.stamp_ns, reading.axes, reading.joints)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from rotary_error_monitor.controller.clock import Clock
 from rotary_error_monitor.controller.kinematics import (
     ROTARY,
     XYZAC,
@@ -108,10 +109,14 @@ class MachinePins:
         for axis in self._axes:
             self._set(f"{axis}.eoffset-clear", "1")
 
-    def read(self, stamp_ns: int) -> Reading:
-        """One consistent look: what two looks in a row agree on, as the servo thread writes in between now and then."""
+    def read(self, clock: Clock) -> Reading:
+        """One consistent look: what two looks in a row agree on, as the servo thread writes in between now and then.
+
+        It is stamped by the clock between these two: then it was so, however long anything before or after took.
+        """
         look = self._look()
         for _ in range(_LOOKS):
+            now = clock()
             again = self._look()
             if again == look:
                 break
@@ -119,7 +124,7 @@ class MachinePins:
         axes, joints, requested, applied = look
         value = self._hal.get_value
         return Reading(
-            stamp_ns=stamp_ns,
+            stamp_ns=now.stamp_ns,
             axes=axes,
             joints=joints,
             joint_velocities=self._values(self._joints, "vel-cmd"),

@@ -22,7 +22,7 @@ from types import FrameType
 from typing import Any, Protocol, TypeAlias
 
 from rotary_error_monitor.controller import presence
-from rotary_error_monitor.controller.clock import Moment, present
+from rotary_error_monitor.controller.clock import Clock, Moment, present
 from rotary_error_monitor.controller.kinematics import LETTERS
 from rotary_error_monitor.controller.modules import load_module
 from rotary_error_monitor.controller.pins import MachinePins, Units
@@ -46,7 +46,7 @@ class Looker(Protocol):
         """Take up what the other side says."""
         ...
 
-    def look(self, now: Moment) -> Record:
+    def look(self, clock: Clock) -> Record:
         """Look at the machine, and say what is seen."""
         ...
 
@@ -61,7 +61,7 @@ def serve(
     task: int,
     source: int,
     send: Callable[[Record], None],
-    clock: Callable[[], Moment] = present,
+    clock: Clock = present,
 ) -> str:
     """Look at the machine each `period` s and take up what the other side says, until something ends.
 
@@ -97,7 +97,7 @@ def serve(
                 for line in lines:
                     looker.handle(decode(line), clock())
             if time.monotonic() >= due:
-                send(looker.look(clock()))
+                send(looker.look(clock))
                 # Looks that come late are left out, not made up for: only the newest state is worth anything.
                 due = max(due + period, time.monotonic())
 

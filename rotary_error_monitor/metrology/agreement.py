@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 
@@ -38,6 +37,8 @@ the eccentricity, at wrong angles."""
 @functools.lru_cache(maxsize=4096)
 def chi_square_bound(freedom: float) -> float:
     """What chi-square over its degrees of freedom exceeds with the probability `CHANCE`."""
+    from scipy.special import chdtri  # loads for a third of a second, and the compensation reads doubts alone
+
     return float(chdtri(freedom, CHANCE)) / freedom
 
 

@@ -24,7 +24,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 Array = NDArray[np.complex128]
 
@@ -149,7 +148,7 @@ class FigureCheck:
             explained = 1.0 - max(rival.square, least) / total
             paid = (angles - rival.freedom) * math.log(angles)  # what was fitted pays for its freedom (Schwarz 1978)
             odds = -rival.freedom * math.log1p(-explained) - paid
-            self.unresolved = max(self.unresolved, rival.difference * math.sqrt(expit(odds)))
+            self.unresolved = max(self.unresolved, rival.difference * math.sqrt(_probability(odds)))
             if odds >= highest and explained >= LEAST_PART and rival.difference > self._fixed:
                 best, highest = Finding(name, math.sqrt(total / angles), explained), odds
         return None if best is None or best.left < FINDING * self._noise else best
@@ -174,6 +173,11 @@ class FigureCheck:
             difference = _size((scale - 1.0) * described)
             found[name] = _Rival(_square(seen - scale * described), angles - 1, difference)
         return found
+
+
+def _probability(odds: float) -> float:
+    """Of what has the logarithm of the odds, by the logistic function."""
+    return 0.5 + 0.5 * math.tanh(0.5 * odds)
 
 
 def _degrees(value: complex) -> float:

@@ -19,8 +19,13 @@ FROZEN = "frozen"
 OVERRUN = 0.01
 """Part of the travel by which an axis may be beyond it: soft limits stand a little outside the machining range."""
 
-STAMP_JITTER = 5e-3
-"""By how much two stamps of a controller that is not synchronised may differ from the times of its positions, s."""
+STAMP_JITTER = 20e-3
+"""By how much two stamps of a controller that is not synchronised may differ from the times of its positions, s: what a
+computer without real-time kernel lets a servo thread or a reader wait. It makes up for that at once, so the margin is
+what an axis goes in that time at its pace; a correction changes by nothing in it."""
+
+PACE_FADES = 0.1
+"""Time, s, in which the pace of an axis is forgotten: longer than a stall."""
 
 PAUSE = 0.5
 """A pause, s, after which a position elsewhere is no jump: the machine may have been off and moved or homed."""
@@ -59,6 +64,7 @@ class JointChecks:
         self._last: NDArray[np.float64] | None = None
         self._good: NDArray[np.float64] | None = None
         self._speed = np.full(len(self._axes), np.nan)
+        self._pace = np.zeros(len(self._axes))
         self._away = ""
         self._back_ns: int | None = None
         self._doubtful = False
@@ -77,7 +83,9 @@ class JointChecks:
         self._heard_ns = stamp_ns
         wrong = self._beyond(row)
         if not wrong:
-            wrong = self._jumped(stamp_ns, row, paused=paused) or self._frozen(stamp_ns, row, speeds)
+            said = self._said(speeds)
+            self._pace = np.maximum(self._pace, said)
+            wrong = self._jumped(stamp_ns, row, paused=paused) or self._frozen(stamp_ns, row, said)
             self._last_ns, self._last = stamp_ns, row
         if wrong:
             reason = next(name for name in (BEYOND_TRAVEL, JUMP, FROZEN) if name in wrong)
@@ -112,6 +120,8 @@ class JointChecks:
         step = self._steps(row - last)
         far = self._too_far(step, passed)
         self._speed = np.where(self._still > 0.0, np.nan, step / passed)  # what it made up for is no speed
+        if far is None:
+            self._pace = np.fmax(self._pace * math.exp(-passed / PACE_FADES), np.abs(self._speed))
         if far is not None:
             axis, size = far
             self._speed = np.full(len(self._axes), np.nan)
@@ -126,14 +136,14 @@ class JointChecks:
 
     def _too_far(self, step: NDArray[np.float64], passed: float) -> tuple[Axis, float] | None:
         """The axis that went further than it can, from the speed that it had."""
-        courses = zip(self._axes, step.tolist(), self._speed.tolist(), self._still.tolist(), strict=True)
-        for axis, moved, speed, still in courses:
+        known = (self._speed.tolist(), self._pace.tolist(), self._still.tolist())
+        for axis, moved, speed, pace, still in zip(self._axes, step.tolist(), *known, strict=True):
             if math.isnan(moved) or moved == 0.0:  # one that stands is no jump, though it stopped at once
                 continue
             # a controller that stalled repeats a position, says that it moves, and makes up for it afterwards
             furthest = axis.fastest * (passed + STAMP_JITTER) + LEAST_STEP[axis.kind] + 2.0 * still
             # a speed is not known before the second position; then it lacks what jitter of stamps makes of it
-            allowed = axis.quickest * passed * (passed + STAMP_JITTER) + abs(speed) * STAMP_JITTER + 2.0 * still
+            allowed = axis.quickest * passed * (passed + STAMP_JITTER) + pace * STAMP_JITTER + 2.0 * still
             off = abs(moved - speed * passed) > allowed + LEAST_STEP[axis.kind]  # false for an unknown speed
             if abs(moved) > furthest or off:
                 return axis, moved
@@ -150,19 +160,22 @@ class JointChecks:
             for axis, step in zip(self._axes, steps.tolist(), strict=True)
         )
 
-    def _frozen(self, stamp_ns: int, row: NDArray[np.float64], speeds: Mapping[str, float]) -> str:
+    def _frozen(self, stamp_ns: int, row: NDArray[np.float64], said: NDArray[np.float64]) -> str:
         """Positions that stand while the controller says that the axes move."""
         if self._last is None or self._last_ns is None:
             return ""
         passed = min((stamp_ns - self._last_ns) * 1e-9, PAUSE)
-        said = np.array([abs(speeds.get(axis.letter, 0.0)) for axis in self._axes])
-        if len(speeds) > 1 and {abs(speed) for speed in speeds.values()} == {1.0}:
-            return ""  # signs of the travel, as recordings of static poses have them
         self._still = np.where(row == self._last, self._still + said * passed, 0.0)
         for axis, way in zip(self._axes, self._still.tolist(), strict=True):
             if way > STANDING[axis.kind]:
                 return f"axis {axis.letter} is {FROZEN}: it says that it moved {way:.3g} {_unit(axis)}, and stands"
         return ""
+
+    def _said(self, speeds: Mapping[str, float]) -> NDArray[np.float64]:
+        """Pace of each axis as the controller says it, m/s or rad/s; 0 where it says nothing."""
+        if len(speeds) > 1 and {abs(speed) for speed in speeds.values()} == {1.0}:
+            return np.zeros(len(self._axes))  # signs of the travel, as recordings of static poses have them
+        return np.array([abs(speeds.get(axis.letter, 0.0)) for axis in self._axes])
 
     def _steps(self, difference: NDArray[np.float64]) -> NDArray[np.float64]:
         """Steps of the axes; a rotary one may be told modulo a turn."""

@@ -6,7 +6,6 @@ import math
 from collections import deque
 
 import numpy as np
-from scipy.special import stdtrit
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.description_check import MIRRORED, FigureCheck
@@ -130,6 +129,9 @@ class CommandBelief:
 
     def __init__(self, stage: StageDescription) -> None:
         """Judge of the command of a stage."""
+        from scipy.special import stdtrit  # loads for a third of a second: now, not when a sample waits
+
+        self._quantile = stdtrit
         self._limits, self._timing = stage.limits, stage.timing("command")
         self._noise = math.hypot(stage.encoder.noise, stage.encoder.resolution)
         farthest = stage.limits.following_error + stage.limits.latency * stage.limits.speed
@@ -243,7 +245,7 @@ class CommandBelief:
         rest = float(np.sum((ecc - slope * speed) ** 2))
         freedom = max(0.1 * len(pairs) - 2.0, 1.0)  # neighbouring windows see the same jitter: one in ten counts
         deviation = math.sqrt(rest / spread / freedom)
-        self.delay = -slope if abs(slope) > float(stdtrit(freedom, 1.0 - SLOPE_CHANCE)) * deviation else 0.0
+        self.delay = -slope if abs(slope) > float(self._quantile(freedom, 1.0 - SLOPE_CHANCE)) * deviation else 0.0
 
     def _late(self) -> str:
         if abs(self.delay) <= self._limits.latency:

@@ -16,9 +16,9 @@ Array = NDArray[np.float64]
 class Travel:
     """Direction of travel of each axis, step by step.
 
-    An axis has turned back once it has gone back by more than its reversal error is wide: until then its play is not
-    taken up, and what follows the drive has not turned. So a joint that dithers by a count, at rest or in motion, keeps
-    its direction.
+    An axis has turned back once it has gone back by more than half its reversal error: until then most of its play is
+    not taken up, and the direction that it had is nearer to how it stands. So a joint that dithers by a count, at rest
+    or in motion, keeps its direction.
 
     Attributes:
         direction: (axes,) +1 or -1, 0 before an axis has moved.
@@ -26,7 +26,7 @@ class Travel:
 
     def __init__(self, machine: MachineDescription) -> None:
         """Axes of `machine` of which none has moved yet."""
-        self._play = np.maximum(np.abs([axis.reversal for axis in machine.axes]), STILL)
+        self._half = np.maximum(0.5 * np.abs([axis.reversal for axis in machine.axes]), STILL)
         self.direction: Array = np.zeros(len(machine.axes))
         self._back: Array = np.zeros(len(machine.axes))
 
@@ -35,7 +35,7 @@ class Travel:
         first = np.where(np.abs(moved) > STILL, np.sign(moved), np.sign(speed))
         along = moved * self.direction
         self._back = np.minimum(self._back + along, 0.0)
-        turned = self._back < -self._play
+        turned = self._back < -self._half
         self._back = np.where(turned, 0.0, self._back)
         self.direction = np.where(self.direction == 0.0, first, np.where(turned, -self.direction, self.direction))
         return self.direction

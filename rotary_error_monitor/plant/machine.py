@@ -21,7 +21,7 @@ class Poses:
 
     Attributes:
         positions: (n, axes) commanded, in the order of the machine's axes, m or rad.
-        directions: (n, axes) direction of travel the axis came from, +1 or -1.
+        directions: (n, axes) direction of travel the axis came from, +1 or -1, or between them within its play.
         warming: (n,) temperature above the reference, K.
     """
 
@@ -219,5 +219,5 @@ def _component(
         rows: Sequence[float] = component.table.positions
         forward = np.interp(q, rows, component.table.forward)
         backward = np.interp(q, rows, component.table.backward)
-        total = total + np.where(direction >= 0, forward, backward)
+        total = total + 0.5 * ((1.0 + direction) * forward + (1.0 - direction) * backward)
     return np.asarray(total, dtype=np.float64)

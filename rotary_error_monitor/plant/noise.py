@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 _COUNTER = 4  # Philox gives four 64-bit words per count
 _MANTISSA = 2.0**-53
 _PER_CORRELATION = 128  # grid points of turbulence per correlation time
 _RUN = 256  # grid points computed at once
 _WARM_UP = 10 * _PER_CORRELATION  # what came earlier has faded to exp(-10)
+
+
+@cache
+def _normal_quantile() -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Inverse of the normal distribution; it loads for a third of a second, and nodes without a mock need none."""
+    from scipy.special import ndtri
+
+    return cast("Callable[[NDArray[np.float64]], NDArray[np.float64]]", ndtri)
 
 
 @dataclass(frozen=True)
@@ -32,6 +41,9 @@ class Noise:
     seed: int
     name: str
 
+    def __post_init__(self) -> None:
+        _normal_quantile()  # not when the first sample is due
+
     @cached_property
     def _key(self) -> int:
         return int.from_bytes(hashlib.blake2b(f"{self.seed}/{self.name}".encode(), digest_size=16).digest(), "little")
@@ -45,7 +57,7 @@ class Noise:
 
     def normal(self, first: int, count: int) -> NDArray[np.float64]:
         """(count,) numbers with the indices from `first`, of standard normal distribution."""
-        return np.asarray(ndtri(self.uniform(first, count)), dtype=np.float64)
+        return np.asarray(_normal_quantile()(self.uniform(first, count)), dtype=np.float64)
 
     def generator(self) -> np.random.Generator:
         """Generator for a draw that is made as a whole, such as the phases of a plant."""

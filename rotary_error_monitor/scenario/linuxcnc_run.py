@@ -30,6 +30,7 @@ from rotary_error_monitor.description.machine import MachineDescription, load_ma
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
+from rotary_error_monitor.plant.play import play
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.scenario.mock_cell_figures import Row, table
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -45,9 +46,15 @@ _TICK = 0.1
 _SAYING = ("compensation: correction", "linuxcnc_bridge: corrections")
 _AXIAL = 2
 _STANDSTILL = 1e-9
-_PACE = {"block_period": 0.02, "period": 0.01, "correction_period": 0.01, "rate": 125.0}
+_PACE = {"block_period": 0.04, "period": 0.01, "correction_period": 0.01, "rate": 100.0}
 """Periods (s) of instruments, estimator and corrections, rate (1/s) of joint states: slower than usual, for a table
 turns slowly and everything shares a computer with the controller."""
+
+_LAG = 0.0
+"""The estimate of a time comes after the joint states of that time: the newest one tells which way an axis goes."""
+
+_OLDEST = 0.2
+"""Oldest correction that is applied, s: what a computer that is not real-time makes late is nearer than what holds."""
 
 
 @dataclass(frozen=True)
@@ -167,11 +174,11 @@ def execute(options: LinuxcncRun, machine: MachineDescription, ini: Path, progra
         _operate(cnc, ["--prepare"])
         where: Any = {"enter": " ".join(cnc.enter), "home": cnc.environment["HOME"]}
         processes = [
-            cell.start("linuxcnc_bridge", rate=_PACE["rate"], **where),
+            cell.start("linuxcnc_bridge", rate=_PACE["rate"], max_age=_OLDEST, **where),
             cell.start("stage_follower", **named, **mock),
             # the table stands until corrections flow: there is no turn to hold the stage's description against
             cell.start("error_estimator", period=_PACE["period"], check_turns=0.0),
-            cell.start("compensation", correction_period=_PACE["correction_period"], **named),
+            cell.start("compensation", correction_period=_PACE["correction_period"], joint_lag=_LAG, **named),
         ]
         cell.wait_for_status("linuxcnc_bridge: corrections", "applied", STARTING)
         observer = Connection(ObserverSettings(), witness.note, enter=cnc.enter, environment=cnc.environment)
@@ -191,14 +198,15 @@ def evaluate(
 ) -> ToolErrors:
     """Tool error of the true machine with and without what the offsets added to the joints.
 
-    Points count from when each axis has moved: before, nobody knows from which side it came.
+    Points count from when each axis has moved: before, nobody knows from which side it came. From there on what the
+    drives are told, corrections included, has to cross their play.
     """
     stamp_ns = np.array([each.stamp_ns for each in witness.observations])
     joints = np.array([each.joints for each in witness.observations])
     kinematics = _ideal(machine)
     nominal = np.array([kinematics.to_joints(each.axes) for each in witness.observations])
-    directions = travel_directions(nominal)
-    counted = (directions != 0).all(axis=1)
+    travelled = travel_directions(nominal)
+    counted = (travelled != 0).all(axis=1)
     if not counted.any():
         raise InputError("the program does not move every axis: nothing can be said of it")
     time_s = (stamp_ns - witness.epoch_ns) / NANOSECONDS
@@ -206,13 +214,15 @@ def evaluate(
     seen = Seen(time_s, nominal[:, machine.letters.index(str(machine.monitored))])
     truth = followed_plant(stage, settings, seen).scene(time_s).error_motion[counted]
     truth[:, _AXIAL] = np.nan  # a stage says nothing along its axis: there the machine's own holds
-    poses = make_poses(machine, nominal[counted], directions[counted])
+    widths = np.array([axis.reversal for axis in machine.axes])
     plant = MachinePlant(machine)
-    return ToolErrors(
-        stamp_ns[counted],
-        plant.tool_offset(poses, monitored=truth),
-        plant.tool_offset(poses, (joints - nominal)[counted], monitored=truth),
-    )
+
+    def tool_error(drives: NDArray[np.float64]) -> NDArray[np.float64]:
+        directions = play(drives, widths, travelled[counted][0])
+        poses = make_poses(machine, nominal[counted], directions)
+        return plant.tool_offset(poses, drives - nominal[counted], monitored=truth)
+
+    return ToolErrors(stamp_ns[counted], tool_error(nominal[counted]), tool_error(joints[counted]))
 
 
 def figures(errors: ToolErrors, witness: Witness) -> list[Row]:

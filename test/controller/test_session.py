@@ -32,9 +32,9 @@ class Recorder:
     def handle(self, record, now):
         self.told.append((record, now))
 
-    def look(self, now):
+    def look(self, clock):
         self.looks += 1
-        return Hello((str(now.stamp_ns),))
+        return Hello((str(clock().stamp_ns),))
 
 
 @pytest.fixture
@@ -225,7 +225,7 @@ def test_a_task_process_that_is_gone_by_now_is_told(machine, speak):
 
 def test_a_shutdown_of_linuxcnc_is_told(machine, speak):
     class Told(Recorder):
-        def look(self, now):
+        def look(self, clock):
             session._terminate(signal.SIGTERM, None)
 
     code, said = speak(lambda settings, pins: (Told(), 0.0), closed=False)

@@ -131,3 +131,35 @@ def test_messages_carry_the_number_that_their_publisher_gives_them(context):
     finally:
         worker.stop()
         node.destroy_node()
+
+
+def test_what_comes_while_it_reckons_shares_the_next_call(context):
+    """After each call it rests as long as that took: all that comes meanwhile costs one call more, however much."""
+    node = Node("sharing", context=context)
+    worker = Worker(context, time.time_ns, lambda error: None)
+    taken: list[float] = []
+    calls: list[tuple[float, float]] = []
+
+    def reckon() -> None:
+        begin = time.monotonic()
+        time.sleep(0.004)
+        calls.append((begin, time.monotonic()))
+
+    try:
+        publisher = node.create_publisher(Empty, "/often", 1000)
+        subscription = node.create_subscription(Empty, "/often", lambda _: None, 1000, callback_group=NotByExecutor())
+        worker.serve(subscription, lambda *_: taken.append(time.monotonic()))
+        worker.after_messages(reckon)
+        worker.start()
+        wait_until(lambda: publisher.get_subscription_count() > 0)
+        for count in range(300):
+            publisher.publish(Empty())
+            time.sleep(0.001)
+        wait_until(lambda: len(taken) == 300 and bool(calls) and calls[-1][0] > taken[-1])
+    finally:
+        worker.stop()
+        node.destroy_node()
+    rests = [after[0] - before[1] for before, after in zip(calls, calls[1:], strict=False)]
+    works = [end - begin for begin, end in calls]
+    assert len(calls) < 100
+    assert all(rest >= min(work, 0.01) for rest, work in zip(rests, works, strict=False))

@@ -1,4 +1,4 @@
-"""The direction of travel, held against the play of a drive: a slot of the reversal's width that a pin moves in."""
+"""The direction of travel, held against the play of a drive: it turns once half of the play is taken up."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from rotary_error_monitor.pipeline.joints import JointTrack
 from rotary_error_monitor.pipeline.travel import Travel
 
 MACHINE = load_machine("xyzac_trt")
-PLAY = [axis.reversal for axis in MACHINE.axes]
+HALF = [0.5 * axis.reversal for axis in MACHINE.axes]
 MS = 1_000_000
 
 
@@ -27,12 +27,12 @@ def side_of_the_slot(path, first):
 
 
 @given(st.lists(st.floats(-3.0, 3.0).filter(lambda step: abs(step) > 1e-2), min_size=2, max_size=40))
-def test_an_axis_has_turned_once_its_play_is_taken_up(steps):
-    """Steps in multiples of the play; the first puts the pin to its side."""
-    travel, still = Travel(MACHINE), np.zeros(len(PLAY))
-    found = [travel.move(np.array(PLAY) * step, still).copy() for step in steps]
+def test_an_axis_has_turned_once_half_of_its_play_is_taken_up(steps):
+    """Steps in multiples of that half; the first puts the pin to its side."""
+    travel, still = Travel(MACHINE), np.zeros(len(HALF))
+    found = [travel.move(np.array(HALF) * step, still).copy() for step in steps]
     expected = side_of_the_slot(np.cumsum(steps), np.sign(steps[0]))
-    np.testing.assert_array_equal(np.array(found), np.outer(expected, np.ones(len(PLAY))))
+    np.testing.assert_array_equal(np.array(found), np.outer(expected, np.ones(len(HALF))))
 
 
 @pytest.mark.parametrize("speed", [0.0, 3e-7, -3e-7])
@@ -55,5 +55,5 @@ def test_an_axis_that_goes_back_in_small_steps_has_turned():
         track.push(k * 4 * MS, dict.fromkeys(MACHINE.letters, 0.0) | {"X": x}, {})
     directions = track.at(np.arange(1, 199) * 4 * MS).directions[:, 0]
     turned = int(np.flatnonzero(directions < 0)[0]) + 1
-    assert 20 + 12 <= turned <= 20 + 14, "its reversal of 1.2 µm is 12 steps wide"
+    assert 20 + 6 <= turned <= 20 + 8, "half its reversal of 1.2 µm is 6 steps wide"
     assert (directions[turned:] < 0).all()
