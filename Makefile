@@ -14,7 +14,7 @@ LOCKS := requirements/build.lock requirements/cell.lock
 UV_COMPILE := build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --no-header --upgrade
 
-.PHONY: help setup run run-linuxcnc test lint bench fuzz soak faults faults-doc lock policy clean
+.PHONY: help setup run run-linuxcnc test test-live test-models test-others lint bench fuzz soak faults faults-doc lock policy clean
 
 help: ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -39,10 +39,11 @@ run: setup ## start a whole machine cell on mock sensors, record it, replay it, 
 run-linuxcnc: setup ## a five-axis program on a headless LinuxCNC, with and without correction
 	$(BIN)/rotary_error_monitor run-linuxcnc
 
-# Tests of running processes have the computer to themselves, in a real-time class where that is allowed, as the processes
-# of a machine cell should: what else runs would be tested with them.
+# Tests of running processes run in a real-time class where that is allowed, as the processes of a machine cell should.
+# What computes beside them gets what they leave.
 ON_TIME := $(shell chrt --rr 1 true 2>/dev/null && echo chrt --rr 1)
-LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security soak testing)
+BESIDE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
+LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 RECORDINGS := test/faults/test_recordings.py
 RATES := $(addprefix test/,fuzz test_lacking_recordings.py faults/test_machine_faults.py \
@@ -53,18 +54,23 @@ MODELS := $(addprefix test/,calibration effects gap machine metrology twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
 COVERED := $(BIN)/python -m coverage run
-# runs two commands at once, one for each of two processors; what the first says comes at the end
-BOTH = $(1) > build/beside.log 2>&1 & beside=$$!; $(2); here=$$?; \
-	wait $$beside; beside=$$?; cat build/beside.log; test $$here = 0 && test $$beside = 0
 
 test: setup lint ## lint, type check and all tests, with coverage of at least 90 %
 	$(BIN)/python -m coverage erase
-	@mkdir -p build
-	$(ON_TIME) $(COVERED) $(call PYTEST,,$(LIVE))
-	$(call BOTH,$(COVERED) $(call PYTEST,$(RATES),$(MODELS)),$(COVERED) $(call PYTEST,$(LIVE) $(MODELS) $(RECORDINGS) $(RATES)))
-	$(call BOTH,$(BIN)/python $(call PYTEST,,$(RECORDINGS)),$(BIN)/python $(call PYTEST,,$(RATES)))
+	$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target test-live test-models test-others
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
+
+test-live:
+	$(ON_TIME) $(COVERED) $(call PYTEST,,$(LIVE))
+
+test-models:
+	$(BESIDE) $(COVERED) $(call PYTEST,$(RATES),$(MODELS))
+	$(BESIDE) $(BIN)/python $(call PYTEST,,$(RECORDINGS))
+
+test-others:
+	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(MODELS) $(RECORDINGS) $(RATES))
+	$(BESIDE) $(BIN)/python $(call PYTEST,,$(RATES))
 
 lint: setup ## ruff and mypy
 	$(BIN)/ruff check .

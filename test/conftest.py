@@ -16,7 +16,7 @@ hypothesis.settings.load_profile("shared computer")
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job, and all it starts, would ignore it
 
-LIVE = ("controller", "clock", "live", "network", "nodes", "scenario", "security", "soak", "testing")
+LIVE = ("controller", "clock", "live", "network", "nodes", "scenario", "security", "testing")
 """Folders of tests that run processes against the clock. What else a shared computer does may fail one of them; a fault
 of the package fails each try. That one try is enough has not been shown yet."""
 

@@ -52,15 +52,15 @@ def test_an_instance_works_on_a_copy_and_is_gone_afterwards(install):
 
 
 @pytest.mark.parametrize(
-    ("setting", "reason"),
+    ("then", "patience", "reason"),
     [
-        ({"then": "echo 'no such kins'; exit 1"}, r"(?s)did not start with .*machine.ini; its log ends:.*no such kins"),
-        ({"listing": "nothing"}, "did not start"),
+        ("echo 'no such kins'; exit 1", 60.0, r"(?s)did not start with .*machine.ini; its log ends:.*no such kins"),
+        ("read line", 0.5, "did not start"),
     ],
 )
-def test_an_instance_that_does_not_start_is_cleared_away(install, monkeypatch, setting, reason):
-    monkeypatch.setattr(instances, "_START", 0.5)
-    unborn = Instance(install(**setting), isolated=False)
+def test_an_instance_that_does_not_start_is_cleared_away(install, monkeypatch, then, patience, reason):
+    monkeypatch.setattr(instances, "_START", patience)
+    unborn = Instance(install(then, listing="nothing"), isolated=False)
     with pytest.raises(InputError, match=reason):
         unborn.__enter__()
     assert not unborn.folder.exists()
