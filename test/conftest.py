@@ -10,6 +10,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 import yaml
+from _pytest.terminal import TerminalReporter
 
 hypothesis.settings.register_profile("shared computer", deadline=None)  # an example takes what else runs leaves it
 hypothesis.settings.load_profile("shared computer")
@@ -48,6 +49,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items if config.pluginmanager.hasplugin("rerunfailures") else ():
         if item.path.parent.name in LIVE:
             item.add_marker(pytest.mark.flaky(reruns=2))
+
+
+def pytest_terminal_summary(terminalreporter: TerminalReporter) -> None:
+    """What failed at its first try is told, though a further one passed."""
+    for report in terminalreporter.stats.get("rerun", ()):
+        terminalreporter.section(f"failed at first: {report.nodeid}")
+        terminalreporter.line(report.longreprtext)
 
 
 @pytest.fixture(autouse=True)
