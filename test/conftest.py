@@ -10,7 +10,6 @@ from pathlib import Path
 import hypothesis
 import pytest
 import yaml
-from _pytest.terminal import TerminalReporter
 
 hypothesis.settings.register_profile("shared computer", deadline=None)  # an example takes what else runs leaves it
 hypothesis.settings.load_profile("shared computer")
@@ -51,7 +50,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.flaky(reruns=2))
 
 
-def pytest_terminal_summary(terminalreporter: TerminalReporter) -> None:
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """What failed at its first try is told, though a further one passed."""
     for report in terminalreporter.stats.get("rerun", ()):
         terminalreporter.section(f"failed at first: {report.nodeid}")
