@@ -197,21 +197,27 @@ class Effect(Generic[Description]):
         Raises:
             InputError: a parameter is missing, unknown, of another size, or beyond its bounds.
         """
-        places = self.slices()
-        if not isinstance(parameters, Mapping) or set(parameters) != set(places):
+        told = self.numbers(parameters, {parameter.name: parameter.size for parameter in self.parameters})
+        return self.checked(np.concatenate(list(told.values())))
+
+    def numbers(self, parameters: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, NDArray[np.float64]]:
+        """Numbers of each parameter, in the order of `sizes`, which says how many each one has.
+
+        Raises:
+            InputError: a parameter is missing, unknown, of another size, or not finite.
+        """
+        if not isinstance(parameters, Mapping) or set(parameters) != set(sizes):
             names = sorted(map(str, parameters)) if isinstance(parameters, Mapping) else parameters
-            raise InputError(f"{self.name}: parameters {excerpt(names)}; expected {sorted(places)}")
-        values = np.zeros(self.size)
-        for name, place in places.items():
+            raise InputError(f"{self.name}: parameters {excerpt(names)}; expected {sorted(sizes)}")
+        found = {}
+        for name, size in sizes.items():
             given: NDArray[np.float64] = np.empty(0)
             with suppress(TypeError, ValueError, OverflowError):
                 given = np.atleast_1d(np.asarray(parameters[name], dtype=np.float64))
-            if given.shape != values[place].shape or not np.isfinite(given).all():
-                raise InputError(
-                    f"{self.name}: {name} = {excerpt(parameters[name])}; expected {values[place].size} finite number(s)"
-                )
-            values[place] = given
-        return self.checked(values)
+            if given.shape != (size,) or not np.isfinite(given).all():
+                raise InputError(f"{self.name}: {name} = {excerpt(parameters[name])}; expected {size} finite number(s)")
+            found[name] = given
+        return found
 
     def checked(self, values: Values) -> Values:
         """The values.

@@ -14,7 +14,6 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.autocollimator import planar_row
 from rotary_error_monitor.effects.effect import Estimate, Parameter, Role, Values
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Array, RotorState, StageEffect
-from rotary_error_monitor.errors import InputError
 
 
 class SpindleRadial(StageEffect):
@@ -107,11 +106,9 @@ class BearingAsynchronous(StageEffect):
 
     def values_from(self, parameters: Mapping[str, Any]) -> Values:
         """Cosine and sine parts from size and phase."""
-        if set(parameters) != {"order", "radial", "tilt", "phase"}:
-            raise InputError(f"{self.name}: parameters {sorted(parameters)}; expected order, phase, radial, tilt")
-        radial, phase = float(parameters["radial"]), float(parameters["phase"])
-        parts = radial * math.cos(phase), radial * math.sin(phase)
-        return self.checked(np.array([parameters["order"], *parts, parameters["tilt"]], np.float64))
+        told = self.numbers(parameters, dict.fromkeys(("order", "radial", "tilt", "phase"), 1))
+        order, radial, tilt, phase = (float(number) for (number,) in told.values())
+        return self.checked(np.array([order, radial * math.cos(phase), radial * math.sin(phase), tilt]))
 
 
 class LoadCompliance(StageEffect):

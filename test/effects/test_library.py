@@ -8,6 +8,8 @@ import pytest
 from rotary_error_monitor.effects.effect import order_of
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
+from rotary_error_monitor.effects.mount_effect import MountEffect
+from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 
@@ -69,6 +71,20 @@ def test_parameters_that_do_not_fit_are_an_error():
         effect.values_from({"shft": [0, 0]})
     with pytest.raises(InputError, match="expected 2 finite number"):
         effect.values_from({"shift": [1e-6]})
+
+
+@pytest.mark.parametrize("wrong", ["", "much", None, [], [1e-6] * 7, [[1e-6]], {"a": 1}, float("nan"), 10**400])
+@pytest.mark.parametrize("kind", [MachineEffect, MountEffect, QuadratureEffect, StageEffect])
+def test_a_parameter_that_is_no_number_is_an_error(kind, wrong):
+    for effect in load_effects(kind):
+        start = effect.start("order_2")
+        for parameter, place in zip(effect.parameters, effect.slices().values(), strict=True):
+            start[place] = np.clip(start[place], *parameter.range)
+        told = {name: each.value for name, each in effect.report(start, np.zeros((len(start),) * 2)).items()}
+        assert effect.values_from(told) == pytest.approx(start), "as they were"
+        for name in told:
+            with pytest.raises(InputError, match=f"{effect.name}: {name} = .*; expected . finite number"):
+                effect.values_from(told | {name: wrong})
 
 
 @pytest.mark.parametrize("location", ["order_", "order_x", "5", "head_a"])
