@@ -19,10 +19,12 @@ FROZEN = "frozen"
 OVERRUN = 0.01
 """Part of the travel by which an axis may be beyond it: soft limits stand a little outside the machining range."""
 
-STAMP_JITTER = 20e-3
-"""By how much two stamps of a controller that is not synchronised may differ from the times of its positions, s: what a
-computer without real-time kernel lets a servo thread or a reader wait. It makes up for that at once, so the margin is
-what an axis goes in that time at its pace; a correction changes by nothing in it."""
+STAMP_JITTER = 5e-3
+"""By how much two stamps of a controller that is not synchronised may differ from the times of its positions, s."""
+
+STALL = 20e-3
+"""How long a computer without real-time kernel may let a servo thread wait, s. It makes up for that at once, so an axis
+in motion may be off its course by what it goes in that time; one that stands may not."""
 
 PACE_FADES = 0.1
 """Time, s, in which the pace of an axis is forgotten: longer than a stall."""
@@ -53,6 +55,7 @@ class JointChecks:
 
     def __init__(self, machine: MachineDescription) -> None:
         self._axes = machine.axes
+        self._fastest = np.array([axis.fastest for axis in machine.axes])
         self.refused: Counter[str] = Counter()
         self.reset()
 
@@ -84,7 +87,7 @@ class JointChecks:
         wrong = self._beyond(row)
         if not wrong:
             said = self._said(speeds)
-            self._pace = np.maximum(self._pace, said)
+            self._pace = np.maximum(self._pace, np.minimum(said, self._fastest))
             wrong = self._jumped(stamp_ns, row, paused=paused) or self._frozen(stamp_ns, row, said)
             self._last_ns, self._last = stamp_ns, row
         if wrong:
@@ -114,6 +117,7 @@ class JointChecks:
         last_ns, last = self._last_ns, self._last
         if last_ns is None or last is None or paused:
             self._away, self._speed = "", np.full(len(self._axes), np.nan)
+            self._pace = np.zeros(len(self._axes))
             self._back_ns, self._doubtful = None, False
             return ""
         passed = (stamp_ns - last_ns) * 1e-9
@@ -122,7 +126,7 @@ class JointChecks:
         self._speed = np.where(self._still > 0.0, np.nan, step / passed)  # what it made up for is no speed
         if far is None:
             self._pace = np.fmax(self._pace * math.exp(-passed / PACE_FADES), np.abs(self._speed))
-        if far is not None:
+        else:
             axis, size = far
             self._speed = np.full(len(self._axes), np.nan)
             self._away = f"axis {axis.letter} made {JUMP} of {size:.3g} {_unit(axis)} within {passed * 1e3:.3g} ms"
@@ -130,7 +134,7 @@ class JointChecks:
             self._until_ns = stamp_ns + round(SETTLED * 1e9) if within_speed else None
             if self._reachable(stamp_ns, row):
                 self._away, self._doubtful = "", True
-        elif self._away and self._until_ns is not None and stamp_ns >= self._until_ns:
+        if far is None and self._away and self._until_ns is not None and stamp_ns >= self._until_ns:
             self._away = ""  # no further than the axis can go: its acceleration or the stamps are not as stated
         return self._away
 
@@ -143,7 +147,7 @@ class JointChecks:
             # a controller that stalled repeats a position, says that it moves, and makes up for it afterwards
             furthest = axis.fastest * (passed + STAMP_JITTER) + LEAST_STEP[axis.kind] + 2.0 * still
             # a speed is not known before the second position; then it lacks what jitter of stamps makes of it
-            allowed = axis.quickest * passed * (passed + STAMP_JITTER) + pace * STAMP_JITTER + 2.0 * still
+            allowed = axis.quickest * passed * (passed + STAMP_JITTER) + pace * STALL + 2.0 * still
             off = abs(moved - speed * passed) > allowed + LEAST_STEP[axis.kind]  # false for an unknown speed
             if abs(moved) > furthest or off:
                 return axis, moved

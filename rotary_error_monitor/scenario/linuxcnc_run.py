@@ -50,7 +50,7 @@ _PACE = {"block_period": 0.04, "period": 0.01, "correction_period": 0.01, "rate"
 """Periods (s) of instruments, estimator and corrections, rate (1/s) of joint states: slower than usual, for a table
 turns slowly and everything shares a computer with the controller."""
 
-_LAG = 0.0
+_JOINT_LAG = 0.0
 """The estimate of a time comes after the joint states of that time: the newest one tells which way an axis goes."""
 
 _OLDEST = 0.2
@@ -178,7 +178,7 @@ def execute(options: LinuxcncRun, machine: MachineDescription, ini: Path, progra
             cell.start("stage_follower", **named, **mock),
             # the table stands until corrections flow: there is no turn to hold the stage's description against
             cell.start("error_estimator", period=_PACE["period"], check_turns=0.0),
-            cell.start("compensation", correction_period=_PACE["correction_period"], joint_lag=_LAG, **named),
+            cell.start("compensation", correction_period=_PACE["correction_period"], joint_lag=_JOINT_LAG, **named),
         ]
         cell.wait_for_status("linuxcnc_bridge: corrections", "applied", STARTING)
         observer = Connection(ObserverSettings(), witness.note, enter=cnc.enter, environment=cnc.environment)

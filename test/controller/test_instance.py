@@ -61,8 +61,10 @@ def test_an_instance_works_on_a_copy_and_is_gone_afterwards(install):
 def test_an_instance_that_does_not_start_is_cleared_away(install, monkeypatch, then, patience, reason):
     monkeypatch.setattr(instances, "_START", patience)
     unborn = Instance(install(then, listing="nothing"), isolated=False)
+    begin = time.monotonic()
     with pytest.raises(InputError, match=reason):
         unborn.__enter__()
+    assert then == "read line" or time.monotonic() - begin < patience / 2, "that it has ended is seen, not waited for"
     assert not unborn.folder.exists()
 
 

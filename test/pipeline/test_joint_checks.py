@@ -120,6 +120,34 @@ def test_a_controller_that_stalls_is_believed_again_at_once(stall, begin):
     assert set(said[begin + stall :]) == {""}, checks.refused
 
 
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("late_ms", [3.0, 7.0, 12.0])
+@pytest.mark.parametrize("axis", [0, 3])
+def test_an_axis_that_a_late_servo_thread_leaves_behind_and_then_puts_right_made_no_jump(axis, late_ms, told):
+    """X at 0.1 m/s, A at 1 rad/s; each 20th look sees where it was, the next one comes at once and where it is."""
+    rows, stamps, speed = [], [], [0.1, 1.0][axis > 0]
+    for k in range(200):
+        stamps.append((8 * k + (7 if k % 20 == 10 else 0)) * MS)
+        behind = late_ms * 1e-3 if k % 20 == 10 else 0.0
+        row = np.zeros(5)
+        row[axis] = speed * (stamps[-1] * 1e-9 - behind) - 0.1
+        rows.append(row)
+    checks = JointChecks(MACHINE)
+    speeds = SPEEDS | {"XYZAC"[axis]: speed} if told else {}
+    assert {checks.judge(stamp, row, speeds) for stamp, row in zip(stamps, rows, strict=True)} == {""}
+
+
+@pytest.mark.parametrize("said", [0.0, 1e300])
+def test_what_a_controller_says_of_speeds_makes_no_jump_of_a_standing_axis_right(said):
+    """No faster than the axis can go: 0.5 m/s for 20 ms are 10 mm, not any distance."""
+    checks = JointChecks(MACHINE)
+    courses = [0.0, 1e-6, 0.02]  # one that stood exactly would be frozen by what is said
+    rows = [np.array([x, 0.0, 0.0, 0.0, 0.0]) for x in courses]
+    *before, last = [checks.judge(10 * k * MS, row, SPEEDS | {"X": said}) for k, row in enumerate(rows)]
+    assert set(before) == {""}
+    assert f"axis X made {JUMP}" in last
+
+
 def test_a_step_within_the_speed_of_the_axis_is_refused_for_a_second():
     """It may be a stamp that is late, or an acceleration beyond the stated one: no more than millimetres off."""
     rows = smooth()

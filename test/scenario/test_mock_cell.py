@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -23,26 +22,17 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def run():
-    """What came of the command of the README, as a user types it, and the folder of its recording."""
-    before = set((ROOT / "runs").glob("*"))
-    done = subprocess.run(["make", "run"], cwd=ROOT, capture_output=True, text=True, timeout=300)
-    (folder,) = set((ROOT / "runs").glob("*")) - before
-    yield done, folder
-    shutil.rmtree(folder)
+def run(tmp_path_factory):
+    """One short run, its exit code and what it printed."""
+    folder = tmp_path_factory.mktemp("cell") / "run"
+    code = main(["run", "--duration", "12", "--folder", str(folder)])
+    return code, folder
 
 
 @pytest.mark.cell
-def test_make_run_does_all_of_it(run):
-    done, folder = run
-    assert done.returncode == 0, done.stdout + done.stderr
-    for height in (5, 16, 60):
-        assert re.search(rf"radial error motion at h = {height} mm: RMS against LVDT, µm +0\.0\d+ .* ok", done.stdout)
-        force = re.search(rf"h = {height} mm: external force on the shaft, N +(\d+)", done.stdout)
-        assert force is not None
-        assert float(force[1]) > 20 or height == 5  # it came and went, and the estimate followed
-    assert "tool offset, position, after correction" in done.stdout
-    assert "OUT OF BOUNDS" not in done.stdout
+def test_every_figure_of_a_run_is_within_its_bound(run, capsys):
+    code, folder = run
+    assert code == 0, capsys.readouterr().out
     assert (folder / "bag" / "metadata.yaml").is_file()
     assert (folder / "cell.png").read_bytes().startswith(b"\x89PNG")
 
@@ -70,6 +60,20 @@ def test_its_recording_replays_to_what_was_published(run, tmp_path):
         published = np.concatenate([block.rows[:, 1:7] for block in offsets])
         np.testing.assert_array_equal(found["tool_offset"][at], published)
         assert len(at) > 0.9 * (len(stamps) - at[0]), "from the first one on"
+
+
+@pytest.mark.cell
+def test_make_run_does_all_of_it():
+    """The command of the README as a user types it."""
+    done = subprocess.run(["make", "run"], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    for height in (5, 16, 60):
+        assert re.search(rf"radial error motion at h = {height} mm: RMS against LVDT, µm +0\.0\d+ .* ok", done.stdout)
+        force = re.search(rf"h = {height} mm: external force on the shaft, N +(\d+)", done.stdout)
+        assert force is not None
+        assert float(force[1]) > 20 or height == 5  # it came and went, and the estimate followed
+    assert "tool offset, position, after correction" in done.stdout
+    assert "OUT OF BOUNDS" not in done.stdout
 
 
 @pytest.mark.cell
