@@ -29,6 +29,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.deadline import end_within
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.protection import check_environment, explained
+from rotary_error_monitor.nodes.transport import steady_transport
 
 BAD_INPUT = 2
 
@@ -71,6 +72,7 @@ def _run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None) -> i
         try:
             signals = stack.enter_context(EndSignals())
             check_environment(args)
+            stack.enter_context(steady_transport())
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
             stack.callback(try_shutdown)
             node = node_class()

@@ -21,7 +21,7 @@ DOUBTS = ("heads", "ring", "autocollimator", "command", "redundancy", "unverifie
 """Bits of the column `doubts`, the lowest first: heads that contradict one another and are not used; a description that
 the radial error motion contradicts; autocollimator and command that are not used; redundancy that was lost, so that a
 further fault of a head would not show; a description that has not been held against a turn of the ring yet, and against
-one of the mirror."""
+one of the mirror, or not since the heads may have lost their zero."""
 
 
 REFUSED = 0.1
@@ -83,6 +83,10 @@ class StreamBelief:
         """Do not use a stream of which something is known that its samples do not tell."""
         self.doubted[name] = why
         self._agreeing[name] = 0.0
+
+    def refuses_all(self, names: Sequence[str], begin_ns: int, end_ns: int) -> bool:
+        """Whether something of each of these streams was refused between two timestamps (ns)."""
+        return all(self._streams[name].refused_between(begin_ns, end_ns) > 0.0 for name in names)
 
     def judge(self, window: Window, begin_ns: int) -> None:
         """Take in a window that begins at `begin_ns`, timestamp (ns)."""
@@ -148,6 +152,8 @@ class Belief:
         self._pending: Evidence | None = None
         self._explained: set[str] = set()
         self._began: dict[str, int] = {}
+        self._heard: int | None = None
+        self._zero_open = False
         self.turns = 0
         self.verdict = self._conclude()
 
@@ -155,7 +161,8 @@ class Belief:
         """Believe everything again until it is contradicted anew."""
         for judge in (self.streams, self.heads, self.tilt, self.ring, self.command):
             judge.reset()
-        self._pending = None
+        self._pending = self._heard = None
+        self._zero_open = False
         self.verdict = self._conclude()
 
     @property
@@ -208,6 +215,7 @@ class Belief:
         rests on other readings.
         """
         evidence, before = self._joined(evidence)
+        self._note_silence(self._grid.number(int(evidence.ticks[0])))
         size, count = self._grid.ticks, len(evidence.ticks)
         skipped = int(-evidence.ticks[0] % size)  # of a window whose begin was not seen
         whole = max(0, (count - skipped) // size)
@@ -235,7 +243,31 @@ class Belief:
             return evidence, 0
         return pending.followed_by(evidence), len(pending.ticks)
 
+    def _note_silence(self, number: int) -> None:
+        """The heads count from a zero of their own: after a time in which none was heard, it may be another one."""
+        if self._heard is not None and number > self._heard + 1 and not self._zero_open:
+            self._zero_open = True
+            self.verdict = self._conclude()
+
+    def _settle_zero(self, window: Window) -> None:
+        """The zero of the heads is that of before where the command says so; otherwise a turn has to show it again."""
+        begin_ns = window.number * window.ticks * self._period_ns
+        end_ns = begin_ns + round(window.duration * NANOSECONDS)
+        if self.streams.refuses_all(self._head_names, begin_ns, end_ns):
+            self._zero_open = True
+        if not self._zero_open or not window.has("heads"):
+            return
+        if self.command.agrees(window):
+            self._zero_open = False
+        elif self.command.doubt or not window.has("command"):
+            self._zero_open = False
+            self.ring.figure.forget()
+            self.tilt.figure.forget()
+
     def _judge(self, window: Window) -> None:
+        self._note_silence(window.number)
+        if window["heads"] > 0.0:
+            self._heard = window.number
         before = {*self.streams.doubted, *self.heads.doubted}
         self.streams.judge(window, window.number * window.ticks * self._period_ns)
         if self.heads.contradiction and self._explained != self.streams.doubted.keys() & {*self._head_names}:
@@ -249,6 +281,7 @@ class Belief:
             self.ring.judge(window)
             self.tilt.judge(window)
             self.command.judge(window)
+            self._settle_zero(window)
         doubting = [name for name, judge in self._judges_of_the_rotation() if judge.doubt]
         self._began = {name: self._began.get(name, window.number) for name in doubting}
         self.verdict = self._conclude()
@@ -279,8 +312,8 @@ class Belief:
             "autocollimator": excluded & self._bits["autocollimator"] != 0,
             "command": excluded & self._bits["command"] != 0,
             "redundancy": self.heads.lost,
-            "unverified": self.verified < 1.0,
-            "unverified_tilt": self._part(self.tilt.figure.covered) < 1.0,
+            "unverified": self._zero_open or self.verified < 1.0,
+            "unverified_tilt": self._zero_open or self._part(self.tilt.figure.covered) < 1.0,
         }
         return Verdict(
             excluded,

@@ -148,6 +148,7 @@ class CommandBelief:
         self._before: float | None = None
         self._squares: deque[float] = deque(maxlen=LONG)
         self._last: Window | None = None
+        self._compared: int | None = None
         self._still = self._speed = 0.0
         self._pairs: deque[tuple[float, float]] = deque(maxlen=10 * LONG)
 
@@ -160,6 +161,10 @@ class CommandBelief:
         self._squares.clear()
         self._pairs.clear()
 
+    def agrees(self, window: Window) -> bool:
+        """Whether the window that was judged last has shown that rotation and command belong together."""
+        return not self.doubt and self._compared == window.number
+
     def judge(self, window: Window) -> None:
         """Take in a window in which the heads tell the rotation."""
         last, self._last = self._last, window
@@ -167,6 +172,7 @@ class CommandBelief:
         if not (window.has("command") and window.has("heads")) or last is None or window.number != last.number + 1:
             self._agreeing = 0.0
             return
+        self._compared = window.number
         speed = (window["theta"] - last["theta"]) / window.duration
         step = self._step(window, last, speed)
         wrong = self._beyond(window, speed) or self._stuck(window, last) or step

@@ -24,6 +24,7 @@ from rotary_error_monitor.description.wire import Topic, Wire, load_wire
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.qos import profile
+from rotary_error_monitor.nodes.transport import steady_transport
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.testing.domains import LOCALHOST, own_domain
 from rotary_error_monitor.testing.processes import NodeProcess, parameter_arguments, postponed_signals
@@ -75,11 +76,12 @@ class Cell:
         with ExitStack() as stack:
             self._domain = stack.enter_context(own_domain(self._reach))
             self._context = Context()
-            rclpy.init(context=self._context, domain_id=self._domain, args=[])
-            stack.callback(self._context.try_shutdown)
-            self._executor = SingleThreadedExecutor(context=self._context)
-            stack.callback(self._executor.shutdown)
-            self.node = Node("test_harness", context=self._context)
+            with steady_transport():
+                rclpy.init(context=self._context, domain_id=self._domain, args=[])
+                stack.callback(self._context.try_shutdown)
+                self._executor = SingleThreadedExecutor(context=self._context)
+                stack.callback(self._executor.shutdown)
+                self.node = Node("test_harness", context=self._context)
             stack.callback(self.node.destroy_node)
             self._executor.add_node(self.node)
             topic = self.wire.topic("diagnostics")

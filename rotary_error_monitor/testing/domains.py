@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import random
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from domain_coordinator import domain_id
+
+from rotary_error_monitor.nodes.transport import environment
 
 _HIGHEST = 100
 LOCALHOST = "LOCALHOST"
@@ -24,20 +25,13 @@ def own_domain(reach: str = LOCALHOST) -> Iterator[int]:
 
     The search starts at a random id: right after a test its domain may still hold word of participants that are gone.
     """
-    discovery = discovery_environment(reach)
     start = random.randrange(_HIGHEST)
     ids = iter(1 + (start + i) % _HIGHEST for i in range(_HIGHEST))
     reservation = domain_id(lambda: next(ids))
     number = reservation.__enter__()
-    before = {name: os.environ.get(name) for name in discovery}
-    os.environ.update(discovery)
     try:
-        yield number
+        with environment(discovery_environment(reach)):
+            yield number
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
         # Never told of an exception: the coordinator would take an OSError of the test for a domain in use.
         reservation.__exit__(None, None, None)

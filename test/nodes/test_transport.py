@@ -1,20 +1,22 @@
-"""The middleware takes the shipped profiles, which ask for lost messages soon."""
+"""What carries messages between processes: no shared memory, and profiles that the middleware takes."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
+from rotary_error_monitor.nodes.transport import PROFILES, RANGE, TRANSPORTS, transport_variables
 from rotary_error_monitor.resources import config
 
-PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
-
-def test_the_middleware_takes_the_shipped_profiles(cell, tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["fastdds.xml", "subnet.xml", "security/loopback.xml"])
+def test_the_middleware_takes_the_shipped_profiles(cell, tmp_path, monkeypatch, name):
     """It says so where it does not, and goes on with its defaults."""
-    monkeypatch.setenv(PROFILES, str(config("fastdds.xml")))
+    monkeypatch.setenv(PROFILES, str(config(name)))
     good = cell.start("encoder_head", "encoder_head_a")
     bad = tmp_path / "bad.xml"
-    bad.write_text(config("fastdds.xml").read_text(encoding="utf-8").replace("heartbeatPeriod", "period"), "utf-8")
+    bad.write_text(config(name).read_text(encoding="utf-8").replace("heartbeatPeriod", "period"), "utf-8")
     monkeypatch.setenv(PROFILES, str(bad))
     other = cell.start("encoder_head", "encoder_head_b", head="b")
     for name in "ab":
@@ -29,3 +31,36 @@ def test_a_process_can_be_started_by_another_command(cell):
     stat = Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii")
     assert int(stat.rpartition(")")[2].split()[16]) >= 5
     assert process.stop() == 0
+
+
+@pytest.mark.parametrize(
+    ("environment", "found"),
+    [
+        ({RANGE: "SUBNET"}, {TRANSPORTS: "UDPv4", PROFILES: str(config("subnet.xml"))}),
+        ({TRANSPORTS: ""}, {TRANSPORTS: "UDPv4", PROFILES: str(config("subnet.xml"))}),
+        ({RANGE: "LOCALHOST"}, {RANGE: "SUBNET", PROFILES: str(config("security/loopback.xml"))}),
+        ({RANGE: "LOCALHOST", "ROS_STATIC_PEERS": "192.0.2.1"}, {}),
+        ({RANGE: "LOCALHOST", TRANSPORTS: "SHM"}, {}),
+        ({PROFILES: "cell.xml"}, {}),
+        ({"FASTDDS_DEFAULT_PROFILES_FILE": "cell.xml"}, {}),
+    ],
+    ids=repr,
+)
+def test_transports_unless_somebody_chose(environment, found):
+    assert transport_variables(environment, "rmw_fastrtps_cpp") == found
+    assert transport_variables(environment, "rmw_cyclonedds_cpp") == {}
+
+
+def shared_memory(process):
+    """Files of Fast DDS in shared memory that a process has mapped."""
+    lines = Path(f"/proc/{process.pid}/maps").read_text(encoding="utf-8").splitlines()
+    return [line for line in lines if "/dev/shm/fastrtps" in line]
+
+
+@pytest.mark.parametrize("chosen", ["", "DEFAULT"])
+def test_a_node_uses_shared_memory_only_where_it_was_chosen(cell, monkeypatch, chosen):
+    monkeypatch.setenv(TRANSPORTS, chosen)
+    heard = cell.collect(cell.wire.topic("head_samples", "a"))
+    head = cell.start("encoder_head", "encoder_head_a")
+    cell.wait_until(lambda: len(heard) > 10, "samples", 60)
+    assert bool(shared_memory(head)) == bool(chosen)

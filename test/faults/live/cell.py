@@ -55,10 +55,6 @@ MOST_WRONG = 0.002
 SAID_WITHIN = 1.0
 RIGHT_WITHIN = 1.0
 
-REPEATED = 3.0
-"""Time, s, after which the middleware sends again what its buffers could not hold, and with it all that came later: the
-heartbeat period of Fast DDS. A burst does that: a backlog of 2 s, a block of 16 MB."""
-
 MOST_LOST = 3.0
 """Waiting for a core counts up to this many times what is stated; a computer that is busier than that shows nothing."""
 

@@ -7,11 +7,11 @@ import signal
 import pytest
 
 from faults.documenting import Row, shows
-from faults.live.cell import NAMES, REPEATED, RIGHT_WITHIN, SAID_WITHIN, check
+from faults.live.cell import NAMES, RIGHT_WITHIN, SAID_WITHIN, check
 
-DISCOVERY = 10.0
+DISCOVERY = 4.0
 """Longest time in which the middleware finds a new process, s: it announces itself within half a second and then every
-three; where a computer is busy, the second of those may be the first that all hear."""
+three."""
 
 TURN = 8.0
 """Longest time in which the mock stage makes a turn, s: it may stand for 3 s between two at 3 rad/s or more."""
@@ -37,8 +37,8 @@ WORDS = {
         done="a head or the autocollimator: the estimate goes on without it; otherwise corrections are held",
         published="what is left, with the uncertainty that it has then; after 2 s without estimates what the "
         "description alone says",
-        recovery="within 1 s of when the middleware has found the successor: 0.1 s to 0.3 s after its start for an "
-        "instrument, 1 s for the compensation, 3 s to 7 s for the estimator on a busy computer",
+        recovery="within 1 s of when the middleware has found the successor: 0.1 s to 0.9 s after its start for an "
+        "instrument, 0.8 s to 1.2 s for the compensation, 0.6 s to 2.1 s for the estimator",
     )
 )
 @pytest.mark.parametrize("kind", KINDS)
@@ -66,8 +66,8 @@ def test_a_process_is_killed_and_started_again(live, chance, kind):
         seen="as when it is killed",
         done="as when it is killed; what has waited meanwhile is used where it is young enough, else dropped by stamp",
         published="what is left; nothing late",
-        recovery="an instrument or the controller: within 1 s (0.05 s measured); estimator and compensation: within "
-        "4 s, for their backlog may not fit into the middleware's buffers, which sends it again after up to 3 s",
+        recovery="within 1 s: 0.05 s measured for an instrument or the controller, up to 0.7 s for estimator and "
+        "compensation, whose backlog may not fit into the middleware's buffers, which sends it again after 0.2 s",
     )
 )
 @pytest.mark.parametrize("kind", KINDS)
@@ -84,8 +84,7 @@ def test_a_process_is_stopped_for_two_seconds(live, chance, kind):
         end_ns = live.clock()
         live.processes[name].go_on()
         well_ns = live.wait_until_all_is_well(end_ns)
-        backlog = REPEATED if kind in ("error_estimator", "compensation") else 0.0
-        check("right again", well_ns - end_ns, RIGHT_WITHIN + backlog, lost())
+        check("right again", well_ns - end_ns, RIGHT_WITHIN, lost())
     live.judge(begin_ns)
 
 
@@ -96,10 +95,12 @@ def test_a_process_is_stopped_for_two_seconds(live, chance, kind):
         seen="stamps that are old when they arrive",
         done="what is older than `max_age` (1 s) is not estimated, what is older than `age_limit` (0.2 s) not applied",
         published="nothing meanwhile, nothing late",
-        recovery="within 1 s of the last one (0.3 s measured), 4 s where the middleware must send a backlog again",
+        recovery="within 1 s of the last one (0.3 s measured)",
     )
 )
-def test_the_whole_cell_is_stopped_for_two_seconds(live, chance):
+@pytest.mark.parametrize("time", range(4))
+def test_the_whole_cell_is_stopped_for_two_seconds(live, chance, time):
+    """Several times: with the middleware's shared memory, one in five left processes that heard nothing any more."""
     begin_ns = live.clock()
     for name in chance.sample(NAMES, len(NAMES)):
         live.processes[name].pause()
@@ -109,7 +110,7 @@ def test_the_whole_cell_is_stopped_for_two_seconds(live, chance):
             live.processes[name].go_on()
         end_ns = live.clock()
         well_ns = live.wait_until_all_is_well(end_ns)
-        check("right again", well_ns - end_ns, RIGHT_WITHIN + REPEATED, lost())
+        check("right again", well_ns - end_ns, RIGHT_WITHIN, lost())
     live.judge(begin_ns)
 
 
