@@ -90,6 +90,7 @@ class Scene:
         radial: (n,) displacement of the rotor at the ring as `x + 1j * y`, m.
         tilt: (n,) its tilt, rotation vector as `x + 1j * y`, rad.
         stage: the true stage.
+        motion, temperature: their whole course, for what depends on the past.
     """
 
     time: NDArray[np.float64]
@@ -102,6 +103,8 @@ class Scene:
     radial: Plane
     tilt: Plane
     stage: StageDescription
+    motion: Course
+    temperature: Temperature
 
     @property
     def error_motion(self) -> NDArray[np.float64]:
@@ -120,6 +123,13 @@ class Fault:
     def describe(self, stage: StageDescription) -> StageDescription:
         """Parameters of the stage."""
         return stage
+
+    def over_time(self, plant: StagePlant, stream: str, time: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """(n, fields) all that a stream shows, where the size of the fault changes over time; None where it does not.
+
+        The fault is among those of the plant; nothing else of it is asked then.
+        """
+        return None
 
     def age(self, stream: str) -> float:
         """Age of the values of a stream at their stamps, s."""
@@ -235,6 +245,10 @@ class StagePlant:
             InputError: there is no such stream.
         """
         self._clock(stream)
+        for fault in self.faults:
+            whole = fault.over_time(self, stream, time)
+            if whole is not None:
+                return whole
         time = time - sum(fault.age(stream) for fault in self.faults)
         if stream == "command":
             return np.column_stack(self.motion.at(time))
@@ -259,7 +273,8 @@ class StagePlant:
         warming = self.temperature.at(time) - self.stage.reference_temperature
         nowhere, theta = np.zeros(len(time), dtype=np.complex128), driven + self._jitter(time)
         turns = Turns(np.exp(1j * theta))
-        scene = Scene(time, command, speed, theta, turns, force, warming, nowhere, nowhere, self.stage)
+        known = (self.stage, self.motion, self.temperature)
+        scene = Scene(time, command, speed, theta, turns, force, warming, nowhere, nowhere, *known)
         for fault in self.faults:
             theta = fault.drive(scene.theta, scene)
             if theta is not scene.theta:

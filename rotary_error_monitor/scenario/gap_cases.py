@@ -15,13 +15,22 @@ from rotary_error_monitor.bags.contents import JointState, PointStamped, Tempera
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.description.machine import MachineDescription, machine_from_mapping
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.cases import Kind, MachineCase, StageCase, make_machine_case, make_stage_case
+from rotary_error_monitor.plant.case_faults import Kind
+from rotary_error_monitor.plant.cases import MachineCase, StageCase, make_machine_case, make_stage_case
 from rotary_error_monitor.plant.draws import machine_faults, stage_faults
 from rotary_error_monitor.plant.motion import random_motion
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.document import machine_mapping, stage_mapping
 
 Family = Literal["stage", "machine"]
+
+VARIANT_SIZES: Mapping[tuple[Family, bool], tuple[float, float]] = {
+    ("stage", False): (150.0, 3000.0),
+    ("stage", True): (300.0, 6000.0),
+    ("machine", False): (40.0, 400.0),
+    ("machine", True): (60.0, 600.0),
+}
+"""Range of sizes of variants by family and floor (see `Truth.snr`): of some the departure stands out, of some not."""
 
 WEAK = (4.0, 40.0)
 """Range of sizes around the detection limit of a clean recording (see `Truth.snr`)."""
@@ -54,6 +63,7 @@ _SHARES: tuple[tuple[str, Kind, float], ...] = (
     ("weak", "single", 0.08),
     ("left out", "single", 0.08),
     ("new speed", "single", 0.06),
+    ("variant", "variant", 0.30),
 )
 
 GROUPS = tuple(group for group, _, _ in _SHARES)
@@ -71,7 +81,8 @@ class CasePlan:
 
     Attributes:
         group: single, pair, unknown, null, weak, new speed (the causes must hold in a second recording, at speeds that
-            the first one has not), or left out: its effect is missing from the diagnoser's library.
+            the first one has not), left out: its effect is missing from the diagnoser's library, or variant: its effect
+            departs from the textbook form.
         effects: what is at work; None lets the seed draw it.
         left_out: effects that the diagnoser may not know.
     """
@@ -97,7 +108,7 @@ def plan_cases(
 ) -> tuple[CasePlan, ...]:
     """About `count` cases of every family, clean and rough, in an order that tells nothing; of all groups by default.
 
-    Single, weak and left-out cases go round all effects of the family, so that each has its row in the table.
+    Single, weak, left-out and varied cases go round all effects of the family, so that each has its row in the table.
     """
     whole = sum((share for group, _, share in _SHARES if group in groups), 0.0) or 1.0
     draw = np.random.default_rng(seed)
@@ -119,7 +130,7 @@ def plan_cases(
                             "kind": kind,
                             "rough": harsh,
                             "effects": named,
-                            "snr": WEAK if group == "weak" else None,
+                            "snr": _sizes_of(group, family, harsh),
                             "left_out": left_out,
                         }
                     )
@@ -128,12 +139,19 @@ def plan_cases(
     return tuple(CasePlan(i, int(seeds[i]), **rows[int(place)]) for i, place in enumerate(order))
 
 
+def _sizes_of(group: str, family: Family, rough: bool) -> tuple[float, float] | None:
+    """Range of sizes of the cases of a group; None for the usual one."""
+    if group == "variant":
+        return VARIANT_SIZES[family, rough]
+    return WEAK if group == "weak" else None
+
+
 def _effects_of(kind: Kind, number: int, known: NDArray[np.str_], draw: np.random.Generator) -> tuple[str, ...] | None:
     """Effects of the case with that number of its kind; None where there is nothing to choose.
 
     A pair of stand-ins for one another is one effect to any recording: such pairs are drawn again.
     """
-    if kind == "single":
+    if kind in ("single", "variant"):
         return (str(known[number % len(known)]),)
     if kind != "pair":
         return None

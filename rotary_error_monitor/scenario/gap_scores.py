@@ -19,6 +19,13 @@ SIZES = (0.0, 3.0, 6.0, 8.0, 10.0, 20.0, 40.0, 80.0, 160.0, 1e9)
 FINDABLE = 8.0
 """Size from which an effect is found in 99 % of all recordings at a false-alarm rate of 1 %: five and a half standard
 deviations for the test that decides among all effects and places, and 2.3 for chance on the other side."""
+
+STANDS_OUT = 30.0
+"""Departure from the textbook form, standard deviations of one channel, from which it must be told."""
+
+MOST_NAMED = 2
+"""Causes that may be named where one effect departs from its textbook form: it, and what describes the departure."""
+
 PROBABILITIES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.0)
 
 
@@ -33,6 +40,7 @@ class Outcome:
         alarmed: a gap was seen.
         size: how far the smallest fault stands out of noise and of the twin's uncertainty, standard deviations.
         lvdt: whether the LVDT was there; None for a machine.
+        told: the departure of a variant is told; None where it does not stand out, or there is none.
         elsewhere: part of the gap that the causes take away at speeds that they were not sized at; None if not asked.
         where_right: the first channel is among those moved most; None where nothing was moved or seen.
         probabilities: of each named cause, with whether it was one.
@@ -46,6 +54,7 @@ class Outcome:
     right: bool
     alike: bool
     alarmed: bool
+    told: bool | None
     size: float
     lvdt: bool | None
     elsewhere: float | None
@@ -74,6 +83,7 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
         right=right,
         alike=right or (known and diagnosis["verdict"] == "explained" and all(hits)),
         alarmed=diagnosis["verdict"] != "no_gap",
+        told=_told(truth, diagnosis),
         size=min((float(size) for size in truth["sizes"]), default=0.0),
         lvdt=None if plan.family == "machine" else any("/lvdt/" in channel for channel in snr),
         elsewhere=_elsewhere(diagnosis.get("elsewhere")),
@@ -84,6 +94,15 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
         within=_within(truth, diagnosis),
         seconds=seconds,
     )
+
+
+def _told(truth: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> bool | None:
+    """Whether a departure that stands out is told: as such, by another cause, or as what remains."""
+    if max(truth.get("off_textbook_snr", {}).values(), default=0.0) < STANDS_OUT:
+        return None
+    causes = diagnosis["causes"]
+    described = any(cause.get("departures") for cause in causes)
+    return bool(diagnosis["verdict"] == "partly_explained" or len(causes) > 1 or described)
 
 
 def _elsewhere(gap: Mapping[str, float] | None) -> float | None:
@@ -99,6 +118,8 @@ def _right(plan: CasePlan, diagnosis: Mapping[str, Any], wanted: list[Key], name
         return bool(verdict == "no_gap")
     if plan.kind == "unknown" or plan.left_out:
         return bool(verdict == "unknown" or (verdict == "partly_explained" and diagnosis["gap"]["shrink"] < 0.5))
+    if plan.kind == "variant":
+        return verdict in ("explained", "partly_explained") and any(hits) and len(named) <= MOST_NAMED
     if plan.kind == "single":
         return verdict == "explained" and len(named) == 1 and hits[0]
     return bool(verdict == "explained" and named == wanted)
@@ -191,6 +212,7 @@ def _by_group(outcomes: Sequence[Outcome]) -> str:
                 _share([o.alike for o in group if _findable(o)]),
                 _share([o.right for o in group if not _findable(o)]),
                 _share(places),
+                _share([o.told for o in group if o.told is not None]),
                 f"{np.median(shrinks):.3f}" if shrinks else "-",
                 f"{np.median([o.seconds for o in group]):.1f} / {max(o.seconds for o in group):.1f}",
             ]
@@ -202,6 +224,7 @@ def _by_group(outcomes: Sequence[Outcome]) -> str:
             "or said to be alike",
             "right, too small to be found",
             "where",
+            "departures told",
             "median shrink",
             "seconds, median / most",
         ],

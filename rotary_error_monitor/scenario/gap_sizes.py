@@ -18,11 +18,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.plant.cases import TRACKER_NOISE, MachineCase, StageCase
+from rotary_error_monitor.plant.cases import MachineCase, StageCase
+from rotary_error_monitor.plant.departures import acting
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant
+from rotary_error_monitor.plant.response import INPUTS, TRACKER_NOISE, noise_of, times_of
 from rotary_error_monitor.plant.stage import HEAD, Fault, StagePlant
-from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.machine import uncertain_shifts
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
@@ -33,8 +33,6 @@ EVERY = 50
 
 JITTER_BAND = 20.0
 """Frequency, Hz, up to which the rotor jitters, as the page of the stage says."""
-
-_INPUTS = ("command", "force", "temperature")
 
 
 def sizes_beyond_uncertainty(case: StageCase | MachineCase, duration: float) -> list[float]:
@@ -61,22 +59,21 @@ def _stage_sizes(case: StageCase, duration: float) -> list[float]:
     ]
     sizes = []
     for fault in case.truth.faults:
-        if isinstance(fault, Fault):
-            faulty = replace(plain, faults=(fault,))
-            sizes.append(float(np.hypot(_size(measure(faulty) - base, allowed), _shared_size(plain, faulty, duration))))
+        faulty = replace(plain, faults=tuple(part for part in acting((fault,)) if isinstance(part, Fault)))
+        sizes.append(float(np.hypot(_size(measure(faulty) - base, allowed), _shared_size(plain, faulty, duration))))
     return sizes
 
 
 def _shared_size(plain: StagePlant, faulty: StagePlant, duration: float) -> float:
     """Size of what all heads see alike, over the mean of their noise and the jitter."""
     heads = [stream for stream in plain.streams if stream.startswith(HEAD)]
-    time = _times_of(plain, heads[0], duration)
+    time = times_of(plain, heads[0], duration)
     period = float(np.ptp(time)) / (len(time) - 1)
     moved = np.mean([faulty.signal(head, time)[:, 0] - plain.signal(head, time)[:, 0] for head in heads], axis=0)
     power = 2 * np.square(np.abs(np.fft.rfft(moved))) / len(time)
     power[0] /= 2
     frequency = np.fft.rfftfreq(len(time), period)
-    floor = 2 * period * _noise_of(plain.stage, heads[0]) ** 2 / len(heads)
+    floor = 2 * period * noise_of(plain.stage, heads[0]) ** 2 / len(heads)
     density = floor + np.where(frequency < JITTER_BAND, plain.jitter**2 / JITTER_BAND, 0.0)
     return float(np.sqrt(np.sum(power * 2 * period / density)))
 
@@ -86,9 +83,9 @@ def _measure_of(plain: StagePlant, duration: float) -> Callable[[StagePlant], Ar
 
     Of the heads it gives what each has beyond their mean.
     """
-    sensors = [stream for stream in plain.streams if stream not in _INPUTS]
-    times = {stream: _times_of(plain, stream, duration)[::EVERY] for stream in sensors}
-    noise = {stream: _noise_of(plain.stage, stream) for stream in sensors}
+    sensors = [stream for stream in plain.streams if stream not in INPUTS]
+    times = {stream: times_of(plain, stream, duration)[::EVERY] for stream in sensors}
+    noise = {stream: noise_of(plain.stage, stream) for stream in sensors}
     heads = [stream for stream in sensors if stream.startswith(HEAD)]
 
     def measure(plant: StagePlant) -> Array:
@@ -100,24 +97,11 @@ def _measure_of(plain: StagePlant, duration: float) -> Callable[[StagePlant], Ar
     return measure
 
 
-def _times_of(plant: StagePlant, stream: str, duration: float) -> Array:
-    clock = plant.clocks[stream]
-    stamps = clock.times_ns(0, clock.index_at(round(duration * NANOSECONDS)))
-    return np.asarray(stamps * 1e-9, np.float64)
-
-
-def _noise_of(stage: StageDescription, stream: str) -> float:
-    if stream == "lvdt":
-        return np.inf if stage.lvdt is None else stage.lvdt.noise
-    sensor = stage.autocollimator if stream == "autocollimator" else stage.encoder
-    return float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12)))
-
-
 def _machine_sizes(case: MachineCase) -> list[float]:
     def measure(plant: MachinePlant) -> Array:
         return np.asarray(plant.tool_offset(case.poses)[:, :3].ravel() / TRACKER_NOISE, np.float64)
 
     base = measure(MachinePlant(case.twin, ()))
     allowed = [measure(MachinePlant(shift.machine, ())) - base for shift in uncertain_shifts(case.twin)]
-    faults = [fault for fault in case.truth.faults if isinstance(fault, MachineFault)]
-    return [_size(measure(MachinePlant(case.twin, (fault,))) - base, allowed) for fault in faults]
+    faulty = [tuple(part for part in acting((fault,)) if isinstance(part, MachineFault)) for fault in case.truth.faults]
+    return [_size(measure(MachinePlant(case.twin, parts)) - base, allowed) for parts in faulty]

@@ -10,7 +10,8 @@ import pytest
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import cases
-from rotary_error_monitor.plant.cases import AMOUNT, Kind, make_machine_case, make_stage_case
+from rotary_error_monitor.plant.case_faults import AMOUNT, Kind
+from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 from rotary_error_monitor.plant.draws import draw_machine, machine_faults, stage_faults
 from rotary_error_monitor.plant.faults import make_fault
 
