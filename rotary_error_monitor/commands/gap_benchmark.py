@@ -34,7 +34,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("--family", choices=sorted(_FAMILIES), default="both")
     parser.add_argument("--floor", choices=sorted(_FLOORS), default="both", help="clean cases, rough ones, or both")
     parser.add_argument(
-        "--group", choices=GROUPS, action="append", default=[], help="cases of this group only; may be given again"
+        "--group",
+        choices=GROUPS,
+        action="append",
+        default=[],
+        help="cases of this group only; may be given again (variant: the effect departs from its textbook form; loud: "
+        "a pair, one far louder; mimic: half of a known effect, which is none; noise: not as the twin states it)",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="OUT.json", help="every outcome, for tables of your own")
     parser.set_defaults(run=run)

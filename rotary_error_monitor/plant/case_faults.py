@@ -4,21 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.departures import AnyFault, fit_textbook, vary_fault
 from rotary_error_monitor.plant.faults import Named
+from rotary_error_monitor.plant.mimics import Mimic, Resemblance, draw_mimic
 from rotary_error_monitor.plant.response import Response
 
-Kind = Literal["null", "single", "pair", "unknown", "variant"]
-AMOUNT: Mapping[Kind, int] = {"null": 0, "single": 1, "pair": 2, "unknown": 1, "variant": 1}
+Kind = Literal["null", "single", "pair", "unknown", "variant", "mimic"]
+LOUDEST: Mapping[str, float] = {
+    "encoder_latency": 1.5e6,
+    "following_error": 1.5e6,
+    "head_latency": 1e5,
+    "head_missed_counts": 1e5,
+    "disc_eccentricity": 1e5,
+    "reversal_backlash": 1e5,
+    "lvdt_artefact": 1e5,
+    "graduation_error": 3e4,
+    "drive_cyclic_error": 3e4,
+    "tool_length": 3e4,
+    "axis_scale": 3e4,
+    "pivot_offset": 3e4,
+    "axis_backlash": 1e4,
+    "thermal_expansion": 1e4,
+    "setup_offset": 5e3,
+}
+"""Effects that may be far louder than another, and their largest size (see `Truth.snr`): what a real stage or machine
+has at most, within the range of the instruments, and where terms of second order stay below their resolution."""
+
+SomeFault = TypeVar("SomeFault", Named, Mimic)
+AMOUNT: Mapping[Kind, int] = {"null": 0, "single": 1, "pair": 2, "unknown": 1, "variant": 1, "mimic": 1}
 """How many faults a case of each kind has."""
 
-COARSE, FINE = 17, 7
-"""Every so many samples of a stage are looked at while a departure is sought, and while sizes are measured."""
+MIMICKED, COARSE, FINE = 41, 17, 7
+"""Every so many samples of a stage are looked at: for what resembles what, for departures, and for sizes."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +58,21 @@ class KnownDeparture:
     share: float
     off_textbook_snr: Mapping[str, float]
     fitted: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class DrawnFaults:
+    """Faults of a case, and what is known of the special ones.
+
+    Attributes:
+        faults: as large as the case asks.
+        departure: how the fault of a variant departs; None for others.
+        resemblance: which known effect a mimic resembles; None for others.
+    """
+
+    faults: tuple[AnyFault, ...]
+    departure: KnownDeparture | None = None
+    resemblance: Resemblance | None = None
 
 
 @dataclass(frozen=True)
@@ -58,8 +95,8 @@ class Casting:
         draw: np.random.Generator,
         make: Callable[[str], Named],
         response: Callable[[int], Response],
-    ) -> tuple[tuple[AnyFault, ...], KnownDeparture | None]:
-        """Faults of these names as large as the case asks, and how the varied one departs.
+    ) -> DrawnFaults:
+        """Faults of these names as large as the case asks.
 
         Args:
             names: of the faults.
@@ -68,23 +105,27 @@ class Casting:
             response: response of the recording that looks at every so many samples only.
         """
         fine = response(FINE)
+        if self.kind == "mimic":
+            mimic, resemblance = draw_mimic(names, draw, make, response(MIMICKED))
+            return DrawnFaults((sized(mimic, draw, self.snr, fine),), resemblance=resemblance)
         faults = tuple(sized(make(name), draw, self.snr, fine) for name in names)
         if self.loudness is not None:
             quiet = fine.size(faults[1:])
-            low, high = self.loudness
-            faults = (sized(faults[0], draw, (low * quiet, high * quiet), fine), *faults[1:])
+            low, high = (min(times * quiet, LOUDEST[names[0]]) for times in self.loudness)
+            faults = (sized(faults[0], draw, (low, high), fine), *faults[1:])
         if self.kind != "variant":
-            return faults, None
+            return DrawnFaults(faults)
         varied, _ = vary_fault(faults[0], draw, response(COARSE).channels)
         fit = fit_textbook(varied, fine.channels)
-        return (varied,), KnownDeparture(varied.departure.words, fit.share, fit.off, fit.parameters)
+        departure = KnownDeparture(varied.departure.words, fit.share, fit.off, fit.parameters)
+        return DrawnFaults((varied,), departure)
 
 
 _SMALLER, _LARGER = 0.1, 1e3
 _MOST_TRIALS, _MOST_GROWN = 50, 4
 
 
-def sized(fault: Named, draw: np.random.Generator, snr: tuple[float, float], response: Response) -> Named:
+def sized(fault: SomeFault, draw: np.random.Generator, snr: tuple[float, float], response: Response) -> SomeFault:
     """The fault as large as a number drawn from `snr`.
 
     Raises:

@@ -54,16 +54,19 @@ class StageResponse(Response):
         plain: the stage without the faults.
         duration: of the recording, s.
         every: only every so many samples are looked at; the squares are scaled up.
+        scattered: one of every so many, drawn, so that no order looks like another.
     """
 
     plain: StagePlant
     duration: float
     every: int = 1
+    scattered: bool = False
 
     def channels(self, faults: Sequence[AnyFault]) -> Mapping[str, Array]:
         """Heads, autocollimator and LVDT, topic + `.` + field."""
         parts = tuple(part for part in acting(faults) if isinstance(part, Fault))
-        plant, found = replace(self.plain, faults=(*self.plain.faults, *parts)), {}
+        plant = replace(self.plain, faults=(*self.plain.faults, *parts))
+        found: dict[str, Array] = {}
         for stream, (time, base) in self._bases.items():
             moved = (plant.signal(stream, time) - base) * (np.sqrt(self.every) / noise_of(self.plain.stage, stream))
             names = HEAD_FIELDS if HEAD in stream else FIELDS[stream]
@@ -74,10 +77,15 @@ class StageResponse(Response):
     @cached_property
     def _bases(self) -> dict[str, tuple[Array, Array]]:
         """Times (m,) and signals (m, fields) of each stream without the faults."""
-        found = {}
+        found: dict[str, tuple[Array, Array]] = {}
         for stream in self.plain.streams:
             if stream not in INPUTS:
-                time = times_of(self.plain, stream, self.duration)[:: self.every]
+                time = times_of(self.plain, stream, self.duration)
+                index = np.arange(0, len(time), self.every)
+                if self.scattered:
+                    steps = np.random.default_rng(len(found)).integers(0, self.every, len(index))
+                    index = np.minimum(index + steps, len(time) - 1)
+                time = time[index]
                 found[stream] = (time, self.plain.signal(stream, time))
         return found
 

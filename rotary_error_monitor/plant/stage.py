@@ -16,6 +16,7 @@ from rotary_error_monitor.plant.environment import Forces, Temperature
 from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
 from rotary_error_monitor.plant.motion import Course, reversing_motion
 from rotary_error_monitor.plant.noise import Noise, Turbulence
+from rotary_error_monitor.plant.noise_forms import NoiseForm
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
 
 FIELDS = {
@@ -188,6 +189,7 @@ class StagePlant:
         clocks: when each stream samples, by the name of the stream.
         faults: what the description does not say.
         jitter: standard deviation of the true rotation about the command, rad.
+        noise_forms: by stream, noise that is not normal and white as stated.
         force_noise, temperature_noise: standard deviation of load cell and thermometer, N and K.
     """
 
@@ -200,6 +202,7 @@ class StagePlant:
     clocks: Mapping[str, Clock] = field(default_factory=stage_clocks)
     faults: tuple[Fault, ...] = ()
     jitter: float = 2e-6
+    noise_forms: Mapping[str, NoiseForm] = field(default_factory=dict)
     force_noise: float = 0.2
     temperature_noise: float = 0.01
 
@@ -361,7 +364,11 @@ class StagePlant:
 
     def _noise(self, stream: str, first: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
         count, fields = shape
-        return self._noises[stream].normal(first * fields, count * fields).reshape(count, fields)
+        noise = self._noises[stream]
+        normal = noise.normal(first * fields, count * fields).reshape(count, fields)
+        form = self.noise_forms.get(stream)
+        time = np.asarray(self.clocks[stream].times_ns(first, count) * 1e-9, dtype=np.float64)
+        return form.shaped(normal, noise, time) if form else normal
 
     @cached_property
     def _noises(self) -> dict[str, Noise]:

@@ -130,6 +130,6 @@ def _written(plan: CasePlan, place: Path) -> dict[str, Any]:
     if plan.group == "new speed":
         write_elsewhere(case, place, plan.seed)
     truth = case.truth.as_mapping()
-    truth["outside"] = [fault.name for fault in case.truth.faults] if plan.kind == "unknown" else []
+    truth["outside"] = [fault.name for fault in case.truth.faults] if plan.kind in ("unknown", "mimic") else []
     truth["sizes"] = sizes_beyond_uncertainty(case, DURATION)
     return truth

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.departures import forms, friction, poses, swells
+from rotary_error_monitor.plant.departures import forms, friction, poses, readings, swells
 from rotary_error_monitor.plant.departures.company import Neighbours, SecondWave
 from rotary_error_monitor.plant.departures.departure import AnyFault, Departure, Varied
 from rotary_error_monitor.plant.departures.textbook import Channels, TextbookFit, fit_textbook
@@ -23,18 +23,18 @@ _WAVES = (poses.PoseWarming, poses.AlongOwn, poses.PoseOneWay, poses.PoseWander)
 _SEATS = (poses.PoseWarming, poses.AlongTravel, poses.PoseOneWay, poses.PoseWander, poses.PoseRunIn)
 
 MECHANISMS: Mapping[str, tuple[type[Departure], ...]] = {
-    "disc_eccentricity": (forms.OvalRing, swells.Warming, swells.OneWay, swells.Wander, swells.RunIn),
+    "disc_eccentricity": (readings.OvalRing, swells.Warming, swells.OneWay, swells.Wander, swells.RunIn),
     "graduation_error": (Neighbours, swells.Around, swells.Warming),
     "disc_scale": (swells.Around, swells.Warming, swells.Fast),
-    "subdivisional_error": (forms.UnlikeGains, swells.Around, swells.Warming, swells.Fast),
-    "head_misplacement": (forms.CreepingBracket, swells.Around, swells.OneWay),
+    "subdivisional_error": (readings.UnlikeGains, swells.Around, swells.Warming, swells.Fast),
+    "head_misplacement": (readings.CreepingBracket, swells.Around, swells.OneWay),
     "head_latency": _DELAYS,
     "encoder_latency": _DELAYS,
-    "head_missed_counts": (forms.SlowLoss, forms.PartlyRegained),
-    "autocollimator_gain": (forms.BentGain, swells.Warming, swells.Wander, swells.Around),
-    "autocollimator_roll": (forms.SkewReticle, swells.Warming, swells.Wander, swells.RunIn),
-    "autocollimator_nonlinearity": (forms.Saturating, forms.UnlikeAxes, swells.Warming),
-    "autocollimator_drift": (forms.SettlingDrift, swells.Wander),
+    "head_missed_counts": (readings.SlowLoss, readings.PartlyRegained),
+    "autocollimator_gain": (readings.BentGain, swells.Warming, swells.Wander, swells.Around),
+    "autocollimator_roll": (readings.SkewReticle, swells.Warming, swells.Wander, swells.RunIn),
+    "autocollimator_nonlinearity": (readings.Saturating, readings.UnlikeAxes, swells.Warming),
+    "autocollimator_drift": (readings.SettlingDrift, swells.Wander),
     "autocollimator_latency": _DELAYS,
     "mirror_wobble": (swells.Warming, swells.Fast, swells.OneWay, swells.Wander, swells.RunIn),
     "mirror_flatness": (Neighbours, swells.Warming, swells.Around),
@@ -48,8 +48,8 @@ MECHANISMS: Mapping[str, tuple[type[Departure], ...]] = {
     "reversal_backlash": (friction.CompliantFlanks, friction.OilFilmSide, swells.Around, swells.Warming),
     "following_error": (*_DELAYS, swells.LowSpeed),
     "drive_cyclic_error": (Neighbours, swells.OneWay, swells.Around, swells.LowSpeed, swells.Pressed),
-    "lvdt_gain": (forms.BentGain, swells.Warming, swells.Wander, swells.OneWay),
-    "lvdt_artefact": (forms.LobedArtefact, swells.Warming, swells.RunIn, swells.OneWay),
+    "lvdt_gain": (readings.BentGain, swells.Warming, swells.Wander, swells.OneWay),
+    "lvdt_artefact": (readings.LobedArtefact, swells.Warming, swells.RunIn, swells.OneWay),
     "lvdt_height": (swells.Warming, swells.Wander, swells.OneWay, swells.Around),
     "squareness": (poses.PoseWarming, poses.AlongTravel, poses.PoseWander, poses.PoseOneWay),
     "axis_scale": (poses.AlongOwn, poses.PoseWarming, poses.PoseOneWay),
