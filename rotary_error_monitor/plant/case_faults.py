@@ -9,9 +9,10 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.departures import AnyFault, fit_textbook, vary_fault
+from rotary_error_monitor.plant.departures import AnyFault, Varied, fit_textbook, vary_fault
 from rotary_error_monitor.plant.faults import Named
-from rotary_error_monitor.plant.mimics import Mimic, Resemblance, draw_mimic
+from rotary_error_monitor.plant.faults.axes import AxisFault
+from rotary_error_monitor.plant.mimics import Mimic, Resemblance, Signatures, draw_mimic
 from rotary_error_monitor.plant.response import Response
 
 Kind = Literal["null", "single", "pair", "unknown", "variant", "mimic"]
@@ -115,14 +116,29 @@ class Casting:
             faults = (sized(faults[0], draw, (low, high), fine), *faults[1:])
         if self.kind != "variant":
             return DrawnFaults(faults)
-        varied, _ = vary_fault(faults[0], draw, response(COARSE).channels)
+        varied = _varied(faults[0], draw, response)
         fit = fit_textbook(varied, fine.channels)
         departure = KnownDeparture(varied.departure.words, fit.share, fit.off, fit.parameters)
         return DrawnFaults((varied,), departure)
 
 
+def _varied(fault: Named, draw: np.random.Generator, response: Callable[[int], Response]) -> Varied:
+    """The fault with a drawn departure after which it still resembles no other known effect more than its own.
+
+    Raises:
+        InputError: each of many departures makes it another effect.
+    """
+    scattered = response(MIMICKED)
+    signatures = Signatures(scattered, isinstance(fault, AxisFault))
+    for _ in range(_MOST_DEPARTURES):
+        varied, _ = vary_fault(fault, draw, response(COARSE).channels)
+        if signatures.nearest_is_own(scattered.moved((varied,)), fault):
+            return varied
+    raise InputError(f"{fault} becomes another effect by each departure in this recording; take another seed")
+
+
 _SMALLER, _LARGER = 0.1, 1e3
-_MOST_TRIALS, _MOST_GROWN = 50, 4
+_MOST_TRIALS, _MOST_GROWN, _MOST_DEPARTURES = 50, 4, 12
 
 
 def sized(fault: SomeFault, draw: np.random.Generator, snr: tuple[float, float], response: Response) -> SomeFault:

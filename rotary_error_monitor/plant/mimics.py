@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 CORRELATIONS = (0.6, 0.8)
 """Range of the correlation of a mimic with the known effect that resembles it most: 0.71 is half of the power."""
 
+ALIKE = 0.002
+"""Difference of two correlations that tells nothing: effects that do the same to a recording differ by less."""
+
 UNIT = 1e-6
 VISIBLE = (1.0, 1e4)
 """Parameters of signatures before they are scaled, and the range of sizes, standard deviations, that is let be: large
@@ -87,10 +90,20 @@ class Signatures:
 
     def nearest(self, moved: Array, like: Named) -> Resemblance:
         """The effect that resembles the signal (m,) most; the order of `like` counts beside the usual ones."""
-        bases = self._bases | {(*key[:2], -1 - key[2]): basis for key, basis in self._of(like.name, like).items()}
-        found = {key: float(np.linalg.norm(basis.T @ moved)) for key, basis in bases.items()}
+        found = self._correlations(moved, like)
         best = max(found, key=lambda key: found[key])
-        return Resemblance(best[0], best[1], found[best] / float(np.linalg.norm(moved)))
+        return Resemblance(best[0], best[1], found[best])
+
+    def nearest_is_own(self, moved: Array, own: Named) -> bool:
+        """Whether no other known effect resembles the signal (m,) more than `own` does; those that are alike may."""
+        found = self._correlations(moved, own)
+        mine = max(value for key, value in found.items() if key[:2] == (own.name, own.location))
+        return mine >= max(found.values()) - ALIKE
+
+    def _correlations(self, moved: Array, like: Named) -> dict[tuple[str, str, int], float]:
+        bases = self._bases | {(*key[:2], -1 - key[2]): basis for key, basis in self._of(like.name, like).items()}
+        size = float(np.linalg.norm(moved))
+        return {key: float(np.linalg.norm(basis.T @ moved)) / size for key, basis in bases.items()}
 
     def _of(self, name: str, like: Named | None) -> dict[tuple[str, str, int], Array]:
         """Orthonormal columns (m, k) for each place of an effect and each shape there."""

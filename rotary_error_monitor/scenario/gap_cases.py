@@ -26,10 +26,10 @@ from rotary_error_monitor.twin.document import machine_mapping, stage_mapping
 Family = Literal["stage", "machine"]
 
 VARIANT_SIZES: Mapping[tuple[Family, bool], tuple[float, float]] = {
-    ("stage", False): (150.0, 3000.0),
-    ("stage", True): (300.0, 6000.0),
-    ("machine", False): (40.0, 400.0),
-    ("machine", True): (60.0, 600.0),
+    ("stage", False): (200.0, 5000.0),
+    ("stage", True): (400.0, 8000.0),
+    ("machine", False): (60.0, 900.0),
+    ("machine", True): (90.0, 1500.0),
 }
 """Range of sizes of variants by family and floor (see `Truth.snr`): of some the departure stands out, of some not."""
 

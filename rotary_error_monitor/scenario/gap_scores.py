@@ -23,7 +23,8 @@ FINDABLE = 8.0
 deviations for the test that decides among all effects and places, and 2.3 for chance on the other side."""
 
 STANDS_OUT = 30.0
-"""Departure from the textbook form, standard deviations of one channel, from which it must be told."""
+"""Departure from the textbook form from which it must be told: standard deviations of noise in one channel, and of all
+channels beyond what the twin's uncertainty and the rotor's jitter could do."""
 
 MOST_NAMED = 2
 """Causes that may be named where one effect departs from its textbook form: it, and what describes the departure."""
@@ -109,7 +110,8 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
 
 def _told(truth: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> bool | None:
     """Whether a departure that stands out is told: as such, by another cause, or as what remains."""
-    if max(truth.get("off_textbook_snr", {}).values(), default=0.0) < STANDS_OUT:
+    loudest = max(truth.get("off_textbook_snr", {}).values(), default=0.0)
+    if min(loudest, truth.get("departure_size") or 0.0) < STANDS_OUT:
         return None
     causes = diagnosis["causes"]
     described = any(cause.get("departures") for cause in causes)

@@ -12,14 +12,16 @@ plant.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.plant.cases import MachineCase, StageCase
-from rotary_error_monitor.plant.departures import acting
+from rotary_error_monitor.plant.departures import Part, acting
+from rotary_error_monitor.plant.faults import make_fault
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant
 from rotary_error_monitor.plant.response import INPUTS, TRACKER_NOISE, noise_of, times_of
 from rotary_error_monitor.plant.stage import HEAD, Fault, StagePlant
@@ -27,6 +29,7 @@ from rotary_error_monitor.twin.machine import uncertain_shifts
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
 Array = NDArray[np.float64]
+Parts = tuple[Part, ...]
 
 EVERY = 50
 """Every so many samples of a stage are looked at; the squares are scaled up."""
@@ -37,7 +40,21 @@ JITTER_BAND = 20.0
 
 def sizes_beyond_uncertainty(case: StageCase | MachineCase, duration: float) -> list[float]:
     """Size of each fault of a case, in standard deviations; `duration` of a stage's recording in s."""
-    return _stage_sizes(case, duration) if isinstance(case, StageCase) else _machine_sizes(case)
+    return _sizes(case, duration, [(acting((fault,)), ()) for fault in case.truth.faults])
+
+
+def departure_beyond_uncertainty(case: StageCase | MachineCase, duration: float) -> float | None:
+    """Size of what a variant's best textbook form leaves, likewise; None where nothing departs."""
+    if case.truth.departure is None:
+        return None
+    (fault,) = case.truth.faults
+    fitted = make_fault(fault.name, fault.location, **case.truth.departure.fitted)
+    return _sizes(case, duration, [(acting((fault,)), acting((fitted,)))])[0]
+
+
+def _sizes(case: StageCase | MachineCase, duration: float, pairs: Sequence[tuple[Parts, Parts]]) -> list[float]:
+    """Size of the difference that the first of each pair makes to the second."""
+    return _stage_sizes(case, duration, pairs) if isinstance(case, StageCase) else _machine_sizes(case, pairs)
 
 
 def _size(shown: Array, allowed: list[Array]) -> float:
@@ -49,7 +66,7 @@ def _size(shown: Array, allowed: list[Array]) -> float:
     return float(np.sqrt(max(squares, 0.0)))
 
 
-def _stage_sizes(case: StageCase, duration: float) -> list[float]:
+def _stage_sizes(case: StageCase, duration: float, pairs: Sequence[tuple[Parts, Parts]]) -> list[float]:
     plain = replace(case.plant, faults=())
     measure = _measure_of(plain, duration)
     base = measure(plain)
@@ -58,14 +75,17 @@ def _stage_sizes(case: StageCase, duration: float) -> list[float]:
         for p in uncertain_parameters(case.twin)
     ]
     sizes = []
-    for fault in case.truth.faults:
-        faulty = replace(plain, faults=tuple(part for part in acting((fault,)) if isinstance(part, Fault)))
-        sizes.append(float(np.hypot(_size(measure(faulty) - base, allowed), _shared_size(plain, faulty, duration))))
+    for pair in pairs:
+        faulty, other = (
+            replace(plain, faults=tuple(part for part in parts if isinstance(part, Fault))) for parts in pair
+        )
+        own = _size(measure(faulty) - measure(other), allowed)
+        sizes.append(float(np.hypot(own, _shared_size(other, faulty, duration))))
     return sizes
 
 
 def _shared_size(plain: StagePlant, faulty: StagePlant, duration: float) -> float:
-    """Size of what all heads see alike, over the mean of their noise and the jitter."""
+    """Size of what all heads see alike in `faulty` beside `plain`, over the mean of their noise and the jitter."""
     heads = [stream for stream in plain.streams if stream.startswith(HEAD)]
     time = times_of(plain, heads[0], duration)
     period = float(np.ptp(time)) / (len(time) - 1)
@@ -97,11 +117,11 @@ def _measure_of(plain: StagePlant, duration: float) -> Callable[[StagePlant], Ar
     return measure
 
 
-def _machine_sizes(case: MachineCase) -> list[float]:
-    def measure(plant: MachinePlant) -> Array:
+def _machine_sizes(case: MachineCase, pairs: Sequence[tuple[Parts, Parts]]) -> list[float]:
+    def measure(machine: MachineDescription, parts: Parts = ()) -> Array:
+        plant = MachinePlant(machine, tuple(part for part in parts if isinstance(part, MachineFault)))
         return np.asarray(plant.tool_offset(case.poses)[:, :3].ravel() / TRACKER_NOISE, np.float64)
 
-    base = measure(MachinePlant(case.twin, ()))
-    allowed = [measure(MachinePlant(shift.machine, ())) - base for shift in uncertain_shifts(case.twin)]
-    faulty = [tuple(part for part in acting((fault,)) if isinstance(part, MachineFault)) for fault in case.truth.faults]
-    return [_size(measure(MachinePlant(case.twin, parts)) - base, allowed) for parts in faulty]
+    base = measure(case.twin)
+    allowed = [measure(shift.machine) - base for shift in uncertain_shifts(case.twin)]
+    return [_size(measure(case.twin, faulty) - measure(case.twin, other), allowed) for faulty, other in pairs]

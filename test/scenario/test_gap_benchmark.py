@@ -23,7 +23,7 @@ from rotary_error_monitor.scenario.gap_cases import (
     write_elsewhere,
 )
 from rotary_error_monitor.scenario.gap_scores import format_scores, score_case
-from rotary_error_monitor.scenario.gap_sizes import sizes_beyond_uncertainty
+from rotary_error_monitor.scenario.gap_sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
 from rotary_error_monitor.scenario.gap_solver import diagnose_case, seal_process
 
 DURATION = 15.0
@@ -216,6 +216,7 @@ VARIED = {
     "fitted": {"offset": 1.2e-5},
     "departure": {"mechanism": "wanders", "share": 0.1},
     "off_textbook_snr": {"/machine/tool_probe": 40.0},
+    "departure_size": 35.0,
     "snr": {"/machine/tool_probe": 400.0},
     "sizes": [400.0],
 }
@@ -237,8 +238,8 @@ TELLING = [{"pattern": "wanders", "share": 0.1}]
 def test_a_variant_counts_when_named_and_its_departure_when_told(diagnosis, right, told):
     outcome = score_case(plan_of("variant", "machine"), VARIED, diagnosis, 1.0)
     assert (outcome.right, outcome.told) == (right, told)
-    hidden = {**VARIED, "off_textbook_snr": {"/machine/tool_probe": 29.0}}
-    assert score_case(plan_of("variant", "machine"), hidden, diagnosis, 1.0).told is None
+    for hidden in ({"off_textbook_snr": {"/machine/tool_probe": 29.0}}, {"departure_size": 29.0}):
+        assert score_case(plan_of("variant", "machine"), {**VARIED, **hidden}, diagnosis, 1.0).told is None
 
 
 def test_parameters_of_a_variant_may_be_off_by_the_width_of_its_departure():
@@ -286,4 +287,10 @@ def test_every_special_case_of_many_seeds_is_made():
         sizes = sizes_beyond_uncertainty(case, 40.0)
         assert len(sizes) == len(case.truth.faults) and np.isfinite(sizes).all()
         assert (case.truth.departure is not None) == (plan.group == "variant")
+        left = departure_beyond_uncertainty(case, 40.0)
+        if left is not None:
+            told = np.linalg.norm(list(case.truth.departure.off_textbook_snr.values()))
+            assert 0 < left < 1.1 * told
+            assert left == pytest.approx(told, rel=0.1) or plan.rough or plan.family == "stage"  # jitter hides some
+        assert (left is None) == (plan.group != "variant")
         assert (case.truth.resemblance is not None) == (plan.group == "mimic")
