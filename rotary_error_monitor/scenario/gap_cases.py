@@ -125,8 +125,9 @@ class CasePlan:
 def plan_cases(
     seed: int, count: int, families: Sequence[Family], rough: Sequence[bool], groups: Sequence[str] = ()
 ) -> tuple[CasePlan, ...]:
-    """About `count` cases of every family, clean and rough, in an order that tells nothing; of all groups by default.
+    """Cases of every family, clean and rough, in an order that tells nothing; of all groups by default.
 
+    About `count` of the given groups together; of all groups as many of the first seven, and the others beside them.
     Single, weak, left-out and varied cases go round all effects of the family, those of noise round its forms.
     """
     whole = sum((share for group, _, share in _SHARES if group in groups), 0.0) or 1.0

@@ -12,6 +12,7 @@ from rotary_error_monitor.cli import main
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.case_faults import LOUDEST
 from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
+from rotary_error_monitor.plant.departures import SHARES
 from rotary_error_monitor.plant.noise_forms import FORMS
 from rotary_error_monitor.plant.roughness import MACHINE_UNCERTAINTY, STAGE_UNCERTAINTY
 from rotary_error_monitor.scenario.gap_cases import (
@@ -291,6 +292,7 @@ def test_every_special_case_of_many_seeds_is_made():
         if left is not None:
             told = np.linalg.norm(list(case.truth.departure.off_textbook_snr.values()))
             assert 0 < left < 1.1 * told
+            assert 0.8 * SHARES[0] < case.truth.departure.share < 1.2 * SHARES[1]
             assert left == pytest.approx(told, rel=0.1) or plan.rough or plan.family == "stage"  # jitter hides some
         assert (left is None) == (plan.group != "variant")
         assert (case.truth.resemblance is not None) == (plan.group == "mimic")
