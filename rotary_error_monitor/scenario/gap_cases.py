@@ -26,8 +26,8 @@ from rotary_error_monitor.twin.document import machine_mapping, stage_mapping
 Family = Literal["stage", "machine"]
 
 VARIANT_SIZES: Mapping[tuple[Family, bool], tuple[float, float]] = {
-    ("stage", False): (200.0, 5000.0),
-    ("stage", True): (400.0, 8000.0),
+    ("stage", False): (120.0, 3000.0),
+    ("stage", True): (250.0, 5000.0),
     ("machine", False): (60.0, 900.0),
     ("machine", True): (90.0, 1500.0),
 }
@@ -35,9 +35,9 @@ VARIANT_SIZES: Mapping[tuple[Family, bool], tuple[float, float]] = {
 
 QUIET_SIZES: Mapping[tuple[Family, bool], tuple[float, float]] = {
     ("stage", False): (80.0, 600.0),
-    ("stage", True): (300.0, 1500.0),
+    ("stage", True): (600.0, 3000.0),
     ("machine", False): (25.0, 150.0),
-    ("machine", True): (60.0, 250.0),
+    ("machine", True): (80.0, 400.0),
 }
 """Range of sizes of the weak one of a loud pair by family and floor: well above noise and uncertainty."""
 
