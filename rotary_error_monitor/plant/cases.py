@@ -12,12 +12,23 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.case_faults import AMOUNT, MIMICKED, Casting, Kind, KnownDeparture
+from rotary_error_monitor.plant.departures import AnyFault, acting
 from rotary_error_monitor.plant.draws import ARCSEC, DURATION, draw_fault, draw_stage, machine_faults, stage_faults
 from rotary_error_monitor.plant.environment import Forces, Temperature, intermittent_forces
-from rotary_error_monitor.plant.faults import Named
-from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses
+from rotary_error_monitor.plant.machine import MachinePlant, Poses
+from rotary_error_monitor.plant.mimics import CANDIDATES, NO_HALF, Resemblance
 from rotary_error_monitor.plant.motion import Motion, random_motion, reversing_motion
 from rotary_error_monitor.plant.noise import Noise
+from rotary_error_monitor.plant.noise_forms import NoiseForm, draw_noise
+from rotary_error_monitor.plant.response import (
+    INPUTS,
+    TRACKER_NOISE,
+    MachineResponse,
+    StageResponse,
+    noise_of,
+    times_of,
+)
 from rotary_error_monitor.plant.roughness import (
     MACHINE_UNCERTAINTY,
     STAGE_UNCERTAINTY,
@@ -26,15 +37,12 @@ from rotary_error_monitor.plant.roughness import (
     vary_machine,
     vary_stage,
 )
-from rotary_error_monitor.plant.stage import FIELDS, HEAD, HEAD_FIELDS, Fault, StagePlant
+from rotary_error_monitor.plant.stage import FIELDS, HEAD, Fault, StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
 
-Kind = Literal["null", "single", "pair", "unknown"]
 EPOCH_NS = 1_763_700_000 * NANOSECONDS
 BLOCK = 100  # samples
-TRACKER_NOISE = 1.5e-6  # m
 FORCED = frozenset({"load_compliance", "loaded_gear_mesh", "stiffening_bearing"})
-AMOUNT: Mapping[Kind, int] = {"null": 0, "single": 1, "pair": 2, "unknown": 1}
 STEADY = ("command", "temperature")  # streams that lose nothing
 
 
@@ -44,21 +52,34 @@ class Truth:
 
     Attributes:
         family: stage or machine.
-        kind: how many effects, or that none of the vocabulary is at work.
+        kind: how many effects, or that none of the vocabulary is at work (also that of mimics: unknown).
         faults: all that was done, also what no vocabulary names.
         snr: how much each channel, topic + `.` + field, is moved: root of the summed squares over the noise.
+        departure: how the fault of a variant departs from its textbook form.
+        resemblance: which known effect a mimic resembles.
     """
 
     family: Literal["stage", "machine"]
     kind: Kind
-    faults: tuple[Named, ...]
+    faults: tuple[AnyFault, ...]
     snr: Mapping[str, float]
+    departure: KnownDeparture | None = None
+    resemblance: Resemblance | None = None
 
     def as_mapping(self) -> dict[str, Any]:
         """Content of a truth file; effects that no vocabulary names are left out."""
-        named = [] if self.kind == "unknown" else self.faults
+        outside = self.kind in ("unknown", "mimic")
+        named = () if outside else self.faults
         effects = [{"effect": f.name, "location": f.location, "parameters": f.parameters} for f in named]
-        return {"family": self.family, "kind": self.kind, "effects": effects, "snr": dict(self.snr)}
+        kind = "unknown" if outside else self.kind
+        content: dict[str, Any] = {"family": self.family, "kind": kind, "effects": effects, "snr": dict(self.snr)}
+        if self.departure is not None:
+            content["departure"] = {"mechanism": self.departure.mechanism, "share": self.departure.share}
+            content["fitted"] = dict(self.departure.fitted)
+            content["off_textbook_snr"] = dict(self.departure.off_textbook_snr)
+        if self.resemblance is not None:
+            content["resembles"] = dict(vars(self.resemblance))
+        return content
 
 
 @dataclass(frozen=True)
@@ -98,18 +119,23 @@ def make_stage_case(
     rough: bool = False,
     duration: float = DURATION,
     motion: Motion | None = None,
+    loudness: tuple[float, float] | None = None,
+    noise: str = "",
 ) -> StageCase:
     """Case of a stage from a seed.
 
     Args:
         seed: everything that is drawn depends on it alone.
-        kind: null, single, pair, or unknown (a fault that no vocabulary names).
-        effects: names of the faults; None draws them.
+        kind: null, single, pair, unknown (a fault that no vocabulary names), variant (a fault of the vocabulary that
+            departs from its textbook form), or mimic (half of a known effect, which is none).
+        effects: names of the faults, of a mimic those of which a half may be taken; None draws them.
         snr: each fault is made as large as a drawn number from this range (see `Truth.snr`, over all channels); None
             takes 60 to 600, and 300 to 3000 where the uncertain twin hides more.
         rough: as on a shop floor: uncertain twin, spikes, lost blocks, turbulence, sometimes no LVDT or force.
         duration: s.
         motion: what the controller commands; None reverses and changes speed, in rough cases at random.
+        loudness: range of how many times larger the first of a pair is than the second; None makes them alike.
+        noise: form of the noise that is not as the twin states it (`noise_forms.FORMS`); empty for as stated.
 
     Raises:
         InputError: an effect is none of a stage, there are not as many as the kind says, or one does not show in so
@@ -117,9 +143,38 @@ def make_stage_case(
     """
     draw = Noise(seed, "case").generator()
     names = _names(kind, effects, stage_faults, draw)
-    twin, sensors = draw_stage(draw), set(FIELDS)
+    twin = _rough_twin(draw_stage(draw)) if rough else draw_stage(draw)
+    plain = _plain_stage(seed, draw, twin, names, rough, duration, motion)
+    size = snr or ((300.0, 3000.0) if rough else (60.0, 600.0))
+    heads = tuple(plain.stage.encoder.azimuths)
+    drawn = Casting(kind, size, loudness).draw_faults(
+        names,
+        draw,
+        lambda name: draw_fault(name, draw, heads, duration),
+        lambda every: StageResponse(plain, duration, every, every == MIMICKED),
+    )
+    plant = replace(plain, faults=tuple(part for part in acting(drawn.faults) if isinstance(part, Fault)))
+    if noise:
+        plant = replace(plant, noise_forms=_noise_forms(plant, noise, draw, duration))
+    blocks = {stream: _record(plant, stream, duration, rough, draw) for stream in plant.streams}
+    twin = twin if "lvdt" in plain.clocks else replace(twin, lvdt=None)
+    ratios = StageResponse(plain, duration).ratios(drawn.faults)
+    truth = Truth("stage", kind, drawn.faults, ratios, drawn.departure, drawn.resemblance)
+    return StageCase(twin, blocks, truth, plant)
+
+
+def _plain_stage(
+    seed: int,
+    draw: np.random.Generator,
+    twin: StageDescription,
+    names: Sequence[str],
+    rough: bool,
+    duration: float,
+    motion: Motion | None,
+) -> StagePlant:
+    """The stage of a case without its faults: as the twin says, but for the uncertainty of a shop floor's."""
+    sensors = set(FIELDS)
     if rough:
-        twin = _rough_twin(twin)
         sensors -= (
             {"lvdt"} if draw.random() < 0.3 and not any(n.startswith(("lvdt", "probe")) for n in names) else set()
         )
@@ -134,13 +189,7 @@ def make_stage_case(
         intermittent_forces(seed, duration) if "force" in sensors else Forces(),
         Temperature(rise=float(draw.uniform(1.5, 4.0)), settling=float(draw.uniform(10, 20))),
     )
-    plain = replace(plain, clocks={name: c for name, c in plain.clocks.items() if name in sensors or HEAD in name})
-    size = snr or ((300.0, 3000.0) if rough else (60.0, 600.0))
-    faults = tuple(_stage_fault(plain, name, draw, size, duration) for name in names)
-    plant = replace(plain, faults=tuple(fault for fault in faults if isinstance(fault, Fault)))
-    blocks = {stream: _record(plant, stream, duration, rough, draw) for stream in plant.streams}
-    twin = twin if "lvdt" in sensors else replace(twin, lvdt=None)
-    return StageCase(twin, blocks, Truth("stage", kind, faults, stage_snr(plain, plant, duration)), plant)
+    return replace(plain, clocks={name: c for name, c in plain.clocks.items() if name in sensors or HEAD in name})
 
 
 def make_machine_case(
@@ -150,6 +199,8 @@ def make_machine_case(
     effects: Sequence[str] | None = None,
     snr: tuple[float, float] | None = None,
     rough: bool = False,
+    loudness: tuple[float, float] | None = None,
+    noise: str = "",
 ) -> MachineCase:
     """Case of the five-axis machine `machine`, which is the twin, from a seed.
 
@@ -166,48 +217,34 @@ def make_machine_case(
     poses = Poses(draw.uniform(low, high, (count, len(low))), draw.choice([-1.0, 1.0], (count, len(low))), warming)
     twin = replace(machine, uncertainty=MACHINE_UNCERTAINTY) if rough else replace(machine, uncertainty={})
     varied = vary_machine(machine, MACHINE_UNCERTAINTY, draw) if rough else ()
-    plain = MachinePlant(machine, varied).tool_offset(poses)[:, :3]
-
-    def moved(faults: Sequence[Named]) -> NDArray[np.float64]:
-        added = tuple(fault for fault in faults if isinstance(fault, MachineFault))
-        return MachinePlant(machine, (*varied, *added)).tool_offset(poses)[:, :3]
-
-    def response(fault: Named) -> float:
-        return float(np.linalg.norm((moved([fault]) - plain) / TRACKER_NOISE))
-
+    response = MachineResponse(MachinePlant(machine, varied), poses)
     size = snr or ((60.0, 300.0) if rough else (20.0, 200.0))
-    faults = tuple(_sized(draw_fault(name, draw), draw, size, response) for name in names)
-    true = moved(faults)
-    probe = true + TRACKER_NOISE * draw.normal(size=true.shape)
+    drawn = Casting(kind, size, loudness).draw_faults(
+        names, draw, lambda name: draw_fault(name, draw), lambda every: response
+    )
+    true = response.tool(drawn.faults)
+    white = draw.normal(size=true.shape)
+    if noise:
+        form = draw_noise(noise, draw, 1.0, count)
+        white = form.shaped(white, Noise(seed, "probe"), np.arange(count, dtype=np.float64))
+    probe = true + TRACKER_NOISE * white
     if rough:
         outlying = draw.random(count) < 0.02
         probe[outlying] += draw.normal(size=(int(outlying.sum()), 3)) * 50e-6
-    ratios = {"/machine/tool_probe": float(np.linalg.norm((true - plain) / TRACKER_NOISE))}
     temperature = machine.reference_temperature + warming + 0.02 * draw.normal(size=count)
     stamps = EPOCH_NS + 20 * NANOSECONDS * np.arange(count, dtype=np.int64)
-    return MachineCase(twin, stamps, poses, probe, temperature, Truth("machine", kind, faults, ratios))
-
-
-def stage_snr(plain: StagePlant, plant: StagePlant, duration: float = DURATION, every: int = 1) -> dict[str, float]:
-    """How much each channel of `plant` differs from that of `plain`, noise left out, over the noise.
-
-    Root of the summed squares over all samples; `every` takes only every so many samples and scales the sum up.
-    """
-    ratios = {}
-    for stream in plain.streams:
-        if stream not in ("command", "force", "temperature"):
-            time = _times(plain, stream, duration)[::every]
-            moved = (plant.signal(stream, time) - plain.signal(stream, time)) / _noise(plain.stage, stream)
-            names = HEAD_FIELDS if HEAD in stream else FIELDS[stream]
-            for name, column in zip(names, moved.T, strict=True):
-                ratios[f"/stage/{stream}/samples.{name}"] = float(np.linalg.norm(column) * np.sqrt(every))
-    return ratios
+    ratios = response.ratios(drawn.faults)
+    truth = Truth("machine", kind, drawn.faults, ratios, drawn.departure, drawn.resemblance)
+    return MachineCase(twin, stamps, poses, probe, temperature, truth)
 
 
 def _names(
     kind: Kind, effects: Sequence[str] | None, known: Callable[[bool], tuple[str, ...]], draw: np.random.Generator
 ) -> tuple[str, ...]:
     allowed, count = known(kind != "unknown"), AMOUNT[kind]
+    if kind == "mimic":
+        allowed = tuple(name for name in allowed if name not in NO_HALF)
+        count = CANDIDATES if effects is None else len(effects)
     names = tuple(draw.choice(allowed, count, replace=False).tolist() if effects is None else effects)
     if set(names) - set(allowed) or len(names) != count:
         told = ", ".join(names) or "none"
@@ -215,71 +252,27 @@ def _names(
     return names
 
 
+def _noise_forms(plant: StagePlant, form: str, draw: np.random.Generator, duration: float) -> dict[str, NoiseForm]:
+    """Noise of the form for each sensor of a stage, each of its own strength."""
+    sensors = [stream for stream in plant.streams if stream not in INPUTS]
+    rates = {stream: plant.clocks[stream].rate for stream in sensors}
+    return {s: draw_noise(form, draw, rate, round(rate * duration)) for s, rate in rates.items()}
+
+
 def _rough_twin(stage: StageDescription) -> StageDescription:
     air = replace(stage.autocollimator, turbulence=Turbulence(0.08 * ARCSEC, 0.3))
     return replace(stage, autocollimator=air, uncertainty=STAGE_UNCERTAINTY)
 
 
-_SMALLER, _LARGER = 0.1, 1e3
-_MOST_TRIALS, _MOST_GROWN = 50, 4
-
-
-def _sized(
-    fault: Named, draw: np.random.Generator, snr: tuple[float, float], response: Callable[[Named], float]
-) -> Named:
-    """The fault as large as a number drawn from `snr`."""
-    target = float(np.exp(draw.uniform(*np.log(snr))))
-    steps, grown = 2, 0  # not quite in proportion
-    for _ in range(_MOST_TRIALS):
-        with np.errstate(invalid="ignore"):
-            moved = response(fault)
-        if not np.isfinite(moved):  # so large that a head looks past the ring
-            fault = fault.scaled(_SMALLER)
-            continue
-        if moved == 0 and grown < _MOST_GROWN:  # it may have been drawn so small that rounding hides it
-            fault, grown = fault.scaled(_LARGER), grown + 1
-            continue
-        if moved == 0:
-            raise InputError(f"{fault} does not show in this recording; make it longer or take another seed")
-        fault = fault.scaled(target / moved)
-        steps -= 1
-        if steps == 0:
-            return fault
-    raise InputError(f"{fault} gives no finite reading however small; the stage or machine cannot be simulated")
-
-
-def _stage_fault(
-    plain: StagePlant, name: str, draw: np.random.Generator, snr: tuple[float, float], duration: float
-) -> Named:
-    def response(fault: Named) -> float:
-        assert isinstance(fault, Fault)
-        moved = stage_snr(plain, replace(plain, faults=(fault,)), duration, every=7)
-        return float(np.linalg.norm(list(moved.values())))
-
-    return _sized(draw_fault(name, draw, tuple(plain.stage.encoder.azimuths), duration), draw, snr, response)
-
-
-def _times(plant: StagePlant, stream: str, duration: float) -> NDArray[np.float64]:
-    clock = plant.clocks[stream]
-    return np.asarray(clock.times_ns(0, clock.index_at(round(duration * NANOSECONDS))) * 1e-9, dtype=np.float64)
-
-
-def _noise(stage: StageDescription, stream: str) -> float:
-    if stream == "lvdt":
-        return stage.lvdt.noise if stage.lvdt else np.inf
-    instrument = stage.autocollimator if stream == "autocollimator" else stage.encoder
-    return float(np.hypot(instrument.noise, instrument.resolution / np.sqrt(12)))
-
-
 def _record(
     plant: StagePlant, stream: str, duration: float, rough: bool, draw: np.random.Generator
 ) -> list[SampleBlock]:
-    count = len(_times(plant, stream, duration))
+    count = len(times_of(plant, stream, duration))
     starts = range(0, count, BLOCK)
     whole = plant.samples(stream, 0, count)
     times, names, values = whole.times_ns, whole.names[1:], whole.rows[:, 1:]
     blocks = [block_from_samples(times[i : i + BLOCK], names, values[i : i + BLOCK]) for i in starts]
     if rough and stream in ("autocollimator", "lvdt"):
-        chance, size = Noise(plant.seed, f"spikes_{stream}"), _noise(plant.stage, stream)
+        chance, size = Noise(plant.seed, f"spikes_{stream}"), noise_of(plant.stage, stream)
         blocks = [add_spikes(block, size, chance, first) for block, first in zip(blocks, starts, strict=True)]
     return lose_blocks(blocks, draw) if rough and stream not in STEADY else blocks

@@ -14,6 +14,10 @@ FORCE_CYCLE = 40.0
 """After how many seconds the forces of Lou et al. 2019 (Figure 15) come again."""
 
 
+_LAG_STEP = 0.02
+"""Step, s, at which a lagging temperature is computed: short against every part that lags."""
+
+
 @dataclass(frozen=True)
 class Push:
     """A force on the shaft that comes and goes.
@@ -79,6 +83,23 @@ class Temperature:
             + self.swing * np.sin(2 * np.pi / self.period * passed),
             dtype=np.float64,
         )
+
+
+def lagged_warming(
+    temperature: Temperature, reference: float, time: NDArray[np.float64], lag: float
+) -> NDArray[np.float64]:
+    """(n,) K above the reference at `time` (n,) s of a part that follows the temperature within `lag` s.
+
+    The part begins at time 0 with the temperature of then. The equation of first order is solved on a fixed grid, so
+    that a value does not depend on what else is asked for.
+    """
+    from scipy.signal import lfilter  # loads for a second or two, and most stages have no such part
+
+    grid = np.arange(0.0, max(float(time.max()), 0.0) + 2 * _LAG_STEP, _LAG_STEP)
+    outside = temperature.at(grid) - reference
+    decay = np.exp(-_LAG_STEP / lag)
+    follows, _ = lfilter([1 - decay], [1, -decay], outside, zi=[decay * outside[0]])
+    return np.asarray(np.interp(time, grid, follows), dtype=np.float64)
 
 
 def intermittent_forces(seed: int, cycle: float = FORCE_CYCLE, count: int = 5, peak: float = 180.0) -> Forces:

@@ -50,6 +50,19 @@ class Placement:
 class MachineFault:
     """Something about the true machine that its description does not say; a subclass overrides what it changes."""
 
+    def over_poses(
+        self,
+        plant: MachinePlant,
+        poses: Poses,
+        corrections: NDArray[np.float64] | None,
+        monitored: NDArray[np.float64] | None,
+    ) -> NDArray[np.float64] | None:
+        """(n, 6) offset of the tool, where the size of the fault changes from pose to pose; None where it does not.
+
+        The fault is among those of the plant; nothing else of it is asked then.
+        """
+        return None
+
     def describe(self, machine: MachineDescription) -> MachineDescription:
         """Parameters of the machine."""
         return machine
@@ -93,6 +106,10 @@ class MachinePlant:
             InputError: shapes do not fit, or components are given but the machine monitors no axis.
         """
         self._check(poses, corrections, monitored)
+        for fault in self.faults:
+            whole = fault.over_poses(self, poses, corrections, monitored)
+            if whole is not None:
+                return whole
         should = self._chain(self.description, poses, None, None)
         moved = poses.positions if corrections is None else poses.positions + corrections
         machine = self.description

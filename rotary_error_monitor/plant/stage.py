@@ -16,6 +16,7 @@ from rotary_error_monitor.plant.environment import Forces, Temperature
 from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
 from rotary_error_monitor.plant.motion import Course, reversing_motion
 from rotary_error_monitor.plant.noise import Noise, Turbulence
+from rotary_error_monitor.plant.noise_forms import NoiseForm
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
 
 FIELDS = {
@@ -90,6 +91,7 @@ class Scene:
         radial: (n,) displacement of the rotor at the ring as `x + 1j * y`, m.
         tilt: (n,) its tilt, rotation vector as `x + 1j * y`, rad.
         stage: the true stage.
+        motion, temperature: their whole course, for what depends on the past.
     """
 
     time: NDArray[np.float64]
@@ -102,6 +104,8 @@ class Scene:
     radial: Plane
     tilt: Plane
     stage: StageDescription
+    motion: Course
+    temperature: Temperature
 
     @property
     def error_motion(self) -> NDArray[np.float64]:
@@ -120,6 +124,13 @@ class Fault:
     def describe(self, stage: StageDescription) -> StageDescription:
         """Parameters of the stage."""
         return stage
+
+    def over_time(self, plant: StagePlant, stream: str, time: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """(n, fields) all that a stream shows, where the size of the fault changes over time; None where it does not.
+
+        The fault is among those of the plant; nothing else of it is asked then.
+        """
+        return None
 
     def age(self, stream: str) -> float:
         """Age of the values of a stream at their stamps, s."""
@@ -178,6 +189,7 @@ class StagePlant:
         clocks: when each stream samples, by the name of the stream.
         faults: what the description does not say.
         jitter: standard deviation of the true rotation about the command, rad.
+        noise_forms: by stream, noise that is not normal and white as stated.
         force_noise, temperature_noise: standard deviation of load cell and thermometer, N and K.
     """
 
@@ -190,6 +202,7 @@ class StagePlant:
     clocks: Mapping[str, Clock] = field(default_factory=stage_clocks)
     faults: tuple[Fault, ...] = ()
     jitter: float = 2e-6
+    noise_forms: Mapping[str, NoiseForm] = field(default_factory=dict)
     force_noise: float = 0.2
     temperature_noise: float = 0.01
 
@@ -235,6 +248,10 @@ class StagePlant:
             InputError: there is no such stream.
         """
         self._clock(stream)
+        for fault in self.faults:
+            whole = fault.over_time(self, stream, time)
+            if whole is not None:
+                return whole
         time = time - sum(fault.age(stream) for fault in self.faults)
         if stream == "command":
             return np.column_stack(self.motion.at(time))
@@ -259,7 +276,8 @@ class StagePlant:
         warming = self.temperature.at(time) - self.stage.reference_temperature
         nowhere, theta = np.zeros(len(time), dtype=np.complex128), driven + self._jitter(time)
         turns = Turns(np.exp(1j * theta))
-        scene = Scene(time, command, speed, theta, turns, force, warming, nowhere, nowhere, self.stage)
+        known = (self.stage, self.motion, self.temperature)
+        scene = Scene(time, command, speed, theta, turns, force, warming, nowhere, nowhere, *known)
         for fault in self.faults:
             theta = fault.drive(scene.theta, scene)
             if theta is not scene.theta:
@@ -346,7 +364,11 @@ class StagePlant:
 
     def _noise(self, stream: str, first: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
         count, fields = shape
-        return self._noises[stream].normal(first * fields, count * fields).reshape(count, fields)
+        noise = self._noises[stream]
+        normal = noise.normal(first * fields, count * fields).reshape(count, fields)
+        form = self.noise_forms.get(stream)
+        time = np.asarray(self.clocks[stream].times_ns(first, count) * 1e-9, dtype=np.float64)
+        return form.shaped(normal, noise, time) if form else normal
 
     @cached_property
     def _noises(self) -> dict[str, Noise]:

@@ -22,7 +22,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.draws import DURATION
 from rotary_error_monitor.scenario.gap_cases import CasePlan, make_case, write_case, write_elsewhere
 from rotary_error_monitor.scenario.gap_scores import Outcome, score_case
-from rotary_error_monitor.scenario.gap_sizes import sizes_beyond_uncertainty
+from rotary_error_monitor.scenario.gap_sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
 from rotary_error_monitor.scenario.gap_solver import diagnose_cases
 
 Answer = Any
@@ -130,6 +130,7 @@ def _written(plan: CasePlan, place: Path) -> dict[str, Any]:
     if plan.group == "new speed":
         write_elsewhere(case, place, plan.seed)
     truth = case.truth.as_mapping()
-    truth["outside"] = [fault.name for fault in case.truth.faults] if plan.kind == "unknown" else []
+    truth["outside"] = [fault.name for fault in case.truth.faults] if plan.kind in ("unknown", "mimic") else []
     truth["sizes"] = sizes_beyond_uncertainty(case, DURATION)
+    truth["departure_size"] = departure_beyond_uncertainty(case, DURATION)
     return truth

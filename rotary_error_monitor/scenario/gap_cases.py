@@ -15,13 +15,34 @@ from rotary_error_monitor.bags.contents import JointState, PointStamped, Tempera
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.description.machine import MachineDescription, machine_from_mapping
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.cases import Kind, MachineCase, StageCase, make_machine_case, make_stage_case
+from rotary_error_monitor.plant.case_faults import LOUDEST, Kind
+from rotary_error_monitor.plant.cases import MachineCase, StageCase, make_machine_case, make_stage_case
 from rotary_error_monitor.plant.draws import machine_faults, stage_faults
 from rotary_error_monitor.plant.motion import random_motion
+from rotary_error_monitor.plant.noise_forms import FORMS
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.document import machine_mapping, stage_mapping
 
 Family = Literal["stage", "machine"]
+
+VARIANT_SIZES: Mapping[tuple[Family, bool], tuple[float, float]] = {
+    ("stage", False): (120.0, 3000.0),
+    ("stage", True): (250.0, 5000.0),
+    ("machine", False): (60.0, 900.0),
+    ("machine", True): (90.0, 1500.0),
+}
+"""Range of sizes of variants by family and floor (see `Truth.snr`): of some the departure stands out, of some not."""
+
+QUIET_SIZES: Mapping[tuple[Family, bool], tuple[float, float]] = {
+    ("stage", False): (80.0, 600.0),
+    ("stage", True): (600.0, 3000.0),
+    ("machine", False): (25.0, 150.0),
+    ("machine", True): (80.0, 400.0),
+}
+"""Range of sizes of the weak one of a loud pair by family and floor: well above noise and uncertainty."""
+
+LOUDNESS = (30.0, 1000.0)
+"""How many times larger the other one of a loud pair is; less where no real stage or machine has as much."""
 
 WEAK = (4.0, 40.0)
 """Range of sizes around the detection limit of a clean recording (see `Truth.snr`)."""
@@ -54,9 +75,14 @@ _SHARES: tuple[tuple[str, Kind, float], ...] = (
     ("weak", "single", 0.08),
     ("left out", "single", 0.08),
     ("new speed", "single", 0.06),
+    ("variant", "variant", 0.30),
+    ("loud", "pair", 0.12),
+    ("mimic", "mimic", 0.12),
+    ("noise", "null", 0.10),
+    ("noise", "single", 0.06),
 )
 
-GROUPS = tuple(group for group, _, _ in _SHARES)
+GROUPS = tuple(dict.fromkeys(group for group, _, _ in _SHARES))
 
 OTHER_SPEED = 9.1
 """Speed, rad/s, of which parts are the speeds of a second recording; no first one has any of them."""
@@ -71,9 +97,12 @@ class CasePlan:
 
     Attributes:
         group: single, pair, unknown, null, weak, new speed (the causes must hold in a second recording, at speeds that
-            the first one has not), or left out: its effect is missing from the diagnoser's library.
+            the first one has not), left out: its effect is missing from the diagnoser's library, variant: its effect
+            departs from the textbook form, loud: a pair of which one is far louder than the other, mimic: half of a
+            known effect, which is none, or noise: nothing or a single effect in noise that is not as stated.
         effects: what is at work; None lets the seed draw it.
         left_out: effects that the diagnoser may not know.
+        noise: form of a noise that is not as the twin states it; empty for as stated.
     """
 
     number: int
@@ -85,6 +114,7 @@ class CasePlan:
     effects: tuple[str, ...] | None = None
     snr: tuple[float, float] | None = None
     left_out: tuple[str, ...] = ()
+    noise: str = ""
 
     @property
     def name(self) -> str:
@@ -95,9 +125,10 @@ class CasePlan:
 def plan_cases(
     seed: int, count: int, families: Sequence[Family], rough: Sequence[bool], groups: Sequence[str] = ()
 ) -> tuple[CasePlan, ...]:
-    """About `count` cases of every family, clean and rough, in an order that tells nothing; of all groups by default.
+    """Cases of every family, clean and rough, in an order that tells nothing; of all groups by default.
 
-    Single, weak and left-out cases go round all effects of the family, so that each has its row in the table.
+    About `count` of the given groups together; of all groups as many of the first seven, and the others beside them.
+    Single, weak, left-out and varied cases go round all effects of the family, those of noise round its forms.
     """
     whole = sum((share for group, _, share in _SHARES if group in groups), 0.0) or 1.0
     draw = np.random.default_rng(seed)
@@ -110,7 +141,7 @@ def plan_cases(
                     continue
                 own = draw.permutation(known)
                 for i in range(max(1, round(share / whole * count))):
-                    named = _effects_of(kind, i, own, draw)
+                    named = _effects_of(group, kind, i, own, draw)
                     left_out = (*named, *STAND_INS.get(named[0], ())) if group == "left out" and named else ()
                     rows.append(
                         {
@@ -119,8 +150,9 @@ def plan_cases(
                             "kind": kind,
                             "rough": harsh,
                             "effects": named,
-                            "snr": WEAK if group == "weak" else None,
+                            "snr": _sizes_of(group, family, harsh),
                             "left_out": left_out,
+                            "noise": _noise_of(group, family, i),
                         }
                     )
     order = draw.permutation(len(rows))
@@ -128,17 +160,34 @@ def plan_cases(
     return tuple(CasePlan(i, int(seeds[i]), **rows[int(place)]) for i, place in enumerate(order))
 
 
-def _effects_of(kind: Kind, number: int, known: NDArray[np.str_], draw: np.random.Generator) -> tuple[str, ...] | None:
-    """Effects of the case with that number of its kind; None where there is nothing to choose.
+def _sizes_of(group: str, family: Family, rough: bool) -> tuple[float, float] | None:
+    """Range of sizes of the cases of a group; None for the usual one."""
+    if group in ("variant", "loud"):
+        return (VARIANT_SIZES if group == "variant" else QUIET_SIZES)[family, rough]
+    return WEAK if group == "weak" else None
+
+
+def _noise_of(group: str, family: Family, number: int) -> str:
+    """Form of the noise of the case with that number; static poses have no hum."""
+    forms = FORMS if family == "stage" else tuple(form for form in FORMS if form != "hum")
+    return forms[number % len(forms)] if group == "noise" else ""
+
+
+def _effects_of(
+    group: str, kind: Kind, number: int, known: NDArray[np.str_], draw: np.random.Generator
+) -> tuple[str, ...] | None:
+    """Effects of the case with that number of its kind, the louder one first; None where there is nothing to choose.
 
     A pair of stand-ins for one another is one effect to any recording: such pairs are drawn again.
     """
-    if kind == "single":
+    if kind in ("single", "variant"):
         return (str(known[number % len(known)]),)
     if kind != "pair":
         return None
     while True:
         first, second = (str(name) for name in draw.choice(known, 2, replace=False))
+        if group == "loud" and first not in LOUDEST:
+            continue
         if second not in STAND_INS.get(first, ()) and first not in STAND_INS.get(second, ()):
             return first, second
 
@@ -146,9 +195,11 @@ def _effects_of(kind: Kind, number: int, known: NDArray[np.str_], draw: np.rando
 def make_case(plan: CasePlan) -> StageCase | MachineCase:
     """The case of a plan: the same whenever it is made."""
     effects = None if plan.effects is None else list(plan.effects)
+    drawn = (plan.seed, plan.kind, effects, plan.snr, plan.rough)
+    loudness = LOUDNESS if plan.group == "loud" else None
     if plan.family == "stage":
-        return make_stage_case(plan.seed, plan.kind, effects, plan.snr, plan.rough)
-    return make_machine_case(draw_machine(plan.seed), plan.seed, plan.kind, effects, plan.snr, plan.rough)
+        return make_stage_case(*drawn, loudness=loudness, noise=plan.noise)
+    return make_machine_case(draw_machine(plan.seed), *drawn, loudness=loudness, noise=plan.noise)
 
 
 def write_case(case: StageCase | MachineCase, folder: Path) -> None:

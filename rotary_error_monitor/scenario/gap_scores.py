@@ -9,17 +9,30 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from rotary_error_monitor.scenario.gap_cases import CasePlan
 
 Key = tuple[str, str]
+Reals = NDArray[np.float64]
 
 SIZES = (0.0, 3.0, 6.0, 8.0, 10.0, 20.0, 40.0, 80.0, 160.0, 1e9)
 
 FINDABLE = 8.0
 """Size from which an effect is found in 99 % of all recordings at a false-alarm rate of 1 %: five and a half standard
 deviations for the test that decides among all effects and places, and 2.3 for chance on the other side."""
-PROBABILITIES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.0)
+
+STANDS_OUT = 30.0
+"""Departure from the textbook form from which it must be told: standard deviations of noise in one channel, and of all
+channels beyond what the twin's uncertainty and the rotor's jitter could do."""
+
+MOST_NAMED = 2
+"""Causes that may be named where one effect departs from its textbook form: it, and what describes the departure."""
+
+LEAST_RANKED = 0.01
+"""Probability from which a candidate of the ranking counts: hundreds of others are told to be nothing, and rightly."""
+
+PROBABILITIES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 
 @dataclass(frozen=True)
@@ -33,10 +46,13 @@ class Outcome:
         alarmed: a gap was seen.
         size: how far the smallest fault stands out of noise and of the twin's uncertainty, standard deviations.
         lvdt: whether the LVDT was there; None for a machine.
+        told: the departure of a variant is told; None where it does not stand out, or there is none.
         elsewhere: part of the gap that the causes take away at speeds that they were not sized at; None if not asked.
         where_right: the first channel is among those moved most; None where nothing was moved or seen.
         probabilities: of each named cause, with whether it was one.
+        ranked: probabilities of all candidates that are given one of `LEAST_RANKED` or more, with whether each was one.
         within: parameters within 3 of their standard deviations, of how many.
+        within_departure: the same with the width of the departure in the standard deviation.
     """
 
     plan: CasePlan
@@ -46,13 +62,16 @@ class Outcome:
     right: bool
     alike: bool
     alarmed: bool
+    told: bool | None
     size: float
     lvdt: bool | None
     elsewhere: float | None
     where_right: bool | None
     shrink: float
     probabilities: tuple[tuple[float, bool], ...]
+    ranked: tuple[tuple[float, bool], ...]
     within: tuple[int, int]
+    within_departure: tuple[int, int]
     seconds: float
 
 
@@ -74,6 +93,7 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
         right=right,
         alike=right or (known and diagnosis["verdict"] == "explained" and all(hits)),
         alarmed=diagnosis["verdict"] != "no_gap",
+        told=_told(truth, diagnosis),
         size=min((float(size) for size in truth["sizes"]), default=0.0),
         lvdt=None if plan.family == "machine" else any("/lvdt/" in channel for channel in snr),
         elsewhere=_elsewhere(diagnosis.get("elsewhere")),
@@ -81,9 +101,21 @@ def score_case(plan: CasePlan, truth: Mapping[str, Any], diagnosis: Mapping[str,
         shrink=float(diagnosis["gap"]["shrink"]),
         # One of a group with the truth in it is not the truth: half of those told at 50 % must be wrong.
         probabilities=tuple(zip(probabilities, (key in wanted for key in named), strict=True)),
-        within=_within(truth, diagnosis),
+        ranked=tuple(_ranked(plan, diagnosis, wanted)),
+        within=_within(truth, diagnosis, 0.0),
+        within_departure=_within(truth, diagnosis, float(truth.get("departure", {}).get("share", 0.0))),
         seconds=seconds,
     )
+
+
+def _told(truth: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> bool | None:
+    """Whether a departure that stands out is told: as such, by another cause, or as what remains."""
+    loudest = max(truth.get("off_textbook_snr", {}).values(), default=0.0)
+    if min(loudest, truth.get("departure_size") or 0.0) < STANDS_OUT:
+        return None
+    causes = diagnosis["causes"]
+    described = any(cause.get("departures") for cause in causes)
+    return bool(diagnosis["verdict"] == "partly_explained" or len(causes) > 1 or described)
 
 
 def _elsewhere(gap: Mapping[str, float] | None) -> float | None:
@@ -97,8 +129,10 @@ def _right(plan: CasePlan, diagnosis: Mapping[str, Any], wanted: list[Key], name
     verdict = diagnosis["verdict"]
     if plan.kind == "null":
         return bool(verdict == "no_gap")
-    if plan.kind == "unknown" or plan.left_out:
+    if plan.kind in ("unknown", "mimic") or plan.left_out:
         return bool(verdict == "unknown" or (verdict == "partly_explained" and diagnosis["gap"]["shrink"] < 0.5))
+    if plan.kind == "variant":
+        return verdict in ("explained", "partly_explained") and any(hits) and len(named) <= MOST_NAMED
     if plan.kind == "single":
         return verdict == "explained" and len(named) == 1 and hits[0]
     return bool(verdict == "explained" and named == wanted)
@@ -124,21 +158,45 @@ def _where_right(snr: Mapping[str, float], diagnosis: Mapping[str, Any]) -> bool
     return any(first == name or first.startswith(f"{name}.") for name in moved)
 
 
-def _within(truth: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> tuple[int, int]:
+def _ranked(plan: CasePlan, diagnosis: Mapping[str, Any], wanted: Sequence[Key]) -> Iterable[tuple[float, bool]]:
+    for row in diagnosis.get("ranking", ()):
+        if row["probability"] >= LEAST_RANKED:
+            yield float(row["probability"]), (row["effect"], row.get("location") or "") in wanted
+
+
+def _within(truth: Mapping[str, Any], diagnosis: Mapping[str, Any], share: float) -> tuple[int, int]:
+    """Parameters of true causes within 3 standard deviations of the truth, and how many there are.
+
+    With a departure of the `share` its width, `share` times the size of the parameter as a vector, is added in
+    quadrature; then the truth is the parameter at the reference or that of the best textbook form, whichever is nearer:
+    of an effect that changes with temperature both are meant.
+    """
     inside = total = 0
     for row in diagnosis["causes"]:
-        same = [
-            t for t in truth["effects"] if t["effect"] == row["effect"] and (t.get("location") or "") == row["location"]
+        true = [
+            t["parameters"]
+            for t in truth["effects"]
+            if t["effect"] == row["effect"] and (t.get("location") or "") == row["location"]
         ]
+        if true and share:
+            true.append(truth["fitted"])
         for name, estimate in row["parameters"].items():
             std = np.atleast_1d(estimate["std"])
-            if same and np.all(std > 0):
-                off = np.abs(np.atleast_1d(estimate["value"]) - np.atleast_1d(same[0]["parameters"][name]))
-                if name == "phase":
-                    off = np.abs(np.angle(np.exp(1j * off)))
-                inside += int(np.count_nonzero(off <= 3 * std))
-                total += len(std)
+            if not true or not np.all(std > 0):
+                continue
+            ratios = [_distance(name, estimate["value"], values[name], std, share) for values in true]
+            inside += int(np.count_nonzero(np.min(ratios, axis=0) <= 3))
+            total += len(std)
     return inside, total
+
+
+def _distance(name: str, estimate: ArrayLike, true: ArrayLike, std: Reals, share: float) -> Reals:
+    """Standard deviations between an estimate and the truth, each number of a vector."""
+    off = np.abs(np.subtract(np.atleast_1d(estimate), np.atleast_1d(true)))
+    if name == "phase":
+        off = np.abs(np.angle(np.exp(1j * off)))
+    width = share * float(np.linalg.norm(np.atleast_1d(true)))
+    return np.asarray(off / np.hypot(std, width), np.float64)
 
 
 def format_scores(outcomes: Sequence[Outcome]) -> str:
@@ -151,10 +209,10 @@ def format_scores(outcomes: Sequence[Outcome]) -> str:
                 parts.append(f"== {family}, {'as on a shop floor' if rough else 'clean'}")
                 parts += [_by_group(own), _by_effect(own), _by_size(own)]
                 parts += [_by_lvdt(own), _elsewhere_table(own)] if family == "stage" else []
-    parts.append(_calibration(outcomes))
-    inside, total = (sum(o.within[i] for o in outcomes) for i in (0, 1))
-    if total:
-        parts.append(f"parameters within 3 standard deviations: {inside}/{total} ({inside / total:.1%})")
+    parts.append(_mimics(outcomes))
+    parts.append(_calibration("named causes", [pair for o in outcomes for pair in o.probabilities]))
+    parts.append(_calibration("ranked candidates, 1 % and more", [pair for o in outcomes for pair in o.ranked]))
+    parts.append(_parameters(outcomes))
     return "\n\n".join(part for part in parts if part)
 
 
@@ -179,9 +237,14 @@ def _share(flags: Sequence[bool]) -> str:
     return f"{sum(flags)}/{len(flags)}" if flags else "-"
 
 
+def _sort(outcome: Outcome) -> str:
+    plan = outcome.plan
+    return f"{plan.group}, {plan.kind}" if plan.group == "noise" else plan.group
+
+
 def _by_group(outcomes: Sequence[Outcome]) -> str:
     rows = []
-    for name, group in _grouped_by(outcomes, lambda o: o.plan.group).items():
+    for name, group in _grouped_by(outcomes, _sort).items():
         shrinks = [o.shrink for o in group if o.verdict == "explained"]
         places = [o.where_right for o in group if o.where_right is not None]
         rows.append(
@@ -191,6 +254,7 @@ def _by_group(outcomes: Sequence[Outcome]) -> str:
                 _share([o.alike for o in group if _findable(o)]),
                 _share([o.right for o in group if not _findable(o)]),
                 _share(places),
+                _share([o.told for o in group if o.told is not None]),
                 f"{np.median(shrinks):.3f}" if shrinks else "-",
                 f"{np.median([o.seconds for o in group]):.1f} / {max(o.seconds for o in group):.1f}",
             ]
@@ -202,6 +266,7 @@ def _by_group(outcomes: Sequence[Outcome]) -> str:
             "or said to be alike",
             "right, too small to be found",
             "where",
+            "departures told",
             "median shrink",
             "seconds, median / most",
         ],
@@ -210,23 +275,25 @@ def _by_group(outcomes: Sequence[Outcome]) -> str:
 
 
 def _by_effect(outcomes: Sequence[Outcome]) -> str:
-    alone = [o for o in outcomes if len(o.effects) == 1]
+    alone = [o for o in outcomes if len(o.effects) == 1 and o.plan.group != "mimic"]
     rows = []
     for name, group in _grouped_by(alone, lambda o: o.effects[0]).items():
-        known = [o for o in group if o.plan.group in ("single", "new speed", "unknown") and _findable(o)]
+        known = [o for o in group if o.plan.group in ("single", "new speed", "unknown", "noise") and _findable(o)]
+        varied = [o for o in group if o.plan.group == "variant"]
         weak = [o for o in group if o.plan.group == "weak"]
         left_out = [o for o in group if o.plan.left_out]
-        named = sorted({" + ".join(" ".join(key).strip() for key in o.named) for o in group if not o.right and o.named})
+        named = sorted({_causes(o) for o in group if not o.right and o.named})
         rows.append(
             [
                 name,
                 _share([o.right for o in known]),
+                _share([o.right for o in varied]),
                 _share([o.right for o in weak]),
                 _share([o.right for o in left_out]),
                 "; ".join(named),
             ]
         )
-    return _table(["effect", "right", "weak", "left out", "named instead"], rows)
+    return _table(["effect", "right", "varied", "weak", "left out", "named instead"], rows)
 
 
 def _by_size(outcomes: Sequence[Outcome]) -> str:
@@ -237,6 +304,8 @@ def _by_size(outcomes: Sequence[Outcome]) -> str:
         if group:
             top = "" if high > 1e6 else f"{high:g}"
             rows.append([f"{low:g} - {top}", _share([o.alarmed for o in group]), _share([o.right for o in group])])
+    if not rows:
+        return ""
     return "Detection against size (beyond noise and the twin's uncertainty, standard deviations)\n" + _table(
         ["size", "seen", "right"], rows
     )
@@ -262,12 +331,51 @@ def _elsewhere_table(outcomes: Sequence[Outcome]) -> str:
     return "Shrink of the gap at speeds never seen\n" + _table(["cases", "median", "least"], [row])
 
 
-def _calibration(outcomes: Sequence[Outcome]) -> str:
-    told = [pair for o in outcomes for pair in o.probabilities]
+def _mimics(outcomes: Sequence[Outcome]) -> str:
+    """What is said of faults that resemble a known effect by half: nothing should explain them, or be named."""
     rows = []
+    for floor, group in _grouped_by([o for o in outcomes if o.plan.group == "mimic"], _floor).items():
+        explained = [o.verdict == "explained" for o in group]
+        named = [f"{o.effects[0]} as {_causes(o)}" for o in group if o.named]
+        rows.append([floor, _share(explained), _share([bool(o.named) for o in group]), "; ".join(named)])
+    return "Mimics\n" + _table(["recordings", "explained", "named at all", "as"], rows) if rows else ""
+
+
+def _causes(outcome: Outcome) -> str:
+    return " + ".join(" ".join(key).strip() for key in outcome.named)
+
+
+def _floor(outcome: Outcome) -> str:
+    return f"{outcome.plan.family}, {'as on a shop floor' if outcome.plan.rough else 'clean'}"
+
+
+def _calibration(of_what: str, told: Sequence[tuple[float, bool]]) -> str:
+    """Reliability by bins, and the expected calibration error: mean of |told - right|, weighted by how often."""
+    rows, error = [], 0.0
     for low, high in itertools.pairwise(PROBABILITIES):
         group = [pair for pair in told if low <= pair[0] < high or pair[0] == high == 1.0]
         if group:
             mean = float(np.mean([probability for probability, _ in group]))
-            rows.append([f"{low:g} - {high:g}", f"{mean:.2f}", _share([hit for _, hit in group])])
-    return "Calibration of probabilities of named causes\n" + _table(["told", "mean", "right"], rows)
+            right = float(np.mean([hit for _, hit in group]))
+            error += abs(mean - right) * len(group) / len(told)
+            rows.append([f"{low:g} - {high:g}", f"{mean:.3f}", f"{right:.3f}", _share([hit for _, hit in group])])
+    if not rows:
+        return ""
+    table = _table(["told", "mean", "share right", "right"], rows)
+    return f"Calibration of probabilities of {of_what}\n{table}\nexpected calibration error: {error:.3f}"
+
+
+def _parameters(outcomes: Sequence[Outcome]) -> str:
+    """Parameters of named causes near enough to the truth; of variants as told, and with the departure's width."""
+    varied = [o for o in outcomes if o.plan.kind == "variant"]
+    plain = [o for o in outcomes if o.plan.kind != "variant"]
+    lines = []
+    for words, pairs in (
+        ("", [o.within for o in plain]),
+        (" of variants, as told", [o.within for o in varied]),
+        (" of variants, with the width of the departure", [o.within_departure for o in varied]),
+    ):
+        inside, total = (sum(pair[i] for pair in pairs) for i in (0, 1))
+        if total:
+            lines.append(f"parameters within 3 standard deviations{words}: {inside}/{total} ({inside / total:.1%})")
+    return "\n".join(lines)

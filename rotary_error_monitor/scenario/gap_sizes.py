@@ -12,21 +12,24 @@ plant.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.plant.cases import TRACKER_NOISE, MachineCase, StageCase
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.plant.cases import MachineCase, StageCase
+from rotary_error_monitor.plant.departures import Part, acting
+from rotary_error_monitor.plant.faults import make_fault
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant
+from rotary_error_monitor.plant.response import INPUTS, TRACKER_NOISE, noise_of, times_of
 from rotary_error_monitor.plant.stage import HEAD, Fault, StagePlant
-from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.machine import uncertain_shifts
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
 Array = NDArray[np.float64]
+Parts = tuple[Part, ...]
 
 EVERY = 50
 """Every so many samples of a stage are looked at; the squares are scaled up."""
@@ -34,12 +37,24 @@ EVERY = 50
 JITTER_BAND = 20.0
 """Frequency, Hz, up to which the rotor jitters, as the page of the stage says."""
 
-_INPUTS = ("command", "force", "temperature")
-
 
 def sizes_beyond_uncertainty(case: StageCase | MachineCase, duration: float) -> list[float]:
     """Size of each fault of a case, in standard deviations; `duration` of a stage's recording in s."""
-    return _stage_sizes(case, duration) if isinstance(case, StageCase) else _machine_sizes(case)
+    return _sizes(case, duration, [(acting((fault,)), ()) for fault in case.truth.faults])
+
+
+def departure_beyond_uncertainty(case: StageCase | MachineCase, duration: float) -> float | None:
+    """Size of what a variant's best textbook form leaves, likewise; None where nothing departs."""
+    if case.truth.departure is None:
+        return None
+    (fault,) = case.truth.faults
+    fitted = make_fault(fault.name, fault.location, **case.truth.departure.fitted)
+    return _sizes(case, duration, [(acting((fault,)), acting((fitted,)))])[0]
+
+
+def _sizes(case: StageCase | MachineCase, duration: float, pairs: Sequence[tuple[Parts, Parts]]) -> list[float]:
+    """Size of the difference that the first of each pair makes to the second."""
+    return _stage_sizes(case, duration, pairs) if isinstance(case, StageCase) else _machine_sizes(case, pairs)
 
 
 def _size(shown: Array, allowed: list[Array]) -> float:
@@ -51,7 +66,7 @@ def _size(shown: Array, allowed: list[Array]) -> float:
     return float(np.sqrt(max(squares, 0.0)))
 
 
-def _stage_sizes(case: StageCase, duration: float) -> list[float]:
+def _stage_sizes(case: StageCase, duration: float, pairs: Sequence[tuple[Parts, Parts]]) -> list[float]:
     plain = replace(case.plant, faults=())
     measure = _measure_of(plain, duration)
     base = measure(plain)
@@ -60,23 +75,25 @@ def _stage_sizes(case: StageCase, duration: float) -> list[float]:
         for p in uncertain_parameters(case.twin)
     ]
     sizes = []
-    for fault in case.truth.faults:
-        if isinstance(fault, Fault):
-            faulty = replace(plain, faults=(fault,))
-            sizes.append(float(np.hypot(_size(measure(faulty) - base, allowed), _shared_size(plain, faulty, duration))))
+    for pair in pairs:
+        faulty, other = (
+            replace(plain, faults=tuple(part for part in parts if isinstance(part, Fault))) for parts in pair
+        )
+        own = _size(measure(faulty) - measure(other), allowed)
+        sizes.append(float(np.hypot(own, _shared_size(other, faulty, duration))))
     return sizes
 
 
 def _shared_size(plain: StagePlant, faulty: StagePlant, duration: float) -> float:
-    """Size of what all heads see alike, over the mean of their noise and the jitter."""
+    """Size of what all heads see alike in `faulty` beside `plain`, over the mean of their noise and the jitter."""
     heads = [stream for stream in plain.streams if stream.startswith(HEAD)]
-    time = _times_of(plain, heads[0], duration)
+    time = times_of(plain, heads[0], duration)
     period = float(np.ptp(time)) / (len(time) - 1)
     moved = np.mean([faulty.signal(head, time)[:, 0] - plain.signal(head, time)[:, 0] for head in heads], axis=0)
     power = 2 * np.square(np.abs(np.fft.rfft(moved))) / len(time)
     power[0] /= 2
     frequency = np.fft.rfftfreq(len(time), period)
-    floor = 2 * period * _noise_of(plain.stage, heads[0]) ** 2 / len(heads)
+    floor = 2 * period * noise_of(plain.stage, heads[0]) ** 2 / len(heads)
     density = floor + np.where(frequency < JITTER_BAND, plain.jitter**2 / JITTER_BAND, 0.0)
     return float(np.sqrt(np.sum(power * 2 * period / density)))
 
@@ -86,9 +103,9 @@ def _measure_of(plain: StagePlant, duration: float) -> Callable[[StagePlant], Ar
 
     Of the heads it gives what each has beyond their mean.
     """
-    sensors = [stream for stream in plain.streams if stream not in _INPUTS]
-    times = {stream: _times_of(plain, stream, duration)[::EVERY] for stream in sensors}
-    noise = {stream: _noise_of(plain.stage, stream) for stream in sensors}
+    sensors = [stream for stream in plain.streams if stream not in INPUTS]
+    times = {stream: times_of(plain, stream, duration)[::EVERY] for stream in sensors}
+    noise = {stream: noise_of(plain.stage, stream) for stream in sensors}
     heads = [stream for stream in sensors if stream.startswith(HEAD)]
 
     def measure(plant: StagePlant) -> Array:
@@ -100,24 +117,11 @@ def _measure_of(plain: StagePlant, duration: float) -> Callable[[StagePlant], Ar
     return measure
 
 
-def _times_of(plant: StagePlant, stream: str, duration: float) -> Array:
-    clock = plant.clocks[stream]
-    stamps = clock.times_ns(0, clock.index_at(round(duration * NANOSECONDS)))
-    return np.asarray(stamps * 1e-9, np.float64)
-
-
-def _noise_of(stage: StageDescription, stream: str) -> float:
-    if stream == "lvdt":
-        return np.inf if stage.lvdt is None else stage.lvdt.noise
-    sensor = stage.autocollimator if stream == "autocollimator" else stage.encoder
-    return float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12)))
-
-
-def _machine_sizes(case: MachineCase) -> list[float]:
-    def measure(plant: MachinePlant) -> Array:
+def _machine_sizes(case: MachineCase, pairs: Sequence[tuple[Parts, Parts]]) -> list[float]:
+    def measure(machine: MachineDescription, parts: Parts = ()) -> Array:
+        plant = MachinePlant(machine, tuple(part for part in parts if isinstance(part, MachineFault)))
         return np.asarray(plant.tool_offset(case.poses)[:, :3].ravel() / TRACKER_NOISE, np.float64)
 
-    base = measure(MachinePlant(case.twin, ()))
-    allowed = [measure(MachinePlant(shift.machine, ())) - base for shift in uncertain_shifts(case.twin)]
-    faults = [fault for fault in case.truth.faults if isinstance(fault, MachineFault)]
-    return [_size(measure(MachinePlant(case.twin, (fault,))) - base, allowed) for fault in faults]
+    base = measure(case.twin)
+    allowed = [measure(shift.machine) - base for shift in uncertain_shifts(case.twin)]
+    return [_size(measure(case.twin, faulty) - measure(case.twin, other), allowed) for faulty, other in pairs]

@@ -71,7 +71,7 @@ def methods():
 
 
 def test_beside_what_one_might_use_instead(methods):
-    plans = plan_cases(SEED, CASES, ("stage",), (False,))
+    plans = plan_cases(SEED, CASES, ("stage",), (False,), KINDS)
     truths = []
     for plan in plans:
         truth = make_case(plan).truth

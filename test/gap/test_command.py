@@ -185,7 +185,9 @@ def test_the_plan_goes_round_all_effects():
 def test_the_benchmark_opens_what_it_sealed(tmp_path, capsys):
     out = tmp_path / "outcomes.json"
     arguments = ["--cases", "1", "--family", "machine", "--floor", "clean", "--seed", "2", "-o", str(out)]
-    assert main(["gap-benchmark", *arguments]) == 0
+    groups = ("single", "pair", "unknown", "null", "weak", "left out")
+    chosen = [argument for group in groups for argument in ("--group", group)]
+    assert main(["gap-benchmark", *arguments, *chosen]) == 0
     printed = capsys.readouterr().out
     sealed = printed.splitlines()[0].split()[-1]
     assert f"opened truth: sha256 {sealed}" in printed

@@ -10,9 +10,11 @@ import pytest
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import cases
-from rotary_error_monitor.plant.cases import AMOUNT, Kind, make_machine_case, make_stage_case
+from rotary_error_monitor.plant.case_faults import AMOUNT, LOUDEST, Kind
+from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 from rotary_error_monitor.plant.draws import draw_machine, machine_faults, stage_faults
 from rotary_error_monitor.plant.faults import make_fault
+from rotary_error_monitor.plant.machine import MachinePlant
 
 
 @pytest.mark.parametrize("kind", AMOUNT)
@@ -21,9 +23,9 @@ def test_stage_case_holds_what_its_kind_says_and_comes_again_from_its_seed(kind:
     assert case.truth == again.truth
     assert len(case.truth.faults) == AMOUNT[kind]
     mapping = case.truth.as_mapping()
-    assert len(mapping["effects"]) == (0 if kind == "unknown" else AMOUNT[kind])
+    assert len(mapping["effects"]) == (0 if kind in ("unknown", "mimic") else AMOUNT[kind])
     known = stage_faults(kind != "unknown")
-    assert all(fault.name in known for fault in case.truth.faults)
+    assert all(fault.name in known for fault in case.truth.faults) or kind == "mimic"
     for stream, blocks in case.blocks.items():
         for block, other in zip(blocks, again.blocks[stream], strict=True):
             np.testing.assert_array_equal(block.rows, other.rows)
@@ -133,7 +135,56 @@ def test_a_fault_drawn_so_small_that_rounding_hides_it_is_made_larger(monkeypatc
     assert np.linalg.norm(list(truth.snr.values())) == pytest.approx(100.0, rel=0.05)
 
 
-def test_a_fault_drawn_so_large_that_a_head_looks_past_the_ring_is_made_smaller() -> None:
-    case = make_stage_case(304819757, "unknown")
-    assert [fault.name for fault in case.truth.faults] == ["stiffening_bearing"]
+def test_a_fault_drawn_so_large_that_a_head_looks_past_the_ring_is_made_smaller(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    huge = make_fault("stiffening_bearing", radial=1e-3)
+    monkeypatch.setattr(cases, "draw_fault", lambda *given: huge)
+    case = make_stage_case(5, "unknown", ["stiffening_bearing"], duration=20.0)
     assert 30 < np.linalg.norm(list(case.truth.snr.values())) < 1200
+
+
+@pytest.mark.parametrize("rough", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_of_a_loud_pair_one_is_far_louder_and_the_other_well_above_noise(seed: int, rough: bool) -> None:
+    machine = draw_machine(load_machine("pan2013"), np.random.default_rng(seed))
+    stage = make_stage_case(
+        seed, "pair", ["encoder_latency", "mirror_flatness"], (100.0, 300.0), rough, loudness=(30.0, 1000.0)
+    )
+    loud, quiet = ([f"/stage/{s}" for s in names] for names in (("head_a", "head_d"), ("autocollimator",)))
+    snr = stage.truth.snr
+    weak = np.linalg.norm([value for name, value in snr.items() if name.startswith(tuple(quiet))])
+    strong = np.linalg.norm([value for name, value in snr.items() if name.startswith("/stage/head_")])
+    assert 90 < weak < 320
+    assert 29 < strong / weak < 1010
+    assert all(snr[f"{name}/samples.angle"] > 10 * weak for name in loud)
+    effects = ["tool_length", "squareness"]
+    first, second = make_machine_case(
+        machine, seed, "pair", effects, (40.0, 90.0), rough, loudness=(100.0, 100.0)
+    ).truth.faults
+    alone = [MachinePlant(machine, (fault,)) for fault in (first, second)]
+    poses = make_machine_case(machine, seed, "pair", effects, (40.0, 90.0), rough, loudness=(100.0, 100.0)).poses
+    base = MachinePlant(machine).tool_offset(poses)
+    sizes = [np.linalg.norm(plant.tool_offset(poses)[:, :3] - base[:, :3]) for plant in alone]
+    assert sizes[0] / sizes[1] == pytest.approx(100, rel=0.05)
+
+
+def test_no_fault_is_louder_than_real_stages_and_machines_have_it() -> None:
+    assert set(LOUDEST) <= {*stage_faults(), *machine_faults()}
+    case = make_stage_case(
+        2, "pair", ["disc_eccentricity", "lvdt_gain"], (900.0, 900.0), duration=20.0, loudness=(1e3, 1e3)
+    )
+    heads = [value for name, value in case.truth.snr.items() if "/head_" in name]
+    assert np.linalg.norm(heads) == pytest.approx(LOUDEST["disc_eccentricity"], rel=0.05)
+
+
+def test_a_ring_that_slips_steps_in_all_heads_and_nowhere_else() -> None:
+    case = make_stage_case(4, "unknown", ["disc_slip"], duration=20.0)
+    snr = case.truth.snr
+    heads = [value for name, value in snr.items() if "/head_" in name]
+    assert min(heads) > 0.9 * max(heads) > 10
+    assert max(value for name, value in snr.items() if "/head_" not in name) == 0
+    (slip,) = case.truth.faults
+    shown = case.plant.signal("head_a", np.array([0.0, slip.time - 0.01, slip.time + 0.01, 19.0]))
+    plain = replace(case.plant, faults=()).signal("head_a", np.array([0.0, slip.time - 0.01, slip.time + 0.01, 19.0]))
+    np.testing.assert_allclose((shown - plain)[:, 0], [0, 0, slip.step, slip.step], atol=1e-12)

@@ -10,11 +10,21 @@ import pytest
 
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.case_faults import LOUDEST
 from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
+from rotary_error_monitor.plant.departures import SHARES
+from rotary_error_monitor.plant.noise_forms import FORMS
 from rotary_error_monitor.plant.roughness import MACHINE_UNCERTAINTY, STAGE_UNCERTAINTY
-from rotary_error_monitor.scenario.gap_cases import draw_machine, plan_cases, write_case, write_elsewhere
+from rotary_error_monitor.scenario.gap_cases import (
+    STAND_INS,
+    draw_machine,
+    make_case,
+    plan_cases,
+    write_case,
+    write_elsewhere,
+)
 from rotary_error_monitor.scenario.gap_scores import format_scores, score_case
-from rotary_error_monitor.scenario.gap_sizes import sizes_beyond_uncertainty
+from rotary_error_monitor.scenario.gap_sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
 from rotary_error_monitor.scenario.gap_solver import diagnose_case, seal_process
 
 DURATION = 15.0
@@ -144,3 +154,145 @@ def test_probabilities_count_only_the_cause_itself():
     assert outcome.right and outcome.probabilities == ((0.5, False),)
     named["causes"][0]["effect"] = "encoder_latency"
     assert score_case(plan, truth, named, 1.0).probabilities == ((0.5, True),)
+
+
+def test_the_plan_of_the_special_groups():
+    groups = ("variant", "loud", "mimic", "noise")
+    plans = plan_cases(5, 60, ("stage", "machine"), (False, True), groups)
+    by_group = {group: [plan for plan in plans if plan.group == group] for group in groups}
+    for group, own in by_group.items():
+        assert {(plan.family, plan.rough) for plan in own} == {(f, r) for f in ("stage", "machine") for r in (0, 1)}
+        assert all(plan.snr for plan in own) == (group in ("variant", "loud"))
+    assert {plan.kind for plan in by_group["noise"]} == {"null", "single"}
+    assert {plan.noise for plan in by_group["noise"] if plan.family == "stage"} == set(FORMS)
+    assert {plan.noise for plan in by_group["noise"] if plan.family == "machine"} == set(FORMS) - {"hum"}
+    assert not any(plan.noise for plan in plans if plan.group != "noise")
+    for plan in by_group["loud"]:
+        loud, quiet = plan.effects
+        assert loud in LOUDEST and quiet not in STAND_INS.get(loud, ())
+    assert len({plan.effects for plan in by_group["variant"] if plan.family == "machine"}) == 13
+    assert plans == plan_cases(5, 60, ("stage", "machine"), (False, True), groups)
+
+
+@pytest.mark.parametrize("group", ["variant", "loud", "mimic", "noise"])
+def test_the_solver_is_given_bag_and_twin_and_never_the_truth(group, tmp_path):
+    for plan in plan_cases(8, 4, ("stage", "machine"), (False,), (group,)):
+        case = make_case(plan)
+        write_case(case, tmp_path / plan.name)
+        assert sorted(path.name for path in (tmp_path / plan.name).iterdir()) == ["bag", "twin.yaml"]
+        text = (tmp_path / plan.name / "twin.yaml").read_text()
+        words = ["off_textbook", "mechanism", "resembles", "departure", "variant", "loud", "mimic", *FORMS]
+        assert not [word for word in words if word in text]
+        assert plan.name == f"case_{plan.number:04d}"
+
+
+def plan_of(group, family="stage"):
+    return plan_cases(5, 20, (family,), (False,), (group,))[0]
+
+
+def diagnosed(verdict, causes=(), shrink=1.0, departures=()):
+    rows = [
+        {
+            "effect": effect,
+            "location": "",
+            "probability": probability,
+            "parameters": {"offset": {"value": 1.1e-5, "std": 1e-7}},
+            "departures": list(departures),
+        }
+        for effect, probability in causes
+    ]
+    return {
+        "verdict": verdict,
+        "causes": rows,
+        "ranking": [{**row, "held_out_gap": 1.0} for row in rows],
+        "indistinguishable": [],
+        "where": [],
+        "gap": {"shrink": shrink},
+        "schema": 1,
+    }
+
+
+VARIED = {
+    "effects": [{"effect": "tool_length", "location": "", "parameters": {"offset": 1e-5}}],
+    "fitted": {"offset": 1.2e-5},
+    "departure": {"mechanism": "wanders", "share": 0.1},
+    "off_textbook_snr": {"/machine/tool_probe": 40.0},
+    "departure_size": 35.0,
+    "snr": {"/machine/tool_probe": 400.0},
+    "sizes": [400.0],
+}
+TELLING = [{"pattern": "wanders", "share": 0.1}]
+
+
+@pytest.mark.parametrize(
+    ("diagnosis", "right", "told"),
+    [
+        (diagnosed("explained", [("tool_length", 0.9)], departures=TELLING), True, True),
+        (diagnosed("explained", [("tool_length", 0.9)]), True, False),
+        (diagnosed("partly_explained", [("tool_length", 0.9)]), True, True),
+        (diagnosed("explained", [("tool_length", 0.9), ("squareness", 0.8)]), True, True),
+        (diagnosed("explained", [("tool_length", 0.9), ("squareness", 0.8), ("head_droop", 0.6)]), False, True),
+        (diagnosed("explained", [("head_droop", 0.9)]), False, False),
+        (diagnosed("unknown"), False, False),
+    ],
+)
+def test_a_variant_counts_when_named_and_its_departure_when_told(diagnosis, right, told):
+    outcome = score_case(plan_of("variant", "machine"), VARIED, diagnosis, 1.0)
+    assert (outcome.right, outcome.told) == (right, told)
+    for hidden in ({"off_textbook_snr": {"/machine/tool_probe": 29.0}}, {"departure_size": 29.0}):
+        assert score_case(plan_of("variant", "machine"), {**VARIED, **hidden}, diagnosis, 1.0).told is None
+
+
+def test_parameters_of_a_variant_may_be_off_by_the_width_of_its_departure():
+    outcome = score_case(plan_of("variant", "machine"), VARIED, diagnosed("explained", [("tool_length", 0.9)]), 1.0)
+    assert outcome.within == (0, 1)
+    assert outcome.within_departure == (1, 1)
+    far = {**VARIED, "departure": {"mechanism": "wanders", "share": 0.02}, "fitted": {"offset": 1.2e-5}}
+    outcome = score_case(plan_of("variant", "machine"), far, diagnosed("explained", [("tool_length", 0.9)]), 1.0)
+    assert outcome.within_departure == (0, 1)
+    table = format_scores([outcome])
+    assert "parameters within 3 standard deviations of variants, with the width of the departure: 0/1" in table
+
+
+def test_mimics_are_to_be_unknown_and_the_table_counts_what_is_named():
+    truth = {"effects": [], "outside": ["tool_length after 50 % of the poses"], "snr": {"a": 90.0}, "sizes": [90.0]}
+    plan = plan_of("mimic", "machine")
+    unknown = score_case(plan, truth, diagnosed("unknown", shrink=0.0), 1.0)
+    little = score_case(plan, truth, diagnosed("partly_explained", [("tool_length", 0.4)], shrink=0.45), 1.0)
+    wrong = score_case(plan, truth, diagnosed("explained", [("tool_length", 0.9)]), 1.0)
+    assert (unknown.right, little.right, wrong.right) == (True, True, False)
+    _, _, mimics = format_scores([unknown, little, wrong]).partition("Mimics\n")
+    assert mimics.splitlines()[1].split()[:4] == ["machine,", "clean", "1/3", "2/3"]
+
+
+def test_the_expected_calibration_error_is_that_of_the_bins():
+    plan, diagnoses = (
+        plan_of("variant", "machine"),
+        [("tool_length", 0.95), ("tool_length", 0.97), ("head_droop", 0.25)],
+    )
+    outcomes = [score_case(plan, VARIED, diagnosed("explained", [named]), 1.0) for named in diagnoses]
+    table = format_scores(outcomes)
+    # two of three in 0.95 - 0.99, told 0.96, both right; one told 0.25, wrong
+    expected = 2 / 3 * 0.04 + 1 / 3 * 0.25
+    assert f"expected calibration error: {expected:.3f}" in table
+    _, _, named = table.partition("Calibration of probabilities of named causes\n")
+    rows = [line.split() for line in named.splitlines()[1:3]]
+    assert rows == [["0.2", "-", "0.3", "0.250", "0.000", "0/1"], ["0.95", "-", "0.99", "0.960", "1.000", "2/2"]]
+
+
+def test_every_special_case_of_many_seeds_is_made():
+    plans = plan_cases(21, 6, ("stage", "machine"), (False, True), ("variant", "loud", "mimic", "noise"))
+    assert len(plans) > 20
+    for plan in plans:
+        case = make_case(plan)
+        sizes = sizes_beyond_uncertainty(case, 40.0)
+        assert len(sizes) == len(case.truth.faults) and np.isfinite(sizes).all()
+        assert (case.truth.departure is not None) == (plan.group == "variant")
+        left = departure_beyond_uncertainty(case, 40.0)
+        if left is not None:
+            told = np.linalg.norm(list(case.truth.departure.off_textbook_snr.values()))
+            assert 0 < left < 1.1 * told
+            assert 0.8 * SHARES[0] < case.truth.departure.share < 1.2 * SHARES[1]
+            assert left == pytest.approx(told, rel=0.1) or plan.rough or plan.family == "stage"  # jitter hides some
+        assert (left is None) == (plan.group != "variant")
+        assert (case.truth.resemblance is not None) == (plan.group == "mimic")

@@ -147,3 +147,16 @@ class ProbeCurvature(StageFault):
     def touch(self, radial: Plane, scene: Scene) -> Plane:
         """Bent characteristic."""
         return radial + self.quadratic * (radial.real**2 + 1j * radial.imag**2)
+
+
+@unnamed("disc_slip")
+@dataclass(frozen=True, kw_only=True)
+class DiscSlip(StageFault):
+    """The ring slips on the shaft at one moment: all heads go on from another angle, the rotor does not move."""
+
+    time: float
+    step: float
+
+    def read(self, angle: Reals, stream: str, scene: Scene) -> Reals:
+        """Step in every reading that stays."""
+        return angle + self.step * (scene.time >= self.time)
