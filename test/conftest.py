@@ -44,10 +44,10 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Tests against the clock get two more tries, where pytest-rerunfailures is installed."""
+    """Tests against the clock get one more try, where pytest-rerunfailures is installed."""
     for item in items if config.pluginmanager.hasplugin("rerunfailures") else ():
         if item.path.parent.name in LIVE:
-            item.add_marker(pytest.mark.flaky(reruns=2))
+            item.add_marker(pytest.mark.flaky(reruns=1))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

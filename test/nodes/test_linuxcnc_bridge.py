@@ -21,7 +21,7 @@ from rotary_error_monitor.controller.connection import Connection
 from rotary_error_monitor.controller.instance import Instance
 from rotary_error_monitor.controller.kinematics import RotaryTableKinematics
 from rotary_error_monitor.controller.modules import SYSTEM_PYTHON, system_program
-from rotary_error_monitor.controller.protocol import Observation, ObserverSettings
+from rotary_error_monitor.controller.protocol import End, Observation, ObserverSettings
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.linuxcnc_bridge import LinuxcncBridge
 from rotary_error_monitor.nodes.qos import profile
@@ -82,12 +82,15 @@ class Witness:
     """Sees what LinuxCNC makes of program and offsets, and knows nothing of the bridge."""
 
     def __init__(self, cnc):
-        self.seen, self.kinematics = [], RotaryTableKinematics((0.0, 0.0, 0.0), (0.020, 0.010))
+        self.seen, self.ends = [], []
+        self.kinematics = RotaryTableKinematics((0.0, 0.0, 0.0), (0.020, 0.010))
         self.connection = Connection(ObserverSettings(), self._note, enter=cnc.enter, environment=cnc.environment)
 
     def _note(self, record):
         if isinstance(record, Observation):
             self.seen.append(record)
+        elif isinstance(record, End):
+            self.ends.append(record.reason)
 
     def __enter__(self):
         return self
@@ -100,6 +103,7 @@ class Witness:
 
     def effects(self, begin=-1):
         """(n, 5) what the offsets move the joints by, from an observation on."""
+        assert not self.ends, f"the witness ended: {self.ends}"
         return np.array([np.subtract(each.joints, self.nominal(each)) for each in self.seen[begin:]])
 
     def deviation(self, corrections, begin=-1):
