@@ -100,8 +100,12 @@ class NodeProcess:
         self._process.send_signal(number)
 
     def pause(self) -> None:
-        """Stop it where it stands, as a computer that has no time for it; `go_on` lets it go on."""
+        """Stop it where it stands, as a computer that has no time for it; `go_on` lets it go on.
+
+        When this returns, all of its threads stand: on a busy computer some go on for a while after the signal.
+        """
         self._process.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, self.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
 
     def go_on(self) -> None:
         """Let it go on after `pause`."""

@@ -286,12 +286,12 @@ def test_while_the_bridge_is_stopped_held_corrections_turn_with_the_table_and_th
         correct = Corrector(cell)
         bridge = cell.start("linuxcnc_bridge", **where(cnc), max_age=1.0)  # the tests share few cores
         correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to be applied")
-        bridge.send(signal.SIGSTOP)
+        bridge.pause()
         begin = time.monotonic()
         correct(lambda: time.monotonic() - begin > 1.0, "a full pipe", FAR)
         operate(cnc, "--mdi", "G0 X-10 Y5 A-20 C30")
         correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to have turned with the table", FAR)
-        bridge.send(signal.SIGCONT)
+        bridge.go_on()
         correct(lambda: witness.deviation(FAR) < 1e-9, "corrections to be followed again", FAR)
 
 
