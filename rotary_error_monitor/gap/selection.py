@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.gap.belief import MODEL_ACCURACY, Powers, is_structured, powers_of, summed
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
-from rotary_error_monitor.gap.normal import combine
+from rotary_error_monitor.gap.normal import acting_on, combine
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Finding, Problem
-from rotary_error_monitor.gap.strain import find_strain
+from rotary_error_monitor.gap.strain import find_left
 from rotary_error_monitor.gap.weighing import Weighing, Weight
 from rotary_error_monitor.twin.finite import UnpredictableError
 
@@ -45,9 +46,6 @@ BADLY_DISTORTED = 3e-2
 SHORTLIST = 12
 """Candidates from which every pair is weighed with every other candidate."""
 
-MODEL_ACCURACY = 3e-3
-"""What a first-order twin with measured inputs can promise: remainders below this part of the gap are its own."""
-
 RATE_USED = 0.2
 """Part of the false-alarm rate that the tests share: used whole, chance would pass that bound in every other series of
 recordings; so, in one series of 300 out of 300."""
@@ -66,7 +64,7 @@ class Stage:
         newcomer: the candidate that would add most to the set.
         log_newcomer_chance: logarithm of its chance under noise, over its share of the false-alarm rate.
         log_newcomer_alarm: logarithm of the level below which that counts.
-        explained: chi-square that the causes take away.
+        powers: squares of what the causes do, by channel.
         added: chi-square that the latest step took away.
     """
 
@@ -78,15 +76,13 @@ class Stage:
     newcomer: Weight | None
     log_newcomer_chance: float
     log_newcomer_alarm: float
-    explained: float
+    powers: Powers
     added: float
 
     @property
     def structured(self) -> bool:
         """Whether structure is left."""
-        return any(
-            f.log_chance < self.log_alarm and f.excess > MODEL_ACCURACY**2 * self.explained for f in self.findings
-        )
+        return is_structured(self.findings, self.log_alarm, self.powers)
 
     @property
     def improvable(self) -> bool:
@@ -166,20 +162,21 @@ class _Search:
 
     def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Stage:
         """Test what a fit leaves."""
-        findings = self._findings(fit)
+        findings = find_left(self._problem, fit)
         suspicious = bool(findings) and findings[0].log_chance < self._log_alarm(findings)
         # What was learnt beside fewer causes may have been one of these.
         if (suspicious or self._learnt) and self._problem.learn_noise(fit.causes, findings):
             self._learnt = True
             self._columns.clear()
             fit = fit_causes(self._problem, fit.causes)
-            findings = self._findings(fit)
+            findings = find_left(self._problem, fit)
         weighing, included = self._table(fit)
         newcomers = weighing.singles(included)
         self._keep_promising(weighing, newcomers)
         base = weighing.weigh(included)
         added = 0.0 if power_before is None else max(power_before - fit.squares, 0.0)
-        best, chance = self._newcomer(weighing, newcomers, base, MODEL_ACCURACY**2 * added)
+        powers = {**dict.fromkeys(fit.rest, 0.0), **summed(powers_of(self._problem, fit))}
+        best, chance = self._newcomer(weighing, newcomers, base, powers)
         return Stage(
             fit.without_data(),
             weight,
@@ -189,7 +186,7 @@ class _Search:
             best,
             chance,
             float(np.log(self._level)),
-            max(base.gain, added),
+            powers,
             added,
         )
 
@@ -254,10 +251,6 @@ class _Search:
         best = sorted(newcomers, key=lambda weight: -weight.log_evidence)[:SHORTLIST]
         found = [weighing.candidates[weight.members[-1]] for weight in best]
         self._promising = list(dict.fromkeys([*self._promising, *((*c.key, c.start.tobytes()) for c in found)]))
-
-    def _findings(self, fit: Fit) -> list[Finding]:
-        found = [*self._problem.structure(fit.rest), *find_strain(fit)]
-        return sorted(found, key=lambda finding: finding.log_chance)
 
     def _log_alarm(self, findings: Sequence[Finding]) -> float:
         return float(np.log(self._level / max(len(findings), 1)))
@@ -329,28 +322,36 @@ class _Search:
         return stage
 
     def _newcomer(
-        self, weighing: Weighing, newcomers: Sequence[Weight], base: Weight, allowance: float
+        self, weighing: Weighing, newcomers: Sequence[Weight], base: Weight, powers: Powers
     ) -> tuple[Weight | None, float]:
         """The candidate that stands out most: its chance over its share of the false-alarm rate.
 
         Each candidate has the part of the rate that its prior chance is (a weighted Bonferroni bound: the parts add up
-        to the whole), so a place among hundreds must show more than an effect that can sit in one place only. The
-        allowance is taken off its gain.
+        to the whole), so a place among hundreds must show more than an effect that can sit in one place only. What
+        the twin may leave of the causes on the channels that the candidate acts on is taken off its gain.
         """
         best, lowest = None, 0.0
         for weight in newcomers:
             if base.members and weight.log_evidence <= base.log_evidence:
                 # Beside a cause that is found, chance alone is no reason: the pair must be likelier than the one.
                 continue
-            gain = dataclasses.replace(
-                weight,
-                gain=max(weight.gain - base.gain - allowance, 0.0),
-                freedom=max(weight.freedom - base.freedom, 1),
+            added = dataclasses.replace(
+                weight, gain=max(weight.gain - base.gain, 0.0), freedom=max(weight.freedom - base.freedom, 1)
             )
-            chance = gain.log_chance - weighing.log_prior(weight.members[-1])
+            prior = weighing.log_prior(weight.members[-1])
+            if added.log_chance - prior >= lowest:
+                continue
+            allowance = self._allowance(weighing.candidates[weight.members[-1]], powers)
+            chance = dataclasses.replace(added, gain=max(added.gain - allowance, 0.0)).log_chance - prior
             if chance < lowest:
                 best, lowest = weight, chance
         return best, lowest
+
+    def _allowance(self, candidate: Candidate, powers: Powers) -> float:
+        """Squares that the twin may leave of the causes where a candidate acts."""
+        columns = self._columns.get((*candidate.key, candidate.start.tobytes()))
+        channels = set(powers) if columns is None else acting_on(columns)
+        return MODEL_ACCURACY**2 * sum(powers.get(channel, 0.0) for channel in channels)
 
     def _table(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:
         """All candidates so far and those that the remainder proposes, weighed on data with the causes put back."""
