@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.chances import chi_square_quantile
-from rotary_error_monitor.gap.selection import Stage
 from rotary_error_monitor.gap.shrink import HeldOut
+from rotary_error_monitor.gap.steps import Step
 from rotary_error_monitor.gap.verdict import REJECTED
 from rotary_error_monitor.gap.weighing import Weighing, Weight
 
@@ -34,7 +34,7 @@ class Alternatives:
 
 
 def weigh_alternatives(
-    stage: Stage,
+    step: Step,
     causes: Sequence[Cause],
     unknown: float,
     dispersion: float = 1.0,
@@ -47,7 +47,7 @@ def weigh_alternatives(
     possibility of none. `dispersion` is how many times the squares that remain are those of noise: what all candidates
     leave alike is noise to the choice among them. `credits` are log odds that departures add to other sets.
     """
-    weighing = stage.weighing
+    weighing = step.weighing
     members = tuple(i for i in (weighing.position(c.key) for c in causes) if i is not None)
     chosen = weighing.weigh(members)
     rows: list[Weight] = [chosen]

@@ -33,6 +33,10 @@ PRIOR_OF_UNKNOWN = 0.02
 PRIOR_OF_KNOWN = 0.5
 """Probability that a known effect, whichever, is at work where something unknown is."""
 
+NO_DEPARTURE = 0.5
+"""Part of a cause's power: where its textbook form leaves more, departures need not be looked at. They would be of 70 %
+of the cause, seven standard deviations of their prior, and something unknown is always likelier."""
+
 MODEL_ACCURACY = 3e-3
 """What a first-order twin with measured inputs can promise, as a part of what a cause does to a channel: remainders of
 that channel below it are the twin's own."""
@@ -53,12 +57,14 @@ class Belief:
         findings: structure that is left, the least likely first.
         log_odds: of each cause, that it is at work and not something unknown in its place, its departures paid for.
         settled: whether only noise is left.
+        near: whether so little is left of any cause that it could be a departure.
     """
 
     fit: Fit
     findings: tuple[Finding, ...]
     log_odds: tuple[float, ...]
     settled: bool
+    near: bool
 
     @property
     def total(self) -> float:
@@ -114,13 +120,15 @@ def weigh_belief(problem: Problem, fit: Fit, findings: Sequence[Finding], log_al
     prices = _prices(fit)
     settled = not is_structured(findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **whole})
     prior = float(np.log(PRIOR_OF_KNOWN / effects)) + _credit(settled)
-    log_odds = []
+    log_odds, near = [], False
     for power, part, price in zip(powers, _own_parts(fit), prices, strict=True):
         own, total = {channel: part * value for channel, value in power.items()}, sum(power.values()) or 1.0
         kept = {channel: value / (left[channel] + SHARE**2 * value) for channel, value in own.items()}
         gain = sum(power[channel] / total * float(np.log1p(value)) for channel, value in kept.items())
+        beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
+        near |= beside > np.log1p(1 / NO_DEPARTURE)
         log_odds.append(0.5 * FREE * gain + prior - float(price))
-    return Belief(fit, tuple(findings), tuple(log_odds), settled)
+    return Belief(fit, tuple(findings), tuple(log_odds), settled, near)
 
 
 def _credit(settled: bool) -> float:

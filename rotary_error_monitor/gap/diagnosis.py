@@ -18,8 +18,9 @@ from rotary_error_monitor.gap.held_out import OpenProblem
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, LandingProblem, Share
-from rotary_error_monitor.gap.selection import Selection, select_causes
+from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
+from rotary_error_monitor.gap.steps import Selection
 from rotary_error_monitor.gap.verdict import Verdict
 
 SCHEMA = 1
@@ -141,7 +142,7 @@ def diagnose(
     told = judge(problem, selection, false_alarms, progress)
     fit, explained = told.fit, told.verdict is Verdict.EXPLAINED
     progress("alternatives")
-    alternatives = weigh_alternatives(told.stage, fit.causes, told.unknown, told.dispersion, told.credits)
+    alternatives = weigh_alternatives(told.step, fit.causes, told.unknown, told.dispersion, told.credits)
     settled = told.verdict in (Verdict.EXPLAINED, Verdict.NO_GAP)
     gap = measure_gap(fit, problem.conditions, None if settled else _floor(problem, fit))
     progress("where")

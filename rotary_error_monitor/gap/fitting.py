@@ -104,20 +104,10 @@ def fit_causes(
         if step == MOST_STEPS or not sized or _gain(change[count:last], covariance[count:last, count:last]) < settled:
             break
         sized, data = _predictable(problem, sized, _moved(sized, change[count:last]))
-    taken = combine(problem, [uncertain, *departing], [change[:count], *_split(change[last:], departing)])
+    moved, spread = np.split(change, [count, last]), _spread(sized, covariance[count:last, count:last])
+    taken = combine(problem, [uncertain, *departing], [moved[0], *_split(moved[2], departing)])
     rest = subtract(data, taken) if count or extra else data
-    return Fit(
-        sized,
-        _spread(sized, covariance[count:last, count:last]),
-        data,
-        uncertain,
-        change[:count],
-        columns,
-        rest,
-        blocks,
-        tuple(departures),
-        change[last:],
-    )
+    return Fit(sized, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[2])
 
 
 def _split(values: Array, columns: Sequence[Columns]) -> list[Array]:

@@ -179,7 +179,7 @@ def test_what_stands_out_in_no_channel_is_left_of_the_cause(stage_problem):
     case = {"seed": 901920956, "kind": "single", "effects": ["disc_scale"], "rough": True, "duration": 40.0}
     problem, _ = stage_problem(**case, stage_effects=without)
     diagnosis = diagnose(problem)
-    assert not any(stage.settled for stage in diagnosis.selection.stages)
+    assert not any(step.settled for step in diagnosis.selection.steps)
     assert diagnosis.verdict is Verdict.UNKNOWN and not diagnosis.causes
     problem, _ = stage_problem(**case)
     (cause,) = diagnose(problem).causes
