@@ -37,7 +37,7 @@ class Modulation:
 
     Attributes:
         kind: modulations of one kind are taken together.
-        values: (n,) or (n, k), of root mean square `size` over the recording; k are the components of a signal.
+        values: (n,) or (n, k), of root mean square 1 over most recordings; k are the components of a signal.
         words: says what a relative change of the cause by so much for each unit of `values` is.
         each: whether each amplitude of the cause is modulated on its own (other directions and phases), or all alike.
     """
@@ -46,7 +46,6 @@ class Modulation:
     values: Array
     words: Words
     each: bool = False
-    size: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,8 @@ class Departures:
         kinds: (q,) of each column.
         words: (q,) of each column, for its relative change of the cause.
         changes: (q,) relative change of the cause as a whole by one standard deviation of each.
-        shares: (q,) root mean square of each, over that of what the cause does.
+        products: (q, q) of the columns with one another before they are made white, over the square of what the cause
+            does.
         columns: white rows (m, q).
     """
 
@@ -66,7 +66,7 @@ class Departures:
     kinds: tuple[str, ...]
     words: tuple[Words, ...]
     changes: Array
-    shares: Array
+    products: Array
     columns: Columns
 
     def chosen(self, places: Sequence[int]) -> Departures:
@@ -77,7 +77,7 @@ class Departures:
             tuple(self.kinds[i] for i in places),
             tuple(self.words[i] for i in places),
             self.changes[index],
-            self.shares[index],
+            self.products[np.ix_(index, index)],
             columns_at(self.columns, index),
         )
 
@@ -115,33 +115,40 @@ def modulated(signature: Array, amplitudes: Array, sizes: Array, modulations: Se
 
 def spread_out(
     modulations: Sequence[Modulation], amplitudes: Array, sizes: Array
-) -> tuple[tuple[str, ...], tuple[Words, ...], Array, Array]:
-    """Kind, words, relative change of the cause and share of it of each column that `modulated` gives."""
+) -> tuple[tuple[str, ...], tuple[Words, ...], Array]:
+    """Kind, words and relative change of the cause of each column that `modulated` gives."""
     relative = amplitudes / np.where(sizes > 0, sizes, 1.0)
     each = SHARE * relative / max(float(np.sum(np.square(relative))), 1e-300)
     rows = [(m, change) for m in modulations for change in (each if m.each else (SHARE,))]
-    part = SHARE / np.sqrt(max(len(amplitudes), 1))
     return (
         tuple(m.kind for m, _ in rows),
         tuple(m.words for m, _ in rows),
         np.array([float(change) for _, change in rows]),
-        np.array([(part if m.each else SHARE) * m.size for m, _ in rows]),
     )
+
+
+def products_of(columns: Sequence[Array], signals: Sequence[Array]) -> Array:
+    """(q, q) products of columns (n, k, q) of several signals (n, k), over the squares of the signals."""
+    squares = sum(float(np.sum(np.square(signal))) for signal in signals) or 1.0
+    flat = [np.ascontiguousarray(values.reshape(-1, values.shape[2])) for values in columns]
+    return np.asarray(sum((rows.T @ rows for rows in flat), np.zeros(()))) / squares
 
 
 def describe(departures: Departures, values: Array) -> tuple[Departure, ...]:
     """Departures of one cause in words, the largest first; `values` (q,) are in standard deviations of their prior."""
     told = []
     for kind in dict.fromkeys(departures.kinds):
-        own = [i for i, other in enumerate(departures.kinds) if other == kind]
-        size: dict[Words, float] = {}
+        own = np.array([other == kind for other in departures.kinds])
+        moved = np.where(own, values, 0.0)
         change: dict[Words, float] = {}
-        for i in own:
+        size: dict[Words, float] = {}
+        for i in np.flatnonzero(own):
             words = departures.words[i]
-            size[words] = size.get(words, 0.0) + float(values[i] * departures.shares[i]) ** 2
+            size[words] = size.get(words, 0.0) + float(values[i]) ** 2 * float(departures.products[i, i])
             change[words] = change.get(words, 0.0) + float(values[i] * departures.changes[i])
         largest = max(size, key=lambda words: size[words])
-        told.append(Departure(largest(change[largest]), float(np.sqrt(sum(size.values())))))
+        share = float(np.sqrt(max(float(moved @ departures.products @ moved), 0.0)))
+        told.append(Departure(largest(change[largest]), share))
     return tuple(sorted(told, key=lambda row: -row.share))
 
 

@@ -17,6 +17,7 @@ from rotary_error_monitor.gap.departures import (
     columns_at,
     describe,
     modulated,
+    products_of,
     spread_out,
 )
 from rotary_error_monitor.gap.problem import LateRows
@@ -47,18 +48,21 @@ def test_a_column_is_a_tenth_of_the_cause(each, rng):
     wave = np.sqrt(2) * np.cos(2 * np.pi * 7 * np.arange(COUNT) / COUNT)
     modulations = [Modulation("place", wave, str, each)]
     columns = modulated(signature, amplitudes, np.full(3, 2.0), modulations)
-    kinds, _, _, shares = spread_out(modulations, amplitudes, np.full(3, 2.0))
-    size = np.sqrt(np.mean(np.square(signature @ amplitudes)))
+    kinds, _, _ = spread_out(modulations, amplitudes, np.full(3, 2.0))
     assert columns.shape == (COUNT, 2, 3 if each else 1) and len(kinds) == columns.shape[2]
-    np.testing.assert_allclose(np.sqrt(np.mean(np.square(columns), axis=(0, 1))), shares * size, rtol=0.05)
-    assert np.sqrt(np.sum(np.square(shares))) == pytest.approx(SHARE)
+    products = products_of([columns], [signature @ amplitudes])
+    assert np.sqrt(np.trace(products)) == pytest.approx(SHARE, rel=0.05)
 
 
 def test_what_the_amplitudes_do_together_is_told_as_one_change():
     """All amplitudes 20 % larger where the modulation is one: the cause is 20 % larger there."""
     amplitudes, sizes = np.array([3.0, -4.0]), np.full(2, np.sqrt(12.5))
     modulations = [Modulation("warm", np.ones(10), lambda change: f"{change:.3f}", True)]
-    departures = Departures(0, *spread_out(modulations, amplitudes, sizes), {})
+    signature = np.eye(2)[:, None, :]
+    products = products_of(
+        [modulated(signature, amplitudes, sizes, [Modulation("warm", np.ones(2), str, True)])], [signature @ amplitudes]
+    )
+    departures = Departures(0, *spread_out(modulations, amplitudes, sizes), products, {})
     values = 0.2 * amplitudes / (SHARE * sizes)
     (told,) = describe(departures, values)
     assert told.pattern == "0.200" and told.share == pytest.approx(0.2)
@@ -103,5 +107,5 @@ def test_every_effect_of_a_stage_may_depart_on_its_own_channels_only(stage_probl
         assert set(departures.columns) <= set(own), effect.name
         widths = {rows.shape[1] for rows in departures.columns.values()}
         assert widths == {len(departures.kinds)} and all(np.isfinite(r).all() for r in departures.columns.values())
-        assert len(departures.words) == len(departures.changes) == len(departures.shares) == len(departures.kinds)
+        assert len(departures.words) == len(departures.changes) == len(departures.products) == len(departures.kinds)
         assert all(isinstance(words(0.1), str) for words in departures.words)

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.gap.chances import log_chi_square_tail
-from rotary_error_monitor.gap.departures import Departures, Modulation, amplitude_sizes, modulated, spread_out
+from rotary_error_monitor.gap.departures import (
+    Departures,
+    Modulation,
+    amplitude_sizes,
+    describe,
+    modulated,
+    products_of,
+    spread_out,
+)
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.gap.selection import select_causes
@@ -27,7 +35,9 @@ class DepartingProblem(LinearProblem):
             modulations = [Modulation("temperature", WARMTH, lambda change: f"grows by {change:.2f}")]
             rows = {c: modulated(s[:, :, None], amplitudes, sizes, modulations) for c, s in cause.effect.column.items()}
             columns = {channel: values[:, 0] for channel, values in rows.items()}
-            found.append(Departures(place, *spread_out(modulations, amplitudes, sizes), columns))
+            shown = [s * amplitudes for s in cause.effect.column.values()]
+            products = products_of(list(rows.values()), shown)
+            found.append(Departures(place, *spread_out(modulations, amplitudes, sizes), products, columns))
         return tuple(found)
 
     def structure(self, rest):
@@ -67,8 +77,8 @@ def test_a_cause_with_a_fair_departure_explains(judged, share):
     outcomes = judged(lambda first, other: (20 * first * (1 + share * WARMTH), 0 * first))
     assert rate(outcomes, Verdict.EXPLAINED) > 0.9
     for told in outcomes:
-        (departed,) = told.fit.departure_values * told.fit.departures[0].shares
-        assert departed == pytest.approx(share, abs=0.01)
+        (row,) = describe(told.fit.departures[0], told.fit.departure_values)
+        assert row.share == pytest.approx(share, rel=0.15)
 
 
 def test_what_grows_from_nothing_is_no_steady_effect(judged):

@@ -19,6 +19,7 @@ from rotary_error_monitor.gap.departures import (
     grows,
     modulated,
     percent,
+    products_of,
     second_harmonic,
     spread_out,
     wanders,
@@ -43,7 +44,8 @@ def machine_departures(problem: MachineProblem, place: int, causes: Sequence[Cau
     modulations = [*_of_poses(problem, _axes(problem, cause)), *_of_size(signature @ amplitudes)]
     made = modulated(signature, amplitudes, sizes, modulations)
     columns = {channel: made[:, i] for i, channel in enumerate(problem.channels)}
-    return Departures(place, *spread_out(modulations, amplitudes, sizes), columns)
+    labels = spread_out(modulations, amplitudes, sizes)
+    return Departures(place, *labels, products_of([made], [signature @ amplitudes]), columns)
 
 
 def _axes(problem: MachineProblem, cause: Cause) -> tuple[Axis, ...]:

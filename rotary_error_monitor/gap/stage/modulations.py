@@ -78,7 +78,7 @@ class StageModulations:
             name = f"below {part * self._top:.2g} rad/s"
             if unit(name):
                 size = peak * unit(name)
-                rows.append(Modulation("low speed", size * norm(name, found[name]), partial(_soft, name), size=size))
+                rows.append(Modulation("low speed", size * norm(name, found[name]), partial(_soft, name)))
         for order in range(1, NEIGHBOURS + 1) if around else ():
             for wave in state.harmonic(order):
                 rows.append(Modulation("place", np.sqrt(2) * wave, _around, True))

@@ -12,7 +12,7 @@ from rotary_error_monitor.effects.effect import Cause, Role, among
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.gap.admission import check_extent, check_noise
 from rotary_error_monitor.gap.chances import NORMAL_QUARTILE
-from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
+from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, products_of, spread_out
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.stage.another import check_stage, left_out
@@ -43,6 +43,9 @@ SAME_SPECTRUM = 0.12
 
 SUSPICIOUS = -6.0
 """Logarithm of the chance below which structure in the command's channel makes its spectrum worth another look."""
+
+THINNED = 8
+"""Every so many samples tell the size of a departure, which is told to two digits."""
 
 NOISIER = 0.05
 """Noise is reported from this much above what the twin states."""
@@ -181,20 +184,23 @@ class StageProblem:
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
         jumps = self._modulations.jumps(cause)
         stacked: Signals = {}
+        shown, done = [], []
         labels = spread_out((), amplitudes, sizes)
         for name, signature in self._derivatives(cause, linear, causes).items():
             modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps)
             modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
             beside = [SHARE * sizes * signatures[name] for signatures in around]
             stacked[name] = np.concatenate([modulated(signature, amplitudes, sizes, modulations), *beside], axis=2)
+            shown.append(stacked[name][::THINNED] / self.noise.std[kind_of(name)])
+            done.append(signature[::THINNED] @ amplitudes / self.noise.std[kind_of(name)])
             labels = spread_out(modulations, amplitudes, sizes)
-        (kinds, words, changes, shares), count = labels, len(neighbours) * len(linear)
+        (kinds, words, changes), count = labels, len(neighbours) * len(linear)
         return Departures(
             place,
             (*kinds, *count * ("orders",)),
             (*words, *count * (next_orders,)),
             np.append(changes, np.zeros(count)),
-            np.append(shares, np.full(count, SHARE / np.sqrt(len(linear)))),
+            products_of(shown, done),
             self._white(stacked),
         )
 
