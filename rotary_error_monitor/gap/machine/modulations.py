@@ -88,7 +88,7 @@ def _of_size(signal: Array) -> list[Modulation]:
         return []
     share = signal / size
     return [
-        Modulation("size", share, second_harmonic, True),
+        Modulation("harmonic", share, second_harmonic, True),
         Modulation("size", np.abs(share) - 1, with_its_size, True),
         Modulation("size", 0.5 * (np.square(share) - 1), with_its_size, True),
     ]

@@ -81,7 +81,7 @@ class StageModulations:
                 rows.append(Modulation("low speed", size * norm(name, found[name]), partial(_soft, name)))
         for order in range(1, NEIGHBOURS + 1) if around else ():
             for wave in state.harmonic(order):
-                rows.append(Modulation("place", np.sqrt(2) * wave, _around, True))
+                rows.append(Modulation(f"place {order}", np.sqrt(2) * wave, _around, True))
         course = np.clip(state.time / self._duration, 0, 1)
         for order in range(2, COURSES + 1):
             rows.append(Modulation("course", np.sqrt(2) * np.cos(np.pi * order * course), wanders))
@@ -97,7 +97,7 @@ class StageModulations:
             return []
         share = signal / size
         return [
-            Modulation("size", share, second_harmonic, True),
+            Modulation("harmonic", share, second_harmonic, True),
             Modulation("size", np.abs(share) - 1, with_its_size, True),
             Modulation("size", 0.5 * (np.square(share) - 1), with_its_size, True),
         ]
