@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
 
+from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.chances import chi_square_quantile
-from rotary_error_monitor.gap.selection import Stage
 from rotary_error_monitor.gap.shrink import HeldOut
+from rotary_error_monitor.gap.steps import Step
+from rotary_error_monitor.gap.verdict import REJECTED
 from rotary_error_monitor.gap.weighing import Weighing, Weight
 
 Key = tuple[str, str]
 
 RANKED = 20
 """Candidates whose held-out gap is reported."""
-
-REJECTED = 0.01
-"""Level of the likelihood-ratio test by which the recording rejects an alternative to a cause."""
 
 
 @dataclass(frozen=True)
@@ -33,29 +33,41 @@ class Alternatives:
         return next((row[2] for row in self.ranking if (row[0], row[1]) == key), 0.0)
 
 
-def weigh_alternatives(stage: Stage, unknown: float, dispersion: float = 1.0) -> Alternatives:
+def weigh_alternatives(
+    step: Step,
+    causes: Sequence[Cause],
+    unknown: float,
+    dispersion: float = 1.0,
+    credits: Mapping[Key, float] | None = None,
+) -> Alternatives:
     """Every candidate in the place of every cause.
 
     The probability of a candidate is that of all sets that hold it, among the chosen set and those with one member
     replaced, less the chance that something unknown is at work. Without a cause the candidates stand alone, beside the
     possibility of none. `dispersion` is how many times the squares that remain are those of noise: what all candidates
-    leave alike is noise to the choice among them.
+    leave alike is noise to the choice among them. `credits` are log odds that departures add to other sets.
     """
-    weighing = stage.weighing
-    causes = tuple(i for i in (weighing.position(c.key) for c in stage.fit.causes) if i is not None)
-    chosen = weighing.weigh(causes)
+    weighing = step.weighing
+    members = tuple(i for i in (weighing.position(c.key) for c in causes) if i is not None)
+    chosen = weighing.weigh(members)
     rows: list[Weight] = [chosen]
-    found = [chosen.log_evidence] if not causes else [0.0]
-    for k in range(len(causes)):
-        rest = weighing.weigh((*causes[:k], *causes[k + 1 :]))
-        others = weighing.replacements(causes, k, weighing.free(causes))
-        own = _log_odds(weighing, chosen, rest, causes[k])
+    found = [chosen.log_evidence] if not members else [0.0]
+    extra = [0.0]
+    for k in range(len(members)):
+        rest = weighing.weigh((*members[:k], *members[k + 1 :]))
+        others = weighing.replacements(members, k, weighing.free(members))
+        own = _log_odds(weighing, chosen, rest, members[k])
         found += [_log_odds(weighing, other, rest, other.members[k]) - own for other in others]
+        extra += [(credits or {}).get(weighing.candidates[other.members[k]].key, 0.0) for other in others]
         rows += others
-    if not causes:
+    if not members:
         rows += weighing.singles()
         found += [row.log_evidence for row in rows[1:]]
-    logs = np.array(found) / dispersion
+    extra += [0.0] * (len(found) - len(extra))
+    logs = np.array(found) / dispersion + np.array(extra)
+    if credits is not None:
+        # The chosen set was so with its departures: none that has only its textbook form is likelier.
+        logs = np.minimum(logs, 0.0)
     weights = np.exp(logs - logsumexp(logs)) * (1 - unknown)
     share = np.zeros(len(weighing.candidates))
     for row, weight in zip(rows, weights, strict=True):
@@ -67,10 +79,10 @@ def weigh_alternatives(stage: Stage, unknown: float, dispersion: float = 1.0) ->
     order = _distinct(weighing, sorted(range(len(best)), key=lambda i: (-share[i], -best[i])))
     held_out = HeldOut(weighing.blocks, weighing.conditions)
     ranking = tuple(
-        (*weighing.candidates[i].key, float(share[i]), _rms(held_out, weighing, _with(causes, i, rows)))
+        (*weighing.candidates[i].key, float(share[i]), _rms(held_out, weighing, _with(members, i, rows)))
         for i in order[:RANKED]
     )
-    return Alternatives(ranking, _groups(weighing, causes, chosen, dispersion))
+    return Alternatives(ranking, _groups(weighing, members, chosen, dispersion, credits or {}))
 
 
 def _log_odds(weighing: Weighing, whole: Weight, rest: Weight, member: int) -> float:
@@ -104,7 +116,7 @@ def _rms(held_out: HeldOut, weighing: Weighing, members: tuple[int, ...]) -> flo
 
 
 def _groups(
-    weighing: Weighing, causes: tuple[int, ...], chosen: Weight, dispersion: float
+    weighing: Weighing, causes: tuple[int, ...], chosen: Weight, dispersion: float, credits: Mapping[Key, float]
 ) -> tuple[tuple[Key, ...], ...]:
     """For each cause the candidates that could stand in its place without the recording objecting.
 
@@ -119,8 +131,10 @@ def _groups(
             i = other.members[k]
             freedom = max(abs(chosen.freedom - other.freedom), 1)
             fits = chosen.gain - other.gain < dispersion * chi_square_quantile(REJECTED, freedom)
-            if fits and other.gain > without and weighing.candidates[i].key not in group:
-                group.append(weighing.candidates[i].key)
+            key = weighing.candidates[i].key
+            rejected = credits.get(key, 0.0) < np.log(REJECTED)
+            if fits and not rejected and other.gain > without and key not in group:
+                group.append(key)
         if len(group) > 1:
             found.append(tuple(group))
     return tuple(found)

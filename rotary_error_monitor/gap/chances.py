@@ -8,6 +8,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri, gammaincc, gammaincinv, gammaln, log_ndtr
 
+NORMAL_QUARTILE = 0.6744897501960817
+"""Median of the magnitude of a standard normal number."""
+
 _SMALLEST = 1e-290
 """Tails below this are computed as logarithms from the start."""
 

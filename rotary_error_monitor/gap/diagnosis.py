@@ -11,18 +11,17 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause, Estimate
 from rotary_error_monitor.gap.alternatives import Alternatives, Key, weigh_alternatives
-from rotary_error_monitor.gap.held_out import OpenProblem, dispersion, predicts
+from rotary_error_monitor.gap.belief import departures_of
+from rotary_error_monitor.gap.departures import Departure, describe
+from rotary_error_monitor.gap.fitting import Fit
+from rotary_error_monitor.gap.held_out import OpenProblem
+from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, LandingProblem, Share
-from rotary_error_monitor.gap.selection import Selection, Stage, select_causes
+from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
-from rotary_error_monitor.gap.verdict import (
-    CHANCE_OF_RESEMBLANCE,
-    Verdict,
-    cancelled_in,
-    chance_of_unknown,
-    trusted_causes,
-)
+from rotary_error_monitor.gap.steps import Selection
+from rotary_error_monitor.gap.verdict import Verdict
 
 SCHEMA = 1
 
@@ -32,11 +31,12 @@ LEAST_LOG_CHANCE = -1e6
 
 @dataclass(frozen=True)
 class FoundCause:
-    """An effect added to the model."""
+    """An effect added to the model, and how it departs from its textbook form, the largest departure first."""
 
     cause: Cause
     probability: float
     parameters: Mapping[str, Estimate]
+    departures: tuple[Departure, ...] = ()
 
     @property
     def at_bounds(self) -> Mapping[str, float]:
@@ -50,6 +50,7 @@ class FoundCause:
             "location": self.cause.location,
             "probability": self.probability,
             "parameters": {name: _estimate(value) for name, value in self.parameters.items()},
+            "departures": [dataclasses.asdict(departure) for departure in self.departures],
             **({"at_bounds": dict(self.at_bounds)} if self.at_bounds else {}),
         }
 
@@ -138,31 +139,24 @@ def diagnose(
     problem.check_plausible()
     selection = select_causes(problem, false_alarms, most_causes, progress)
     progress("verdict")
-    verdict, stage = _judge(problem, selection)
+    told = judge(problem, selection, false_alarms, progress)
+    fit, explained = told.fit, told.verdict is Verdict.EXPLAINED
     progress("alternatives")
-    if isinstance(problem, OpenProblem) and verdict is Verdict.PARTLY_EXPLAINED:
-        # Something unknown is there beside the causes, not in their place: it is noise to the choice among them.
-        alternatives = weigh_alternatives(stage, 0.0, dispersion(stage.fit))
-    else:
-        partly = verdict is Verdict.PARTLY_EXPLAINED
-        unknown = CHANCE_OF_RESEMBLANCE if partly else chance_of_unknown(stage.findings)
-        alternatives = weigh_alternatives(stage, unknown)
-    gap = measure_gap(stage.fit, problem.conditions, _floor(problem, stage))
+    alternatives = weigh_alternatives(told.step, fit.causes, told.unknown, told.dispersion, told.credits)
+    settled = told.verdict in (Verdict.EXPLAINED, Verdict.NO_GAP)
+    gap = measure_gap(fit, problem.conditions, None if settled else _floor(problem, fit))
     progress("where")
-    causes = tuple(_found(cause, stage, alternatives) for cause in stage.fit.causes)
+    causes = tuple(_found(i, fit, alternatives) for i in range(len(fit.causes)))
     return Diagnosis(
-        verdict,
+        told.verdict,
         causes,
         tuple(Ranked(*row) for row in alternatives.ranking),
-        tuple(Group(keys, problem.advice(tuple(keys), stage.fit.causes)) for keys in alternatives.groups),
-        tuple(problem.where(stage.fit.causes, stage.fit.rest, verdict is Verdict.EXPLAINED)),
+        tuple(Group(keys, problem.advice(tuple(keys), fit.causes)) for keys in alternatives.groups),
+        tuple(problem.where(fit.causes, fit.rest, explained)),
         gap,
-        () if stage.settled else tuple(f for f in stage.findings if f.log_chance < stage.log_alarm)[:12],
-        problem.remarks(stage.fit.rest)
-        + _at_bounds(causes)
-        + _left_out(selection)
-        + (() if stage is selection.chosen else _disbelieved(problem, selection.chosen)),
-        _figures(problem, stage.fit.causes),
+        told.findings[:12],
+        problem.remarks(fit.rest) + _at_bounds(causes) + _left_out(selection) + told.doubts,
+        _figures(problem, fit.causes),
         selection,
     )
 
@@ -199,36 +193,10 @@ def _figures(problem: DiagnosableProblem, causes: Sequence[Cause]) -> Mapping[st
     return problem.figures(causes) if isinstance(problem, OpenProblem) else {}
 
 
-def _judge(problem: DiagnosableProblem, selection: Selection) -> tuple[Verdict, Stage]:
-    if selection.null.settled:
-        return Verdict.NO_GAP, selection.null
-    for stage in selection.stages[:0:-1]:
-        if _disbelieved(problem, stage):
-            continue
-        if stage is selection.chosen and stage.settled:
-            return Verdict.EXPLAINED, stage
-        if trusted_causes(problem, stage) or (isinstance(problem, OpenProblem) and predicts(problem, stage.fit)):
-            return Verdict.PARTLY_EXPLAINED, stage
-    return Verdict.UNKNOWN, selection.null
-
-
-def _disbelieved(problem: DiagnosableProblem, stage: Stage) -> tuple[str, ...]:
-    """Why causes are not believed however well they fit; on open problems many effects share every channel."""
-    channel = "" if isinstance(problem, OpenProblem) else cancelled_in(problem, stage)
-    if not channel:
-        return ()
-    names = " and ".join(" at ".join(filter(None, cause.key)) for cause in stage.fit.causes)
-    return (
-        f"{names} fit, but cancel one another on {channel}: something that is not seen there is the likelier cause",
-    )
-
-
-def _floor(problem: DiagnosableProblem, stage: Stage) -> float | None:
-    """Noise alone: what a settled fit leaves, else what neighbouring rows differ by."""
-    if stage.settled:
-        return None
+def _floor(problem: DiagnosableProblem, fit: Fit) -> float:
+    """Noise alone where more than noise is left: what neighbouring rows differ by."""
     squares, count = 0.0, 0.0
-    for channel, rows in stage.fit.rest.items():
+    for channel, rows in fit.rest.items():
         expected = problem.expected(channel)
         both = (expected[1:] > 0) & (expected[:-1] > 0)
         squares += 0.5 * float(np.sum(np.square(np.diff(rows[:, 0]))[both]))
@@ -236,12 +204,14 @@ def _floor(problem: DiagnosableProblem, stage: Stage) -> float | None:
     return float(np.sqrt(squares / max(count, 1.0)))
 
 
-def _found(cause: Cause, stage: Stage, alternatives: Alternatives) -> FoundCause:
-    index = next(i for i, other in enumerate(stage.fit.causes) if other.key == cause.key)
+def _found(place: int, fit: Fit, alternatives: Alternatives) -> FoundCause:
+    cause = fit.causes[place]
+    told = (row for own, values in departures_of(fit) if own.cause == place for row in describe(own, values))
     return FoundCause(
         cause,
         alternatives.probability(cause.key),
-        cause.effect.report(cause.values, stage.fit.covariances[index]),
+        cause.effect.report(cause.values, fit.covariances[place]),
+        tuple(told),
     )
 
 

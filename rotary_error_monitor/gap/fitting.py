@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.bounded import solve_within
+from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.normal import BlockNormal, combine, stack, subtract, width_of
 from rotary_error_monitor.gap.problem import Array, Columns, Problem, Rows, SparseRows
 from rotary_error_monitor.twin.finite import UnpredictableError
@@ -38,7 +39,9 @@ class Fit:
         nuisance_values: how far each is moved, in standard uncertainties.
         columns: white columns of the causes' free values, at these values.
         rest: white rows when the fitted nuisances are taken out as well.
-        blocks: normal equations with `data`, columns nuisances then causes.
+        blocks: normal equations with `data`, columns nuisances, then causes, then departures.
+        departures: ways in which the causes depart from their textbook form.
+        departure_values: how far each departs, in standard deviations of its prior.
     """
 
     causes: tuple[Cause, ...]
@@ -49,18 +52,23 @@ class Fit:
     columns: tuple[Columns, ...]
     rest: Rows
     blocks: BlockNormal
+    departures: tuple[Departures, ...] = ()
+    departure_values: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def squares(self) -> float:
-        """Sum of squares of what is left, with the price of moving the nuisances."""
-        return float(sum(np.sum(np.square(rows)) for rows in self.rest.values()) + np.sum(self.nuisance_values**2))
+        """Sum of squares of what is left, with the price of moving the nuisances and of departing."""
+        left = sum(float(np.sum(np.square(rows))) for rows in self.rest.values())
+        return left + float(np.sum(self.nuisance_values**2) + np.sum(self.departure_values**2))
 
     def without_data(self) -> Fit:
         """The same without `data`: those of several fits of a long recording would fill the memory."""
         return replace(self, data={})
 
 
-def fit_causes(problem: Problem, causes: Sequence[Cause], near: Fit | None = None) -> Fit:
+def fit_causes(
+    problem: Problem, causes: Sequence[Cause], near: Fit | None = None, departures: Sequence[Departures] = ()
+) -> Fit:
     """Size the causes from where they start, within the bounds of their parameters.
 
     Args:
@@ -68,6 +76,7 @@ def fit_causes(problem: Problem, causes: Sequence[Cause], near: Fit | None = Non
         causes: effects with first values; those beyond their bounds are put at them.
         near: a fit whose columns of the uncertain parameters are near enough for a start; they hardly depend on the
             causes.
+        departures: ways in which the causes may depart from their textbook form.
 
     Raises:
         UnpredictableError: the twin gives numbers that are not finite, of whatever size the causes are.
@@ -76,26 +85,33 @@ def fit_causes(problem: Problem, causes: Sequence[Cause], near: Fit | None = Non
     sized, data = _predictable(problem, idle, tuple(c.with_values(c.effect.held(c.values)) for c in causes))
     uncertain = problem.nuisance(sized) if near is None else near.nuisance
     count = width_of(uncertain)
+    departing = [d.columns for d in departures]
+    extra = sum(map(width_of, departing))
     leading, settled = None, _SETTLED if near is None else _NEARLY_SETTLED
     if count and sized:
         known = stack(problem, data, [uncertain]) if near is None else near.blocks
         leading = known.gram[:, :count, :count]
     for step in range(MOST_STEPS + 1):
         columns = tuple(_columns(problem, sized))
-        blocks = stack(problem, data, [uncertain, *columns], leading)
+        blocks = stack(problem, data, [uncertain, *columns, *departing], leading)
         total = blocks.total()
-        gram = total.gram + np.diag(np.concatenate([np.ones(count), np.full(len(total.moment) - count, 1e-12)]))
+        last = len(total.moment) - extra
+        gram = total.gram + np.diag(np.repeat([1.0, 1e-12, 1.0], [count, last - count, extra]))
         scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
         factor = cho_factor(gram * np.outer(scale, scale) + 1e-12 * np.eye(len(gram)))
-        change = _held(sized, gram, total.moment, scale * cho_solve(factor, scale * total.moment))
+        change = _held(sized, count, gram, total.moment, scale * cho_solve(factor, scale * total.moment))
         covariance = np.outer(scale, scale) * cho_solve(factor, np.eye(len(gram)))
-        if step == MOST_STEPS or not sized or _gain(change[count:], covariance[count:, count:]) < settled:
+        if step == MOST_STEPS or not sized or _gain(change[count:last], covariance[count:last, count:last]) < settled:
             break
-        sized, data = _predictable(problem, sized, _moved(sized, change[count:]))
-    rest = subtract(data, combine(problem, [uncertain], [change[:count]])) if count else data
-    return Fit(
-        sized, _spread(sized, covariance[count:, count:]), data, uncertain, change[:count], columns, rest, blocks
-    )
+        sized, data = _predictable(problem, sized, _moved(sized, change[count:last]))
+    moved, spread = np.split(change, [count, last]), _spread(sized, covariance[count:last, count:last])
+    taken = combine(problem, [uncertain, *departing], [moved[0], *_split(moved[2], departing)])
+    rest = subtract(data, taken) if count or extra else data
+    return Fit(sized, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[2])
+
+
+def _split(values: Array, columns: Sequence[Columns]) -> list[Array]:
+    return np.split(values, np.cumsum([width_of(rows) for rows in columns])[:-1].astype(np.intp)) if columns else []
 
 
 def _gain(step: Array, covariance: Array) -> float:
@@ -145,9 +161,11 @@ def change_bounds(causes: Sequence[Cause], nuisances: int) -> tuple[Array, Array
     return np.concatenate(low), np.concatenate(high)
 
 
-def _held(causes: Sequence[Cause], gram: Array, moment: Array, change: Array) -> Array:
+def _held(causes: Sequence[Cause], nuisances: int, gram: Array, moment: Array, change: Array) -> Array:
     """The change that keeps the causes within their bounds; the others make up for what is held."""
-    low, high = change_bounds(causes, len(change) - sum(len(_free(cause)) for cause in causes))
+    low, high = change_bounds(causes, nuisances)
+    free = np.full(len(change) - len(low), np.inf)
+    low, high = np.concatenate([low, -free]), np.concatenate([high, free])
     return solve_within(gram, moment, low, high, change)
 
 

@@ -234,6 +234,11 @@ def width_of(rows: Columns) -> int:
     return next((values.shape[1] for values in rows.values()), 0)
 
 
+def acting_on(rows: Columns) -> set[str]:
+    """Channels on which columns act."""
+    return set(rows_in(rows, 0))
+
+
 def rows_in(rows: Columns, stretch: int) -> _Placed:
     """Which columns (k,) act on each channel, and their rows (m, k) of one stretch; kept rows are of the only one."""
     made = rows.of(stretch) if isinstance(rows, LateRows) else rows
@@ -258,3 +263,12 @@ def combine(problem: Problem, columns: Sequence[Columns], amplitudes: Sequence[A
 def subtract(data: Rows, part: Rows) -> Rows:
     """White rows with a part taken away."""
     return {channel: values - part[channel] if channel in part else values for channel, values in data.items()}
+
+
+def solve_scaled(gram: Array, moment: Array) -> Array:
+    """Solution (p, …) of normal equations whose columns may be of very unequal lengths."""
+    if len(gram) == 0:
+        return moment
+    scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    factor = cho_factor(gram * np.outer(scale, scale) + 1e-12 * np.eye(len(gram)))
+    return np.asarray((scale * cho_solve(factor, (scale * moment.T).T).T).T, np.float64)

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.gap.belief import MODEL_ACCURACY, Powers, powers_of, summed
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
-from rotary_error_monitor.gap.normal import combine
+from rotary_error_monitor.gap.normal import acting_on, combine
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Finding, Problem
-from rotary_error_monitor.gap.strain import find_strain
+from rotary_error_monitor.gap.steps import Selection, Step
+from rotary_error_monitor.gap.strain import find_left
 from rotary_error_monitor.gap.weighing import Weighing, Weight
 from rotary_error_monitor.twin.finite import UnpredictableError
 
@@ -45,82 +46,9 @@ BADLY_DISTORTED = 3e-2
 SHORTLIST = 12
 """Candidates from which every pair is weighed with every other candidate."""
 
-MODEL_ACCURACY = 3e-3
-"""What a first-order twin with measured inputs can promise: remainders below this part of the gap are its own."""
-
 RATE_USED = 0.2
 """Part of the false-alarm rate that the tests share: used whole, chance would pass that bound in every other series of
 recordings; so, in one series of 300 out of 300."""
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One size of the set of causes.
-
-    Attributes:
-        fit: causes sized.
-        weight: evidence of the set; None for no cause.
-        weighing: table on which it was chosen.
-        findings: structure that is left, the least likely first.
-        log_alarm: logarithm of the level below which a finding counts.
-        newcomer: the candidate that would add most to the set.
-        log_newcomer_chance: logarithm of its chance under noise, over its share of the false-alarm rate.
-        log_newcomer_alarm: logarithm of the level below which that counts.
-        explained: chi-square that the causes take away.
-        added: chi-square that the latest step took away.
-    """
-
-    fit: Fit
-    weight: Weight | None
-    weighing: Weighing
-    findings: tuple[Finding, ...]
-    log_alarm: float
-    newcomer: Weight | None
-    log_newcomer_chance: float
-    log_newcomer_alarm: float
-    explained: float
-    added: float
-
-    @property
-    def structured(self) -> bool:
-        """Whether structure is left."""
-        return any(
-            f.log_chance < self.log_alarm and f.excess > MODEL_ACCURACY**2 * self.explained for f in self.findings
-        )
-
-    @property
-    def improvable(self) -> bool:
-        """Whether a known effect stands out from what is left."""
-        return self.log_newcomer_chance < self.log_newcomer_alarm
-
-    @property
-    def settled(self) -> bool:
-        """Whether only noise is left."""
-        return not (self.structured or self.improvable)
-
-
-@dataclass(frozen=True)
-class Selection:
-    """All sizes tried, the last one chosen.
-
-    Attributes:
-        stages: one for each size.
-        dropped: names and locations of candidates that were left out: with them the twin gives numbers that are not
-            finite.
-    """
-
-    stages: tuple[Stage, ...]
-    dropped: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def null(self) -> Stage:
-        """No cause at all."""
-        return self.stages[0]
-
-    @property
-    def chosen(self) -> Stage:
-        """The set that explains most."""
-        return self.stages[-1]
 
 
 def select_causes(
@@ -142,14 +70,14 @@ def select_causes(
     """
     search = _Search(problem, false_alarms)
     progress("residual")
-    stages = [search.look(fit_causes(problem, ()), None)]
-    while not stages[-1].settled and len(stages) <= most and search.can_grow(stages[-1]):
-        progress(f"{len(stages)} effect{'s' if len(stages) > 1 else ''}")
-        grown = search.grow(stages[-1], len(stages))
+    steps = [search.look(fit_causes(problem, ()), None)]
+    while not steps[-1].settled and len(steps) <= most and search.can_grow(steps[-1]):
+        progress(f"{len(steps)} effect{'s' if len(steps) > 1 else ''}")
+        grown = search.grow(steps[-1], len(steps))
         if grown is None:
             break
-        stages.append(search.spare(search.exchange(grown)))
-    return Selection(tuple(stages), tuple(search.dropped))
+        steps.append(search.spare(search.exchange(grown)))
+    return Selection(tuple(steps), tuple(search.dropped))
 
 
 class _Search:
@@ -164,23 +92,24 @@ class _Search:
         self._promising: list[tuple[str, str, bytes]] = []
         self.dropped: dict[tuple[str, str], None] = {}
 
-    def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Stage:
+    def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Step:
         """Test what a fit leaves."""
-        findings = self._findings(fit)
+        findings = find_left(self._problem, fit)
         suspicious = bool(findings) and findings[0].log_chance < self._log_alarm(findings)
         # What was learnt beside fewer causes may have been one of these.
         if (suspicious or self._learnt) and self._problem.learn_noise(fit.causes, findings):
             self._learnt = True
             self._columns.clear()
             fit = fit_causes(self._problem, fit.causes)
-            findings = self._findings(fit)
+            findings = find_left(self._problem, fit)
         weighing, included = self._table(fit)
         newcomers = weighing.singles(included)
         self._keep_promising(weighing, newcomers)
         base = weighing.weigh(included)
         added = 0.0 if power_before is None else max(power_before - fit.squares, 0.0)
-        best, chance = self._newcomer(weighing, newcomers, base, MODEL_ACCURACY**2 * added)
-        return Stage(
+        powers = {**dict.fromkeys(fit.rest, 0.0), **summed(powers_of(self._problem, fit))}
+        best, chance = self._newcomer(weighing, newcomers, base, powers)
+        return Step(
             fit.without_data(),
             weight,
             weighing,
@@ -189,28 +118,28 @@ class _Search:
             best,
             chance,
             float(np.log(self._level)),
-            max(base.gain, added),
+            powers,
             added,
         )
 
-    def can_grow(self, stage: Stage) -> bool:
+    def can_grow(self, step: Step) -> bool:
         """Whether there is an effect left that could join the set."""
-        return bool(stage.weighing.singles(self._members(stage)))
+        return bool(step.weighing.singles(self._members(step)))
 
-    def grow(self, stage: Stage, size: int) -> Stage | None:
+    def grow(self, step: Step, size: int) -> Step | None:
         """The best set of one more effect; None where there is none that the twin can predict."""
-        while self.can_grow(stage):
-            best = self._best(stage, size)
-            fit = self._fit_or_drop(stage, best, stage.fit)
+        while self.can_grow(step):
+            best = self._best(step, size)
+            fit = self._fit_or_drop(step, best, step.fit)
             if fit is not None:
                 # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the
                 # causes.
-                return self.look(fit, best, stage.fit.squares)
+                return self.look(fit, best, step.fit.squares)
         return None
 
-    def _fit_or_drop(self, stage: Stage, weight: Weight, near: Fit | None = None, in_order: bool = True) -> Fit | None:
+    def _fit_or_drop(self, step: Step, weight: Weight, near: Fit | None = None, in_order: bool = True) -> Fit | None:
         """A set sized, from a near fit if there is one; where the twin cannot predict it, its newcomers are dropped."""
-        weighing, members = stage.weighing, self._members(stage)
+        weighing, members = step.weighing, self._members(step)
         try:
             causes = weighing.causes(weight)
             if near is not None:
@@ -222,9 +151,9 @@ class _Search:
                 self.dropped[weighing.candidates[member].key] = None
             return None
 
-    def _best(self, stage: Stage, size: int) -> Weight:
-        weighing = stage.weighing
-        included = self._members(stage)
+    def _best(self, step: Step, size: int) -> Weight:
+        weighing = step.weighing
+        included = self._members(step)
         singles = sorted(weighing.singles(included), key=lambda w: -w.log_evidence)
         best = singles[0]
         if size == 2:
@@ -232,7 +161,7 @@ class _Search:
             beside = [w.members[-1] for w in singles[:SHORTLIST]]
             pair = weighing.best_pair(sorted({*(w.members[0] for w in alone), *beside}))
             best = max((w for w in (best, pair) if w is not None), key=lambda w: w.log_evidence)
-        newcomer = stage.newcomer if stage.newcomer and stage.newcomer.members[-1] in weighing.free(()) else None
+        newcomer = step.newcomer if step.newcomer and step.newcomer.members[-1] in weighing.free(()) else None
         if newcomer is not None and best.log_evidence <= weighing.weigh(included).log_evidence:
             # So small for its kind that its size alone speaks against it: it stands out nonetheless.
             return newcomer
@@ -255,44 +184,40 @@ class _Search:
         found = [weighing.candidates[weight.members[-1]] for weight in best]
         self._promising = list(dict.fromkeys([*self._promising, *((*c.key, c.start.tobytes()) for c in found)]))
 
-    def _findings(self, fit: Fit) -> list[Finding]:
-        found = [*self._problem.structure(fit.rest), *find_strain(fit)]
-        return sorted(found, key=lambda finding: finding.log_chance)
-
     def _log_alarm(self, findings: Sequence[Finding]) -> float:
         return float(np.log(self._level / max(len(findings), 1)))
 
-    def exchange(self, stage: Stage) -> Stage:
-        """The stage with a cause replaced where that is better now that causes and noise are known exactly."""
+    def exchange(self, step: Step) -> Step:
+        """The step with a cause replaced where that is better now that causes and noise are known exactly."""
         left: list[set[tuple[str, str]]] = []
         for _ in range(MOST_EXCHANGES):
-            members = self._members(stage)
-            full = stage.weighing.weigh(members)
-            if full.log_evidence <= stage.weighing.weigh(members[:-1]).log_evidence:
+            members = self._members(step)
+            full = step.weighing.weigh(members)
+            if full.log_evidence <= step.weighing.weigh(members[:-1]).log_evidence:
                 break  # chosen because it stands out, not by its evidence
-            better = stage.weighing.exchange(full)
-            wanted = {stage.weighing.candidates[i].key for i in better.members}
+            better = step.weighing.exchange(full)
+            wanted = {step.weighing.candidates[i].key for i in better.members}
             if set(better.members) == set(members) or better.log_evidence < full.log_evidence + 1.0 or wanted in left:
                 break
-            left.append({cause.key for cause in stage.fit.causes})
-            fit = self._fit_or_drop(stage, better)
-            if fit is None or fit.squares + _cost(better, full) >= stage.fit.squares:
+            left.append({cause.key for cause in step.fit.causes})
+            fit = self._fit_or_drop(step, better)
+            if fit is None or fit.squares + _cost(better, full) >= step.fit.squares:
                 break
-            stage = self.look(fit, better, stage.fit.squares + stage.added)
-        return self._rivals(stage) if stage.settled or self._nearly(stage) else stage
+            step = self.look(fit, better, step.fit.squares + step.added)
+        return self._rivals(step) if step.settled or self._nearly(step) else step
 
-    def _nearly(self, stage: Stage) -> bool:
+    def _nearly(self, step: Step) -> bool:
         """Whether so little is left that a near rival could account for it."""
-        left = stage.fit.squares - float(stage.fit.blocks.count.sum())
-        return left < NEARLY_ALL * stage.added
+        left = step.fit.squares - float(step.fit.blocks.count.sum())
+        return left < NEARLY_ALL * step.added
 
-    def _rivals(self, stage: Stage) -> Stage:
-        """The stage with a cause replaced by one that looked nearly the same, if it does better when sized exactly.
+    def _rivals(self, step: Step) -> Step:
+        """The step with a cause replaced by one that looked nearly the same, if it does better when sized exactly.
 
         On the table two effects can look the same although the twin's uncertain parameters act differently beside each:
         those are computed for the chosen causes only.
         """
-        weighing, members = stage.weighing, self._members(stage)
+        weighing, members = step.weighing, self._members(step)
         full = weighing.weigh(members)
         near = [
             weight
@@ -300,57 +225,65 @@ class _Search:
             for weight in weighing.replacements(members, k, weighing.free(members))
             if weight.log_evidence > full.log_evidence - NEARLY_THE_SAME
         ]
-        best, lowest = stage, stage.fit.squares - 2.0
+        best, lowest = step, step.fit.squares - 2.0
         for weight in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
-            fit = self._fit_or_drop(stage, weight, stage.fit, in_order=False)
+            fit = self._fit_or_drop(step, weight, step.fit, in_order=False)
             if fit is None:
                 continue
             # What is likelier on the table, but was not chosen, has no credit for that.
             price = max(_cost(weight, full), 2 * (full.log_evidence - weight.log_evidence), 0.0)
             if fit.squares + price < lowest:
-                best, lowest = self.look(fit, weight, stage.fit.squares + stage.added), fit.squares + price - 2.0
+                best, lowest = self.look(fit, weight, step.fit.squares + step.added), fit.squares + price - 2.0
         return best
 
-    def _members(self, stage: Stage) -> tuple[int, ...]:
-        found = (stage.weighing.position(cause.key) for cause in stage.fit.causes)
+    def _members(self, step: Step) -> tuple[int, ...]:
+        found = (step.weighing.position(cause.key) for cause in step.fit.causes)
         return tuple(i for i in found if i is not None)
 
-    def spare(self, stage: Stage) -> Stage:
-        """The stage without causes that are not needed after all, now that the noise is known better."""
-        weighing, members = stage.weighing, self._members(stage)
+    def spare(self, step: Step) -> Step:
+        """The step without causes that are not needed after all, now that the noise is known better."""
+        weighing, members = step.weighing, self._members(step)
         full = weighing.weigh(members)
         for k in range(len(members)):
             fewer = weighing.weigh((*members[:k], *members[k + 1 :]))
             gain, freedom = full.gain - fewer.gain, max(full.freedom - fewer.freedom, 1)
             lost = dataclasses.replace(full, gain=gain, freedom=freedom)
-            if lost.log_chance - weighing.log_prior(members[k]) > stage.log_newcomer_alarm:
+            if lost.log_chance - weighing.log_prior(members[k]) > step.log_newcomer_alarm:
                 fit = fit_causes(self._problem, weighing.causes(fewer))
-                return self.look(fit, fewer, stage.fit.squares + stage.added)
-        return stage
+                return self.look(fit, fewer, step.fit.squares + step.added)
+        return step
 
     def _newcomer(
-        self, weighing: Weighing, newcomers: Sequence[Weight], base: Weight, allowance: float
+        self, weighing: Weighing, newcomers: Sequence[Weight], base: Weight, powers: Powers
     ) -> tuple[Weight | None, float]:
         """The candidate that stands out most: its chance over its share of the false-alarm rate.
 
         Each candidate has the part of the rate that its prior chance is (a weighted Bonferroni bound: the parts add up
-        to the whole), so a place among hundreds must show more than an effect that can sit in one place only. The
-        allowance is taken off its gain.
+        to the whole), so a place among hundreds must show more than an effect that can sit in one place only. What
+        the twin may leave of the causes on the channels that the candidate acts on is taken off its gain.
         """
         best, lowest = None, 0.0
         for weight in newcomers:
             if base.members and weight.log_evidence <= base.log_evidence:
                 # Beside a cause that is found, chance alone is no reason: the pair must be likelier than the one.
                 continue
-            gain = dataclasses.replace(
-                weight,
-                gain=max(weight.gain - base.gain - allowance, 0.0),
-                freedom=max(weight.freedom - base.freedom, 1),
+            added = dataclasses.replace(
+                weight, gain=max(weight.gain - base.gain, 0.0), freedom=max(weight.freedom - base.freedom, 1)
             )
-            chance = gain.log_chance - weighing.log_prior(weight.members[-1])
+            prior = weighing.log_prior(weight.members[-1])
+            if added.log_chance - prior >= lowest:
+                continue
+            allowance = self._allowance(weighing.candidates[weight.members[-1]], powers)
+            chance = dataclasses.replace(added, gain=max(added.gain - allowance, 0.0)).log_chance - prior
             if chance < lowest:
                 best, lowest = weight, chance
         return best, lowest
+
+    def _allowance(self, candidate: Candidate, powers: Powers) -> float:
+        """Squares that the twin may leave of the causes where a candidate acts."""
+        columns = self._columns.get((*candidate.key, candidate.start.tobytes()))
+        channels = set(powers) if columns is None else acting_on(columns)
+        return MODEL_ACCURACY**2 * sum(powers.get(channel, 0.0) for channel in channels)
 
     def _table(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:
         """All candidates so far and those that the remainder proposes, weighed on data with the causes put back."""

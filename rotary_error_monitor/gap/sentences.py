@@ -24,12 +24,13 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 
 
 def describe_cause(found: FoundCause) -> str:
-    """Name, place, size and probability."""
+    """Name, place, size, probability, and how it departs from its textbook form."""
     place = f" at {found.cause.location}" if found.cause.location else ""
     sizes = ", ".join(f"{name} {describe_estimate(value)}" for name, value in found.parameters.items())
     held = ", ".join(found.at_bounds)
     sizes += f"; {held} at the bound of what is physically sensible" if held else ""
-    return f"{found.cause.effect.name}{place} ({sizes}; probability {found.probability:.0%})"
+    told = "".join(f"; {row.pattern} ({row.share:.1%} of it)" for row in found.departures)
+    return f"{found.cause.effect.name}{place} ({sizes}; probability {found.probability:.0%}{told})"
 
 
 def describe_estimate(estimate: Estimate) -> str:

@@ -100,8 +100,9 @@ def _shrink(before: float, after: float, floor: float) -> float:
 
 
 def _amplitudes(fit: Fit) -> tuple[Array, Array]:
-    """Values of the causes in the order of their columns, zero for shapes, and the widths of their priors."""
-    values, widths = [], []
+    """Values of the columns of causes and departures, zero for shapes, and the widths of their priors."""
+    values: list[float] = []
+    widths: list[float] = []
     for cause in fit.causes:
         shapes = set(cause.effect.indices(Role.SHAPE))
         scales = cause.effect.scales()
@@ -109,9 +110,10 @@ def _amplitudes(fit: Fit) -> tuple[Array, Array]:
             # A shape is known by a search over all data: it may not be moved far by the blocks that are left.
             values.append(0.0 if index in shapes else float(cause.values[index]))
             widths.append(
-                float(np.sqrt(fit_variance(fit, cause.key, index))) if index in shapes else float(scales[index])
+                float(np.sqrt(fit_variance(fit, cause.key, index))) if index in shapes else _WIDE * float(scales[index])
             )
-    return np.asarray(values), np.asarray(widths)
+    departing = fit.departure_values
+    return np.concatenate([values, departing]), np.concatenate([widths, np.ones(len(departing))])
 
 
 def _bounds(fit: Fit) -> tuple[Array, Array]:
@@ -123,7 +125,8 @@ def _bounds(fit: Fit) -> tuple[Array, Array]:
         base[cause.effect.indices(Role.LINEAR)] = 0.0
         low.append(least[own] - base[own])
         high.append(largest[own] - base[own])
-    return np.concatenate(low), np.concatenate(high)
+    free = np.full(len(fit.departure_values), np.inf)
+    return np.concatenate([*low, -free]), np.concatenate([*high, free])
 
 
 def fit_variance(fit: Fit, key: tuple[str, str], index: int) -> float:
@@ -145,7 +148,7 @@ def _calibrated(blocks: BlockNormal, nuisance_values: Array, amplitudes: Array) 
 
 
 def _solve(train: Normal, widths: Array, bounds: tuple[Array, Array]) -> Array:
-    gram = train.gram + np.diag(1 / np.square(_WIDE * widths))
+    gram = train.gram + np.diag(1 / np.square(widths))
     scale = 1 / np.sqrt(np.diag(gram))
     solved = np.asarray(scale * np.linalg.solve(gram * np.outer(scale, scale), scale * train.moment), np.float64)
     return solve_within(gram, train.moment, *bounds, solved)

@@ -6,7 +6,7 @@ import numpy as np
 
 from rotary_error_monitor.gap.chances import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.fitting import Fit
-from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.problem import Finding, Problem
 
 
 def find_strain(fit: Fit) -> list[Finding]:
@@ -28,3 +28,8 @@ def find_strain(fit: Fit) -> list[Finding]:
         ),
         Finding("twin", "parameter", alone, max(0.0, furthest**2 - 1), words),
     ]
+
+
+def find_left(problem: Problem, fit: Fit) -> list[Finding]:
+    """All that a fit leaves, the least likely first."""
+    return sorted([*problem.structure(fit.rest), *find_strain(fit)], key=lambda finding: finding.log_chance)

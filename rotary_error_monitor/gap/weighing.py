@@ -93,7 +93,7 @@ class Weighing:
         self._places = [np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(sizes)]
         self.normal: Normal = self.blocks.total().without(self.nuisances)
         self._dropped: set[int] = set()
-        self._effects = len({candidate.effect.name for candidate in self.candidates})
+        self.effects = len({candidate.effect.name for candidate in self.candidates})
 
     def drop(self, member: int) -> None:
         """Propose a candidate no more: the twin cannot predict it."""
@@ -196,7 +196,7 @@ class Weighing:
 
     def log_prior(self, member: int) -> float:
         """Logarithm of the chance of one candidate among all effects, places, orders and moments."""
-        return self.candidates[member].log_prior - float(np.log(self._effects))
+        return self.candidates[member].log_prior - float(np.log(self.effects))
 
     def causes(self, weight: Weight) -> tuple[Cause, ...]:
         """The members with their amplitudes."""

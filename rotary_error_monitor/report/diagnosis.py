@@ -91,7 +91,17 @@ def _causes(diagnosis: Diagnosis) -> str:
                 ]
             )
     head = ["effect", "where", "probability", "parameter", "value", "unit", "source"]
-    return "<h2>Causes added to the model</h2>" + _table(head, rows) if rows else ""
+    return "<h2>Causes added to the model</h2>" + _table(head, rows) + _departures(diagnosis) if rows else ""
+
+
+def _departures(diagnosis: Diagnosis) -> str:
+    rows = [
+        [found.cause.effect.title or found.cause.effect.name, found.cause.location, row.pattern, f"{row.share:.1%}"]
+        for found in diagnosis.causes
+        for row in found.departures
+    ]
+    head = ["effect", "where", "departs from its textbook form", "share of the effect, rms"]
+    return "<h2>How they depart</h2>" + _table(head, rows) if rows else ""
 
 
 def _number(estimate: Estimate) -> str:

@@ -17,7 +17,8 @@ def test_what_looks_the_same_is_equally_probable(linear, usual):
     """The column of `twin` is that of `first` in another unit: how large such an effect usually is says nothing."""
     column = linear.effects["first"].column["x"]
     linear.offer({"first": {"x": column}, "twin": {"x": usual * column}})
-    found = weigh_alternatives(select_causes(linear).chosen, 0.0)
+    chosen = select_causes(linear).chosen
+    found = weigh_alternatives(chosen, chosen.fit.causes, 0.0)
     assert found.probability(("first", "")) == pytest.approx(found.probability(("twin", "")), abs=1e-6)
     assert {("first", ""), ("twin", "")} <= set(found.groups[0])
 
@@ -31,7 +32,8 @@ def test_probabilities_are_as_often_right_as_they_say(linear, rng):
     for trial in range(200):
         true = ("small", "large")[trial % 2]
         linear.data = {"x": 0.8 * alike[true] + rng.normal(size=(800, 1)), "y": rng.normal(size=(800, 1))}
-        found = weigh_alternatives(select_causes(linear).chosen, 0.0)
+        chosen = select_causes(linear).chosen
+        found = weigh_alternatives(chosen, chosen.fit.causes, 0.0)
         best = max(found.ranking, key=lambda row: row[2])
         said.append(best[2])
         right += best[0] == true

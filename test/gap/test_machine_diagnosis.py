@@ -153,3 +153,36 @@ def test_a_nominal_machine_is_refused_only_beyond_all_known_effects(machine_prob
         diagnosis = diagnose(shifted_problem)
         assert diagnosis.verdict is not Verdict.NO_GAP
         assert sum(share.share for share in diagnosis.where) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "modulation", "words"),
+    [
+        ("tool_length", lambda recording, axis: 0.08 * standard(recording.temperature), "with temperature by"),
+        ("axis_backlash", lambda recording, axis: 0.15 * standard(recording.positions[:, axis]), "differs along"),
+        ("squareness", lambda recording, axis: 0.1 * standard(recording.temperature), "with temperature by"),
+    ],
+)
+def test_a_departure_is_told(name, modulation, words, machine_problem):
+    """Poses to which a part of what the effect does is added: the cause is named, its departure in words."""
+    told = []
+    for seed in range(61, 66):
+        problem, truth = machine_problem(seed, "single", [name], (250.0, 350.0))
+        (fault,) = truth.faults
+        effect = effect_named(name, EFFECTS)
+        cause = Cause(effect, fault.location, effect.values_from(fault.parameters))
+        plain = predict_probe(problem.machine, problem.recording)
+        moved = predict_probe(problem.machine, problem.recording, (cause,)) - plain
+        letters = problem.machine.letters
+        axis = letters.index(fault.location) if fault.location in letters else 0
+        more = modulation(problem.recording, axis)[:, None] * moved
+        recording = replace(problem.recording, probe=problem.recording.probe + more)
+        diagnosis = diagnose(MachineProblem(problem.machine, recording, EFFECTS))
+        named = next((found for found in diagnosis.causes if found.cause.effect.name == name), None)
+        right = diagnosis.verdict is Verdict.EXPLAINED and named is not None
+        told.append(right and any(words in row.pattern for row in named.departures))
+    assert sum(told) >= 4
+
+
+def standard(values):
+    return (values - values.mean()) / values.std()

@@ -74,3 +74,16 @@ def test_lines_are_told_from_orders_where_they_can_be():
     assert orders_at_one_speed(apart, TIME, 2.0 * TIME) == []
     assert orders_at_one_speed(np.array([12.732]), TIME, COMMAND) == []
     assert orders_at_one_speed(np.array([12.732]), TIME, np.zeros(COUNT)) == []
+
+
+@pytest.mark.parametrize("size", [5e-6, 4e-5, 1e-3])
+def test_a_step_is_no_jitter(noise, size):
+    """A ring that slips moves what all heads share by many times the jitter, once."""
+    filtered = sosfilt(butter(4, 8.0, fs=1 / PERIOD, output="sos"), np.random.default_rng(3).normal(size=COUNT))
+    jitter = 2e-6 * filtered / filtered.std()
+    frequency = np.linspace(0.5, 20.0, 40)
+    plain, _ = estimate_jitter(motion(jitter + noise))
+    slipped, _ = estimate_jitter(motion(jitter + noise + size * (TIME > 23.04)))
+    floor = 2 * PERIOD * NOISE**2
+    ratio = (slipped.density(frequency) + floor) / (plain.density(frequency) + floor)
+    assert np.mean(np.abs(np.log(ratio))) < 0.3

@@ -1,44 +1,109 @@
-"""Which causes stand although something is left."""
+"""Which causes stand although something is left: known ones with their departures, against something unknown."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from rotary_error_monitor.gap.chances import log_chi_square_tail
+from rotary_error_monitor.gap.departures import (
+    Departures,
+    Modulation,
+    amplitude_sizes,
+    describe,
+    modulated,
+    products_of,
+    spread_out,
+)
+from rotary_error_monitor.gap.judgement import judge
+from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.gap.selection import select_causes
-from rotary_error_monitor.gap.verdict import is_series, trusted_causes
+from rotary_error_monitor.gap.verdict import Verdict
+from test.gap.conftest import LinearProblem
+
+COUNT, CASES = 800, 30
+WARMTH = np.linspace(-np.sqrt(3.0), np.sqrt(3.0), COUNT)[:, None]
+
+
+class DepartingProblem(LinearProblem):
+    """Effects that may grow with warmth; what is left of a channel is tested by its power."""
+
+    def departures(self, causes):
+        found = []
+        for place, cause in enumerate(causes):
+            amplitudes, sizes = cause.values[:1], amplitude_sizes(cause)
+            modulations = [Modulation("temperature", WARMTH, lambda change: f"grows by {change:.2f}")]
+            rows = {c: modulated(s[:, :, None], amplitudes, sizes, modulations) for c, s in cause.effect.column.items()}
+            columns = {channel: values[:, 0] for channel, values in rows.items()}
+            shown = [s * amplitudes for s in cause.effect.column.values()]
+            products = products_of(list(rows.values()), shown)
+            found.append(Departures(place, *spread_out(modulations, amplitudes, sizes), products, columns))
+        return tuple(found)
+
+    def structure(self, rest):
+        squares = {channel: float(np.sum(rows**2)) for channel, rows in rest.items()}
+        return [Finding(c, "power", log_chi_square_tail(s, COUNT), max(s - COUNT, 0.0), "") for c, s in squares.items()]
 
 
 @pytest.fixture
-def shapes(rng):
-    return rng.normal(size=(3, 800, 1))
+def judged(rng):
+    """Function that adds noise to rows of two channels and judges them beside known effects, some times over.
+
+    `make` gives the rows from the first effect's column and from a column that no effect has.
+    """
+
+    def judge_all(make):
+        outcomes = []
+        for _ in range(CASES):
+            first, second, other = rng.normal(size=(3, COUNT, 1))
+            x, y = make(first, other)
+            data = {"x": x + rng.normal(size=(COUNT, 1)), "y": y + rng.normal(size=(COUNT, 1))}
+            problem = DepartingProblem(data, {})
+            more = {f"more {i}": {"x": column} for i, column in enumerate(rng.normal(size=(20, COUNT, 1)))}
+            problem.offer({"first": {"x": first}, "second": {"x": second, "y": other}, **more})
+            outcomes.append(judge(problem, select_causes(problem, most=1)))
+        return outcomes
+
+    return judge_all
 
 
-@pytest.mark.parametrize(
-    ("names", "series"),
-    [
-        (("ripple@order_1", "ripple@order_2", "other"), True),
-        (("ripple@order_1", "twist@order_2", "other"), False),
-        (("ripple@order_1", "twist@order_2", "ripple@order_2"), True),
-        (("ripple@order_1", "twist@order_2", "twist@order_3"), False),
-    ],
-)
-def test_one_effect_after_another_is_a_series_whatever_stands_for_it(linear, rng, shapes, names, series):
-    """The third effect predicts what the second does; which of the two is chosen must not matter."""
-    first, second, other = shapes
-    alike = other if names[2] == "other" else second
-    linear.offer(dict(zip(names, ({"x": first}, {"x": second}, {"x": alike}), strict=True)))
-    linear.data = {"x": 3 * first + 2 * second + rng.normal(size=first.shape), "y": rng.normal(size=first.shape)}
-    chosen = select_causes(linear).chosen
-    assert len(chosen.fit.causes) == 2
-    assert is_series(chosen) == series
-    assert trusted_causes(linear, chosen) != series
+def rate(outcomes, verdict, names=("first",)):
+    named = [tuple(cause.key[0] for cause in told.fit.causes) for told in outcomes]
+    return np.mean([told.verdict is verdict and found == names for told, found in zip(outcomes, named, strict=True)])
 
 
-def test_one_cause_is_no_series(linear, rng, shapes):
-    first, second, _ = shapes
-    linear.offer({"ripple@order_1": {"x": first}, "ripple@order_2": {"x": second}})
-    linear.data = {"x": 3 * first + rng.normal(size=first.shape), "y": rng.normal(size=first.shape)}
-    chosen = select_causes(linear).chosen
-    assert len(chosen.fit.causes) == 1 and not is_series(chosen)
-    assert np.isfinite(chosen.fit.squares) and trusted_causes(linear, chosen)
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
+def test_a_cause_with_a_fair_departure_explains(judged, share):
+    outcomes = judged(lambda first, other: (20 * first * (1 + share * WARMTH), 0 * first))
+    assert rate(outcomes, Verdict.EXPLAINED) > 0.9
+    for told in outcomes:
+        (row,) = describe(told.fit.departures[0], told.fit.departure_values)
+        assert row.share == pytest.approx(share, rel=0.15)
+
+
+def test_what_grows_from_nothing_is_no_steady_effect(judged):
+    """The known effect takes three quarters of it away; the rest is no departure but another thing."""
+    outcomes = judged(lambda first, other: (20 * first * (WARMTH + np.sqrt(3.0)), 0 * first))
+    assert rate(outcomes, Verdict.UNKNOWN, ()) > 0.9
+
+
+def test_what_resembles_a_known_effect_by_half_is_unknown(judged):
+    outcomes = judged(lambda first, other: (5 * (first + other), 0 * first))
+    assert rate(outcomes, Verdict.UNKNOWN, ()) > 0.9
+
+
+def test_something_unknown_on_another_channel_does_not_hide_a_cause(judged):
+    outcomes = judged(lambda first, other: (5 * first, 50 * np.abs(other)))
+    assert rate(outcomes, Verdict.PARTLY_EXPLAINED) > 0.9
+
+
+def test_a_little_that_is_left_does_not_hide_a_cause_but_is_told(judged):
+    outcomes = judged(lambda first, other: (50 * first + 2 * np.abs(other), 0 * first))
+    assert rate(outcomes, Verdict.PARTLY_EXPLAINED) > 0.9
+    assert all(told.findings and told.unknown < 0.5 for told in outcomes)
+
+
+def test_probability_and_verdict_never_contradict_one_another(judged):
+    for share in (0.0, 0.2, 0.4, 0.6):
+        for told in judged(lambda first, other, share=share: (10 * first + 10 * share * other, 0 * first)):
+            assert bool(told.fit.causes) == (told.unknown < 0.5)

@@ -12,6 +12,8 @@ from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect, positioning_error
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.chances import chi_square_median, log_chi_square_tail
+from rotary_error_monitor.gap.departures import Departures
+from rotary_error_monitor.gap.machine.modulations import machine_departures
 from rotary_error_monitor.gap.machine.where import machine_advice, machine_where
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
@@ -119,6 +121,10 @@ class MachineProblem:
     def distortions(self, candidates: Sequence[Candidate], causes: Sequence[Cause]) -> Sequence[float]:
         """None: errors this small add up, whatever else is wrong."""
         return [0.0] * len(candidates)
+
+    def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
+        """Ways in which each cause may depart from its textbook form."""
+        return tuple(machine_departures(self, i, causes) for i in range(len(causes)))
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows of one standard uncertainty of each uncertain parameter.

@@ -11,6 +11,7 @@ from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize, minimize_scalar
 
+from rotary_error_monitor.gap.chances import NORMAL_QUARTILE
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.stage.search import LINES
 from rotary_error_monitor.twin.stage_noise import Jitter
@@ -22,6 +23,10 @@ LINE = 40.0
 
 UNTOLD = 15.0
 """An order is told from a frequency if it explains this many times the power around more: one in 2000 by chance."""
+
+JUMP = 8.0
+"""Neighbouring samples further apart than this many standard deviations of such differences hold a step, which inertia
+does not let a rotor's jitter make: one in 10^15 by chance."""
 
 HIGHEST = 25.0
 """Frequency, Hz, up to which lines are the rotor's own; above it inertia lets nothing through."""
@@ -71,8 +76,12 @@ class SharedMotion:
 
     @cached_property
     def slow(self) -> Array:
-        """(p, m) slow functions there, each contiguous in time."""
-        return np.ascontiguousarray(self.smooth[self.known].T)
+        """(p, m) slow functions there, and a step wherever the values jump, each contiguous in time."""
+        jump = np.abs(np.diff(self.values[self.known]))
+        largest = np.argsort(jump)[::-1][:MOST_LINES]
+        found = largest[jump[largest] > JUMP * float(np.median(jump)) / NORMAL_QUARTILE]
+        steps = np.arange(len(self.seen)) > found[:, None]
+        return np.ascontiguousarray(np.concatenate([self.smooth[self.known].T, steps.astype(np.float64)]))
 
     def line(self, frequency: float) -> Array:
         """(2, m) cosine and sine of a frequency, Hz, there; kept: lines are taken in turn, with all before them."""

@@ -11,6 +11,8 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role, among
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.gap.admission import check_extent, check_noise
+from rotary_error_monitor.gap.chances import NORMAL_QUARTILE
+from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, products_of, spread_out
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.stage.another import check_stage, left_out
@@ -18,6 +20,7 @@ from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.distortion import distortions
 from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
+from rotary_error_monitor.gap.stage.modulations import StageModulations, linear_values, neighbouring, next_orders
 from rotary_error_monitor.gap.stage.nuisances import Nuisances
 from rotary_error_monitor.gap.stage.offset import offset_figures
 from rotary_error_monitor.gap.stage.search import StageSearch
@@ -41,8 +44,8 @@ SAME_SPECTRUM = 0.12
 SUSPICIOUS = -6.0
 """Logarithm of the chance below which structure in the command's channel makes its spectrum worth another look."""
 
-NORMAL_QUARTILE = 0.6744897501960817
-"""Median of the magnitude of a standard normal number."""
+THINNED = 8
+"""Every so many samples tell the size of a departure, which is told to two digits."""
 
 NOISIER = 0.05
 """Noise is reported from this much above what the twin states."""
@@ -91,6 +94,7 @@ class StageProblem:
         self.noise.with_jitter(*self._estimate_jitter(raw))
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
         self._signatures = KeptSignatures()
+        self._modulations = StageModulations(self.twin, recording.duration)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -167,6 +171,38 @@ class StageProblem:
             for name in streams:
                 columns[name].append((moved[name] - base[name]) / step)
         return {name: side_by_side(parts) for name, parts in columns.items()}
+
+    def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
+        """Ways in which each cause may depart from its textbook form."""
+        return tuple(self.own_departures(i, causes) for i in range(len(causes)))
+
+    def own_departures(self, place: int, causes: Sequence[Cause]) -> Departures:
+        """Those of the cause at one place among the causes, as rows that are kept."""
+        cause = causes[place]
+        linear, amplitudes = linear_values(cause)
+        sizes, neighbours = amplitude_sizes(cause), neighbouring(cause)
+        around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
+        jumps = self._modulations.jumps(cause)
+        stacked: Signals = {}
+        shown, done = [], []
+        labels = spread_out((), amplitudes, sizes)
+        for name, signature in self._derivatives(cause, linear, causes).items():
+            modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps)
+            modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
+            beside = [SHARE * sizes * signatures[name] for signatures in around]
+            stacked[name] = np.concatenate([modulated(signature, amplitudes, sizes, modulations), *beside], axis=2)
+            shown.append(stacked[name][::THINNED] / self.noise.std[kind_of(name)])
+            done.append(signature[::THINNED] @ amplitudes / self.noise.std[kind_of(name)])
+            labels = spread_out(modulations, amplitudes, sizes)
+        (kinds, words, changes), count = labels, len(neighbours) * len(linear)
+        return Departures(
+            place,
+            (*kinds, *count * ("orders",)),
+            (*words, *count * (next_orders,)),
+            np.append(changes, np.zeros(count)),
+            products_of(shown, done),
+            self._white(stacked),
+        )
 
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows of one standard uncertainty of each uncertain parameter."""

@@ -15,6 +15,7 @@ import numpy as np
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.problem import (
     Array,
     Columns,
@@ -22,6 +23,7 @@ from rotary_error_monitor.gap.problem import (
     Finding,
     LateRows,
     Rows,
+    SparseRows,
     StretchedConditions,
 )
 from rotary_error_monitor.gap.stage.conditions import MOST_BLOCKS, stage_conditions
@@ -112,6 +114,17 @@ class LongStageProblem(StageProblem):
         if not any(effect.touches(cause.location, name) for name in self.twin.times):
             return {}
         return LateRows(len(indices), lambda i: self._open(i).own_signature(cause, indices, others))
+
+    def own_departures(self, place: int, causes: Sequence[Cause]) -> Departures:
+        """Those of the cause at one place among the causes, made for one stretch at a time."""
+        first = self._stretches[0].own_departures(place, causes)
+
+        def rows_of(stretch: int) -> Rows | SparseRows:
+            made = self._open(stretch).own_departures(place, causes).columns
+            assert not isinstance(made, LateRows)
+            return made
+
+        return replace(first, columns=LateRows(len(first.kinds), rows_of))
 
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows of one standard uncertainty of each uncertain parameter."""

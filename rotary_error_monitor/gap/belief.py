@@ -1,0 +1,260 @@
+"""Whether causes that leave something are the causes: known effects with their departures, against something unknown.
+
+Where only noise is left there is nothing to weigh. Where more is left, either the causes are at work, depart from their
+textbook forms, and something else may be there beside them; or something unknown is there alone and merely resembles
+them. The two are weighed against one another, cause by cause, on the channels that the cause itself acts on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.gap.departures import SHARE, Departing, Departures
+from rotary_error_monitor.gap.fitting import Fit, fit_causes
+from rotary_error_monitor.gap.normal import combine, solve_scaled, stack, width_of
+from rotary_error_monitor.gap.problem import Array, Columns, Finding, Problem, Rows
+
+FREE = 3
+"""Directions beside that of a cause in which something unknown may lie.
+
+An effect of one order in two components has a cosine and a sine in each: four amplitudes, as most known effects have at
+most. Of random directions in four dimensions a part r^(3/2) leaves no more than r of its power beside a given one.
+"""
+
+PRIOR_OF_UNKNOWN = 0.02
+"""Probability, before a recording is seen, that something no effect describes is at work beside the known ones."""
+
+PRIOR_OF_KNOWN = 0.5
+"""Probability that a known effect, whichever, is at work where something unknown is."""
+
+NO_DEPARTURE = 0.5
+"""Part of a cause's power: where its textbook form leaves more, departures need not be looked at. They would be of 70 %
+of the cause, seven standard deviations of their prior, and something unknown is always likelier."""
+
+MODEL_ACCURACY = 3e-3
+"""What a first-order twin with measured inputs can promise, as a part of what a cause does to a channel: remainders of
+that channel below it are the twin's own."""
+
+Powers = Mapping[str, float]
+"""Squares of white rows by channel."""
+
+Kind = tuple[int, str]
+"""A cause by its number, and a kind of departure."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Causes with their departures, weighed against something unknown.
+
+    Attributes:
+        fit: causes and departures.
+        findings: structure that is left, the least likely first.
+        log_odds: of each cause, that it is at work and not something unknown in its place, its departures paid for.
+        settled: whether only noise is left.
+        near: whether so little is left of any cause that it could be a departure.
+    """
+
+    fit: Fit
+    findings: tuple[Finding, ...]
+    log_odds: tuple[float, ...]
+    settled: bool
+    near: bool
+
+    @property
+    def total(self) -> float:
+        """Log odds of all causes together; what speaks against anything unknown counts once."""
+        return sum(self.log_odds) - (len(self.log_odds) - 1) * _credit(self.settled)
+
+    @property
+    def probabilities(self) -> tuple[float, ...]:
+        """Of each cause."""
+        return tuple(float(expit(value)) for value in self.log_odds)
+
+
+def shown_by(problem: Problem, fit: Fit) -> list[Rows]:
+    """White rows (m, 1) of what each cause does in its textbook form."""
+    pairs = zip(fit.causes, fit.columns, strict=True)
+    return [combine(problem, [columns], [_amplitudes(cause)]) for cause, columns in pairs]
+
+
+def powers_of(problem: Problem, fit: Fit) -> list[Powers]:
+    """Squares of what each cause does in its textbook form, by channel."""
+    return [{channel: float(np.sum(np.square(rows))) for channel, rows in s.items()} for s in shown_by(problem, fit)]
+
+
+def summed(powers: Sequence[Powers]) -> Powers:
+    """Those of all causes together."""
+    return {channel: sum(p.get(channel, 0.0) for p in powers) for channel in {c for p in powers for c in p}}
+
+
+def is_structured(findings: Sequence[Finding], log_alarm: float, powers: Powers) -> bool:
+    """Whether structure is left that the twin, as accurate as it is, does not leave of what the causes do there."""
+    whole = sum(powers.values())
+    alarming = [f for f in findings if f.log_chance < log_alarm]
+    return any(f.excess > MODEL_ACCURACY**2 * powers.get(f.channel, whole) for f in alarming)
+
+
+def weigh_belief(problem: Problem, fit: Fit, findings: Sequence[Finding], log_alarm: float, effects: int) -> Belief:
+    """Causes as sized against something unknown in the place of each.
+
+    Of a cause with fair departures a part `SHARE^2` of its power may be left that no column describes; any part below
+    is as likely. Something unknown in `FREE` other directions leaves a part below r of its power beside a cause with
+    probability r^(FREE / 2). Causes that leave noise need nothing unknown beside them, which they have credit for.
+
+    Args:
+        problem: recording beside twin.
+        fit: causes and departures.
+        findings: structure that they leave.
+        log_alarm: logarithm of the level below which a finding counts.
+        effects: number of known effects, any of which might resemble something unknown.
+    """
+    powers = powers_of(problem, fit)
+    whole = summed(powers)
+    left = _left_in(problem, fit, [f for f in findings if f.log_chance < log_alarm], whole)
+    prices = _prices(fit)
+    settled = not is_structured(findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **whole})
+    prior = float(np.log(PRIOR_OF_KNOWN / effects)) + _credit(settled)
+    log_odds, near = [], False
+    for power, part, price in zip(powers, _own_parts(fit), prices, strict=True):
+        own, total = {channel: part * value for channel, value in power.items()}, sum(power.values()) or 1.0
+        kept = {channel: value / (left[channel] + SHARE**2 * value) for channel, value in own.items()}
+        gain = sum(power[channel] / total * float(np.log1p(value)) for channel, value in kept.items())
+        beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
+        near |= beside > np.log1p(1 / NO_DEPARTURE)
+        log_odds.append(0.5 * FREE * gain + prior - float(price))
+    return Belief(fit, tuple(findings), tuple(log_odds), settled, near)
+
+
+def _credit(settled: bool) -> float:
+    """Log odds that causes beside which nothing unknown is needed gain by that."""
+    return -float(np.log(PRIOR_OF_UNKNOWN)) if settled else 0.0
+
+
+def _left_in(problem: Problem, fit: Fit, findings: Sequence[Finding], powers: Powers) -> dict[str, float]:
+    """Squares beyond noise that are left in each channel: those of structure, or of all rows where these are more.
+
+    Not less than what noise alone has in as many directions as something unknown. What is found in no single channel
+    (uncertain parameters moved too far, poses that scatter) counts in all of them, as the causes' own power does.
+    """
+    left = {}
+    for channel, rows in fit.rest.items():
+        expected = float(np.sum(problem.expected(channel)))
+        beyond = float(np.sum(np.square(rows))) - expected - 2 * float(np.sqrt(2 * expected))
+        left[channel] = max(float(FREE), beyond, *(f.excess for f in findings if f.channel == channel))
+    nowhere = max((f.excess for f in findings if f.channel not in left), default=0.0)
+    total = sum(powers.values()) or 1.0
+    return {channel: value + nowhere * powers.get(channel, 0.0) / total for channel, value in left.items()}
+
+
+def _prices(fit: Fit) -> Array:
+    """Half the squares of each cause's departures, in standard deviations of their prior."""
+    prices, place = np.zeros(len(fit.causes)), 0
+    for departures in fit.departures:
+        values = fit.departure_values[place : place + len(departures.kinds)]
+        prices[departures.cause] += 0.5 * float(np.sum(np.square(values)))
+        place += len(values)
+    return prices
+
+
+def _own_parts(fit: Fit) -> list[float]:
+    """Part of each cause's power that neither uncertain parameters nor other causes, as they depart, can take."""
+    total, count = fit.blocks.total(), len(fit.nuisance_values)
+    widths = [width_of(columns) for columns in fit.columns]
+    places = count + np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
+    departing = [len(d.kinds) for d in fit.departures]
+    prior = np.repeat([1.0, 1e-12, 1.0], [count, sum(widths), sum(departing)])
+    # A cause that is not there does not depart either.
+    owner = np.repeat([-1, *range(len(widths)), *(d.cause for d in fit.departures)], [count, *widths, *departing])
+    found = []
+    for k, cause in enumerate(fit.causes):
+        own, others = np.arange(places[k], places[k + 1]), np.flatnonzero(owner != k)
+        amplitudes = _amplitudes(cause)
+        shown = total.gram[:, own] @ amplitudes
+        whole = float(shown[own] @ amplitudes)
+        inner = total.gram[np.ix_(others, others)] + np.diag(prior[others])
+        taken = float(shown[others] @ solve_scaled(inner, shown[others]))
+        found.append(float(np.clip((whole - taken) / whole, 0.0, 1.0)) if whole > 0 else 0.0)
+    return found
+
+
+def _amplitudes(cause: Cause) -> Array:
+    """Values of a cause in the order of its columns, zero for shapes."""
+    shapes = set(cause.effect.indices(Role.SHAPE))
+    return np.array([0.0 if i in shapes else cause.values[i] for i in cause.effect.indices(Role.LINEAR, Role.SHAPE)])
+
+
+def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fit:
+    """The causes of a fit sized again with those kinds of departure that the recording asks for.
+
+    Kinds join one by one, each time that with the most evidence, as long as that grows by more than the number of kinds
+    there are: each is as likely beforehand as any other, and as none. Where nothing else says that something is left, a
+    kind must be likelier by the false-alarm rate as well: so seldom the evidence of none grows by that.
+    """
+    offered = [d for d in problem.departures(fit.causes) if d.kinds] if isinstance(problem, Departing) else []
+    if not offered:
+        return fit
+    gram, moment = _beside(problem, fit, [d.columns for d in offered])
+    labels = [(k, kind) for k, d in enumerate(offered) for kind in d.kinds]
+    chosen = _chosen_kinds(gram, moment, labels, -float(np.log(false_alarms)))
+    kept = [d.chosen([i for i, kind in enumerate(d.kinds) if (k, kind) in chosen]) for k, d in enumerate(offered)]
+    kept = [d for d in kept if d.kinds]
+    return fit_causes(problem, fit.causes, departures=kept) if kept else fit
+
+
+def gains_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Powers, int]:
+    """Squares that columns take away of what a fit leaves, by channel, and the number of columns that show."""
+    gram, moment = _beside(problem, fit, [columns])
+    shown = np.diag(gram) > 0
+    amplitudes = np.zeros(len(moment))
+    amplitudes[shown] = solve_scaled(gram[np.ix_(shown, shown)], moment[shown])
+    taken = combine(problem, [columns], [amplitudes])
+    gains = {channel: max(float(np.sum(rows * fit.rest[channel])), 0.0) for channel, rows in taken.items()}
+    return gains, max(int(shown.sum()), 1)
+
+
+def _beside(problem: Problem, fit: Fit, columns: Sequence[Columns]) -> tuple[Array, Array]:
+    """Products of columns with one another and with the data, all that is fitted integrated out."""
+    fitted = [fit.nuisance, *fit.columns, *(d.columns for d in fit.departures)]
+    total = stack(problem, fit.data, [*fitted, *columns]).total()
+    widths = len(fit.nuisance_values), sum(map(width_of, fit.columns)), len(fit.departure_values)
+    first = sum(widths)
+    across = np.column_stack([total.gram[:first, first:], total.moment[:first]])
+    taken = across.T @ solve_scaled(total.gram[:first, :first] + np.diag(np.repeat([1.0, 1e-12, 1.0], widths)), across)
+    return total.gram[first:, first:] - taken[:-1, :-1], total.moment[first:] - taken[:-1, -1]
+
+
+def _chosen_kinds(gram: Array, moment: Array, labels: Sequence[Kind], least: float) -> set[Kind]:
+    kinds = list(dict.fromkeys(labels))
+    places = {kind: np.array([i for i, label in enumerate(labels) if label == kind]) for kind in kinds}
+    chosen: list[Kind] = []
+    best = 0.0
+    while len(chosen) < len(kinds):
+        trials = {
+            kind: log_evidence(gram, moment, np.concatenate([places[k] for k in (*chosen, kind)]))
+            for kind in kinds
+            if kind not in chosen
+        }
+        kind = max(trials, key=lambda k: trials[k])
+        if trials[kind] <= best + np.log(len(kinds)) + least:
+            break
+        best = trials[kind]
+        chosen.append(kind)
+    return set(chosen)
+
+
+def log_evidence(gram: Array, moment: Array, index: NDArray[np.intp]) -> float:
+    """Logarithm of the marginal likelihood of columns with unit Gaussian priors, relative to none of them."""
+    inner = gram[np.ix_(index, index)] + np.eye(len(index))
+    return float(0.5 * moment[index] @ np.linalg.solve(inner, moment[index]) - 0.5 * np.linalg.slogdet(inner)[1])
+
+
+def departures_of(fit: Fit) -> list[tuple[Departures, Array]]:
+    """Departures of a fit with their values."""
+    bounds = np.cumsum([len(d.kinds) for d in fit.departures])[:-1].astype(np.intp)
+    return list(zip(fit.departures, np.split(fit.departure_values, bounds), strict=True)) if fit.departures else []

@@ -1,0 +1,223 @@
+"""How a real effect departs from its textbook form: its own signature, modulated.
+
+The discrepancy of a model is embedded in the cause (Sargsyan, Huan and Najm 2019) rather than added beside it (Kennedy
+and O'Hagan 2001): whatever a cause does may be larger where it is warm, later on, in one direction, at some place, and
+so on, by a share of its own size. That share has a real prior; without one the cause's parameters mean nothing
+(Brynjarsdottir and O'Hagan 2014). The columns follow from the signature of any effect, a user's own as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.gap.problem import Array, Columns, LateRows, Rows, SparseRows
+
+SHARE = 0.1
+"""Standard deviation of each departure, as a part of the cause's own size (root mean square).
+
+That of the prior: datasheets of scales, bearings and drives state temperature coefficients, differences between
+directions and neighbouring harmonics of some to some ten per cent of what they come with.
+"""
+
+_UNSEEN = 1e-6
+"""A modulation that varies less than this over a recording (its standard deviation) is none."""
+
+Words = Callable[[float], str]
+
+
+@dataclass(frozen=True)
+class Modulation:
+    """What a signature is multiplied with.
+
+    Attributes:
+        kind: modulations of one kind are taken together.
+        values: (n,) or (n, k), of root mean square 1 over most recordings; k are the components of a signal.
+        words: says what a relative change of the cause by so much for each unit of `values` is.
+        each: whether each amplitude of the cause is modulated on its own (other directions and phases), or all alike.
+    """
+
+    kind: str
+    values: Array
+    words: Words
+    each: bool = False
+
+
+@dataclass(frozen=True)
+class Departures:
+    """Ways in which one cause may depart, each a column with a prior of standard deviation one.
+
+    Attributes:
+        cause: position of the cause among those at work.
+        kinds: (q,) of each column.
+        words: (q,) of each column, for its relative change of the cause.
+        changes: (q,) relative change of the cause as a whole by one standard deviation of each.
+        products: (q, q) of the columns with one another before they are made white, over the square of what the cause
+            does.
+        columns: white rows (m, q).
+    """
+
+    cause: int
+    kinds: tuple[str, ...]
+    words: tuple[Words, ...]
+    changes: Array
+    products: Array
+    columns: Columns
+
+    def chosen(self, places: Sequence[int]) -> Departures:
+        """Some of the columns."""
+        index = np.asarray(places, np.intp)
+        return Departures(
+            self.cause,
+            tuple(self.kinds[i] for i in places),
+            tuple(self.words[i] for i in places),
+            self.changes[index],
+            self.products[np.ix_(index, index)],
+            columns_at(self.columns, index),
+        )
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A departure as it is told: `pattern` in words, `share` of the cause's own gap (root mean square)."""
+
+    pattern: str
+    share: float
+
+
+def amplitude_sizes(cause: Cause) -> Array:
+    """(p,) size of each amplitude's unit: root mean square of the amplitudes that have that unit."""
+    linear = cause.effect.indices(Role.LINEAR)
+    places = cause.effect.slices()
+    unit = {i: p.unit for p in cause.effect.parameters for i in range(*places[p.name].indices(cause.effect.size))}
+    values = {i: float(cause.values[i]) for i in linear}
+    alike = {u: [v for i, v in values.items() if unit[i] == u] for u in set(unit.values())}
+    return np.array([float(np.sqrt(np.mean(np.square(alike[unit[i]])))) for i in linear])
+
+
+def modulated(signature: Array, amplitudes: Array, sizes: Array, modulations: Sequence[Modulation]) -> Array:
+    """(n, k, q) columns of a signature (n, k, p): `SHARE` times the cause's size times each modulation."""
+    whole = signature @ amplitudes
+    parts = []
+    for modulation in modulations:
+        values = modulation.values if modulation.values.ndim == 2 else modulation.values[:, None]
+        if modulation.each:
+            parts.append(signature * sizes * (SHARE * values)[:, :, None])
+        else:
+            parts.append((whole * (SHARE * values))[:, :, None])
+    return np.concatenate(parts, axis=2) if parts else np.zeros((*whole.shape, 0))
+
+
+def spread_out(
+    modulations: Sequence[Modulation], amplitudes: Array, sizes: Array
+) -> tuple[tuple[str, ...], tuple[Words, ...], Array]:
+    """Kind, words and relative change of the cause of each column that `modulated` gives."""
+    relative = amplitudes / np.where(sizes > 0, sizes, 1.0)
+    each = SHARE * relative / max(float(np.sum(np.square(relative))), 1e-300)
+    rows = [(m, change) for m in modulations for change in (each if m.each else (SHARE,))]
+    return (
+        tuple(m.kind for m, _ in rows),
+        tuple(m.words for m, _ in rows),
+        np.array([float(change) for _, change in rows]),
+    )
+
+
+def products_of(columns: Sequence[Array], signals: Sequence[Array]) -> Array:
+    """(q, q) products of columns (n, k, q) of several signals (n, k), over the squares of the signals."""
+    squares = sum(float(np.sum(np.square(signal))) for signal in signals) or 1.0
+    flat = [np.ascontiguousarray(values.reshape(-1, values.shape[2])) for values in columns]
+    return np.asarray(sum((rows.T @ rows for rows in flat), np.zeros(()))) / squares
+
+
+def describe(departures: Departures, values: Array) -> tuple[Departure, ...]:
+    """Departures of one cause in words, the largest first; `values` (q,) are in standard deviations of their prior."""
+    told = []
+    for kind in dict.fromkeys(departures.kinds):
+        own = np.array([other == kind for other in departures.kinds])
+        moved = np.where(own, values, 0.0)
+        change: dict[Words, float] = {}
+        size: dict[Words, float] = {}
+        for i in np.flatnonzero(own):
+            words = departures.words[i]
+            size[words] = size.get(words, 0.0) + float(values[i]) ** 2 * float(departures.products[i, i])
+            change[words] = change.get(words, 0.0) + float(values[i] * departures.changes[i])
+        largest = max(size, key=lambda words: size[words])
+        share = float(np.sqrt(max(float(moved @ departures.products @ moved), 0.0)))
+        told.append(Departure(largest(change[largest]), share))
+    return tuple(sorted(told, key=lambda row: -row.share))
+
+
+@dataclass
+class Normaliser:
+    """Centres a modulation and brings it to a root mean square of one, always by the same numbers.
+
+    Those come from a thin look at the whole recording, so that stretches of a long one agree.
+    """
+
+    looks: Mapping[str, Array]
+    _found: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def unit(self, name: str) -> float:
+        """What one standard deviation of the quantity is, in its own unit; 0 if it does not vary."""
+        if name not in self._found:
+            values = self.looks[name]
+            self._found[name] = float(np.mean(values)), float(np.std(values))
+        spread = self._found[name][1]
+        return spread if spread > _UNSEEN else 0.0
+
+    def __call__(self, name: str, values: Array) -> Array:
+        """The values, centred and scaled."""
+        spread = self.unit(name)
+        return np.asarray((values - self._found[name][0]) / spread, np.float64)
+
+
+def columns_at(columns: Columns, index: NDArray[np.intp]) -> Columns:
+    """Some columns of white rows."""
+    if isinstance(columns, LateRows):
+        return LateRows(len(index), lambda stretch: _made_at(columns.of(stretch), index))
+    return _made_at(columns, index)
+
+
+def _made_at(rows: Rows | SparseRows, index: NDArray[np.intp]) -> SparseRows:
+    if isinstance(rows, SparseRows):
+        raise TypeError("columns of departures act on whole channels")
+    acting = np.arange(len(index), dtype=np.intp)
+    return SparseRows(len(index), {c: values[:, index] for c, values in rows.items()}, dict.fromkeys(rows, acting))
+
+
+def percent(change: float) -> str:
+    """A relative change in words for people, without its sign."""
+    return f"{100 * abs(change):.2g} %"
+
+
+@runtime_checkable
+class Departing(Protocol):
+    """A problem that knows how its effects may depart from their textbook forms."""
+
+    def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
+        """Ways in which each cause, as sized, may depart."""
+
+
+def grows(change: float) -> str:
+    """Whether a relative change is one to more or to less."""
+    return "grows" if change > 0 else "shrinks"
+
+
+def with_its_size(change: float) -> str:
+    """Words for a modulation by the square of what the cause does."""
+    return f"grows {'more' if change > 0 else 'less'} than in proportion to its size"
+
+
+def second_harmonic(change: float) -> str:
+    """Words for a modulation by what the cause does."""
+    return "brings its second harmonic"
+
+
+def wanders(change: float) -> str:
+    """Words for a slow course that is none of the others."""
+    return "wanders with time"

@@ -1,0 +1,167 @@
+"""What the signature of a stage's effect may be modulated with: temperature, time, motion, place, its own size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import Cause, Role, order_location, order_of
+from rotary_error_monitor.effects.rotor import RotorState
+from rotary_error_monitor.gap.departures import (
+    SHARE,
+    Modulation,
+    Normaliser,
+    grows,
+    percent,
+    second_harmonic,
+    wanders,
+    with_its_size,
+)
+from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.twin.stage import StageTwin
+
+LOOKS = 2000
+"""Instants of a recording from which the size of a modulation is told."""
+
+NEIGHBOURS = 3
+"""Orders on each side of an order that it may bring with it."""
+
+COURSES = 12
+"""Slow courses over a recording in which an effect may wander."""
+
+SOFT = (1 / 128, 1 / 32, 1 / 8)
+"""Speeds, in parts of the highest one, below which an effect may be another than at speed: four-fold steps."""
+
+
+class StageModulations:
+    """Modulations of the effects of one recording; those of its stretches are cut out of the same functions."""
+
+    def __init__(self, twin: StageTwin, duration: float) -> None:
+        self._duration = duration
+        self._time = np.linspace(0.0, duration, LOOKS)
+        state = twin.state_at(self._time)
+        self._top = float(np.max(np.abs(state.omega))) or 1.0
+        self._norm = Normaliser(self._quantities(state))
+        self._twin = StageTwin(twin.stage, twin.inputs, dict.fromkeys(twin.times, self._time), known=twin.known)
+
+    def of_state(self, state: RotorState, around: bool, jumps: bool) -> list[Modulation]:
+        """Those that follow from the rotor's state.
+
+        Args:
+            state: the rotor.
+            around: whether the place on the circle is one of them.
+            jumps: whether the textbook form jumps where the rotor turns back. No real thing does: near standstill all
+                of it may be missing.
+        """
+        peak = 1 / SHARE if jumps else 1.0
+        norm, unit, found = self._norm, self._norm.unit, self._quantities(state)
+        words = {
+            "temperature": lambda c: f"{grows(c)} with temperature by {percent(c / unit('temperature'))}/K",
+            "time": lambda c: f"{grows(c)} with time by {percent(60 * c / unit('time'))}/min",
+            "direction": lambda c: (
+                f"smaller in the {'negative' if c > 0 else 'positive'} direction by "
+                f"{percent(2 * c / unit('direction'))}"
+            ),
+            "speed": lambda c: f"{grows(c)} with speed by {percent(c / unit('speed'))} per rad/s",
+            "square of speed": lambda c: f"{grows(c)} with the square of speed",
+            "velocity": lambda c: f"{grows(c)} with velocity by {percent(c / unit('velocity'))} per rad/s",
+        }
+        rows = [
+            Modulation(name.replace("square of ", "").replace("velocity", "speed"), norm(name, found[name]), say, True)
+            for name, say in words.items()
+            if unit(name)
+        ]
+        for part in SOFT:
+            name = f"below {part * self._top:.2g} rad/s"
+            if unit(name):
+                size = peak * unit(name)
+                rows.append(Modulation("low speed", size * norm(name, found[name]), partial(_soft, name)))
+        for order in range(1, NEIGHBOURS + 1) if around else ():
+            for wave in state.harmonic(order):
+                rows.append(Modulation(f"place {order}", np.sqrt(2) * wave, _around, True))
+        course = np.clip(state.time / self._duration, 0, 1)
+        for order in range(2, COURSES + 1):
+            rows.append(Modulation("course", np.sqrt(2) * np.cos(np.pi * order * course), wanders))
+        return rows
+
+    def of_size(self, cause: Cause, signal: Array, stream: str) -> list[Modulation]:
+        """Those that follow from what the cause does (n, k) to a stream."""
+        kind = stream.partition("_")[0]
+        alike = [name for name in self._twin.times if name.partition("_")[0] == kind]
+        moved = self._moved(self._twin, cause, tuple(alike))
+        size = float(np.sqrt(np.mean([np.mean(np.square(values)) for values in moved.values()])))
+        if size == 0.0:
+            return []
+        share = signal / size
+        return [
+            Modulation("harmonic", share, second_harmonic, True),
+            Modulation("size", np.abs(share) - 1, with_its_size, True),
+            Modulation("size", 0.5 * (np.square(share) - 1), with_its_size, True),
+        ]
+
+    def jumps(self, cause: Cause) -> bool:
+        """Whether what an effect does depends on the sign of the speed and not on its size."""
+        streams = tuple(self._twin.times)
+        plain = self._moved(self._twin, cause, streams)
+        size = sum(float(np.sum(np.square(values))) for values in plain.values())
+        changes = []
+        for factor in (-1.0, 2.0):
+            inputs = replace(self._twin.inputs, omega=partial(_scaled, self._twin.inputs.omega, factor))
+            other = self._moved(replace(self._twin, inputs=inputs, _states={}, _moved={}), cause, streams)
+            changes.append(sum(float(np.sum(np.square(other[name] - plain[name]))) for name in streams))
+        return changes[0] > size and changes[1] < 1e-3 * size
+
+    @staticmethod
+    def _moved(twin: StageTwin, cause: Cause, streams: tuple[str, ...]) -> dict[str, Array]:
+        moved, base = twin.predict((cause,), streams), twin.predict((), streams)
+        return {name: moved[name] - base[name] for name in streams}
+
+    def _quantities(self, state: RotorState) -> dict[str, Array]:
+        speed = np.abs(state.omega)
+        soft = {f"below {part * self._top:.2g} rad/s": np.exp(-speed / (part * self._top)) for part in SOFT}
+        return {
+            "temperature": state.warming,
+            "time": state.time,
+            "direction": state.direction,
+            "speed": speed,
+            "square of speed": np.square(speed),
+            "velocity": state.omega,
+            **soft,
+        }
+
+
+def _scaled(function: Callable[[Array], Array], factor: float, time: Array) -> Array:
+    return np.asarray(factor * function(time), np.float64)
+
+
+def _soft(speed: str, change: float) -> str:
+    return f"{'softer' if change < 0 else 'larger'} at low speed ({speed})"
+
+
+def _around(change: float) -> str:
+    return "differs around the turn"
+
+
+def next_orders(change: float) -> str:
+    """Words for the orders beside that of an effect."""
+    return "neighbouring orders"
+
+
+def neighbouring(cause: Cause) -> list[Cause]:
+    """An effect of one order at the orders beside it and at twice its order, without size."""
+    effect = cause.effect
+    if not effect.orders:
+        return []
+    order = order_of(cause.location)
+    near = {*range(order - NEIGHBOURS, order + NEIGHBOURS + 1), 2 * order} - {order}
+    places = [order_location(k) for k in sorted(near) if 1 <= k <= effect.orders]
+    return [Cause(effect, place, effect.start(place)) for place in places]
+
+
+def linear_values(cause: Cause) -> tuple[list[int], Array]:
+    """Indices of the amplitudes, and the amplitudes."""
+    linear = cause.effect.indices(Role.LINEAR)
+    return linear, np.asarray(cause.values[linear], np.float64)

@@ -1,0 +1,78 @@
+"""Steps of the search for causes: the sets that were sized, and what each leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rotary_error_monitor.gap.belief import Powers, is_structured
+from rotary_error_monitor.gap.fitting import Fit
+from rotary_error_monitor.gap.problem import Finding
+from rotary_error_monitor.gap.weighing import Weighing, Weight
+
+
+@dataclass(frozen=True)
+class Step:
+    """One size of the set of causes.
+
+    Attributes:
+        fit: causes sized.
+        weight: evidence of the set; None for no cause.
+        weighing: table on which it was chosen.
+        findings: structure that is left, the least likely first.
+        log_alarm: logarithm of the level below which a finding counts.
+        newcomer: the candidate that would add most to the set.
+        log_newcomer_chance: logarithm of its chance under noise, over its share of the false-alarm rate.
+        log_newcomer_alarm: logarithm of the level below which that counts.
+        powers: squares of what the causes do, by channel.
+        added: chi-square that the latest step took away.
+    """
+
+    fit: Fit
+    weight: Weight | None
+    weighing: Weighing
+    findings: tuple[Finding, ...]
+    log_alarm: float
+    newcomer: Weight | None
+    log_newcomer_chance: float
+    log_newcomer_alarm: float
+    powers: Powers
+    added: float
+
+    @property
+    def structured(self) -> bool:
+        """Whether structure is left."""
+        return is_structured(self.findings, self.log_alarm, self.powers)
+
+    @property
+    def improvable(self) -> bool:
+        """Whether a known effect stands out from what is left."""
+        return self.log_newcomer_chance < self.log_newcomer_alarm
+
+    @property
+    def settled(self) -> bool:
+        """Whether only noise is left."""
+        return not (self.structured or self.improvable)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """All sizes tried, the last one chosen.
+
+    Attributes:
+        steps: one for each size.
+        dropped: names and locations of candidates that were left out: with them the twin gives numbers that are not
+            finite.
+    """
+
+    steps: tuple[Step, ...]
+    dropped: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def null(self) -> Step:
+        """No cause at all."""
+        return self.steps[0]
+
+    @property
+    def chosen(self) -> Step:
+        """The set that explains most."""
+        return self.steps[-1]

@@ -1,0 +1,111 @@
+"""How effects depart from their textbook form: columns that follow from any signature, told in words."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.effects.effect import Cause, Parameter, Role
+from rotary_error_monitor.effects.library import effect_named, load_effects
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.gap.departures import (
+    SHARE,
+    Departures,
+    Modulation,
+    Normaliser,
+    amplitude_sizes,
+    columns_at,
+    describe,
+    modulated,
+    products_of,
+    spread_out,
+)
+from rotary_error_monitor.gap.problem import LateRows
+
+COUNT = 4000
+
+
+class Lean(StageEffect):
+    """An effect of a user's own: two shifts of one unit, and a turn."""
+
+    name = "lean"
+    parameters = (
+        Parameter("order", "1", 1.0, role=Role.FIXED, bound=10, least=1),
+        Parameter("shift", "m", 1e-6, 2, bound=1e-3),
+        Parameter("turn", "rad", 1e-6, bound=1e-3),
+    )
+
+
+def test_sizes_are_shared_by_amplitudes_of_one_unit():
+    cause = Cause(Lean(), "", np.array([2.0, 3e-6, 4e-6, -5e-7]))
+    np.testing.assert_allclose(amplitude_sizes(cause), [np.sqrt(12.5) * 1e-6, np.sqrt(12.5) * 1e-6, 5e-7])
+
+
+@pytest.mark.parametrize("each", [False, True])
+def test_a_column_is_a_tenth_of_the_cause(each, rng):
+    signature = rng.normal(size=(COUNT, 2, 3))
+    amplitudes = np.array([2.0, -2.0, 2.0])
+    wave = np.sqrt(2) * np.cos(2 * np.pi * 7 * np.arange(COUNT) / COUNT)
+    modulations = [Modulation("place", wave, str, each)]
+    columns = modulated(signature, amplitudes, np.full(3, 2.0), modulations)
+    kinds, _, _ = spread_out(modulations, amplitudes, np.full(3, 2.0))
+    assert columns.shape == (COUNT, 2, 3 if each else 1) and len(kinds) == columns.shape[2]
+    products = products_of([columns], [signature @ amplitudes])
+    assert np.sqrt(np.trace(products)) == pytest.approx(SHARE, rel=0.05)
+
+
+def test_what_the_amplitudes_do_together_is_told_as_one_change():
+    """All amplitudes 20 % larger where the modulation is one: the cause is 20 % larger there."""
+    amplitudes, sizes = np.array([3.0, -4.0]), np.full(2, np.sqrt(12.5))
+    modulations = [Modulation("warm", np.ones(10), lambda change: f"{change:.3f}", True)]
+    signature = np.eye(2)[:, None, :]
+    products = products_of(
+        [modulated(signature, amplitudes, sizes, [Modulation("warm", np.ones(2), str, True)])], [signature @ amplitudes]
+    )
+    departures = Departures(0, *spread_out(modulations, amplitudes, sizes), products, {})
+    values = 0.2 * amplitudes / (SHARE * sizes)
+    (told,) = describe(departures, values)
+    assert told.pattern == "0.200" and told.share == pytest.approx(0.2)
+
+
+def test_stretches_are_scaled_alike():
+    norm = Normaliser({"warm": np.array([1.0, 3.0]), "steady": np.ones(2)})
+    np.testing.assert_allclose(norm("warm", np.array([2.0, 4.0])), [0.0, 2.0])
+    assert norm.unit("warm") == 1.0 and norm.unit("steady") == 0.0
+
+
+def test_columns_of_a_long_recording_are_chosen_when_they_are_made(rng):
+    rows = {"x": rng.normal(size=(5, 4))}
+    late = columns_at(LateRows(4, lambda stretch: rows), np.array([2, 0]))
+    assert late.width == 2
+    np.testing.assert_array_equal(late.of(0).rows["x"], rows["x"][:, [2, 0]])
+
+
+@pytest.mark.parametrize(
+    ("name", "jumps"),
+    [("reversal_backlash", True), ("radial_hysteresis", True), ("encoder_latency", False), ("unbalance", False)],
+)
+def test_what_jumps_at_reversals_may_be_soft_there(name, jumps, stage_problem):
+    problem, _ = stage_problem(7, "null")
+    effect = effect_named(name, load_effects(StageEffect))
+    values = effect.start("")
+    linear = effect.indices(Role.LINEAR)
+    values[linear] = effect.scales()[linear]
+    assert problem._modulations.jumps(Cause(effect, "", values)) == jumps
+
+
+def test_every_effect_of_a_stage_may_depart_on_its_own_channels_only(stage_problem):
+    problem, _ = stage_problem(7, "null")
+    for effect in load_effects(StageEffect):
+        place = "order_5" if effect.orders else effect.locations(problem.stage)[0]
+        values = effect.start(place)
+        linear = effect.indices(Role.LINEAR)
+        values[linear] = effect.scales()[linear]
+        cause = Cause(effect, place, values)
+        own = problem.signature(cause, linear, (cause,))
+        (departures,) = problem.departures((cause,))
+        assert set(departures.columns) <= set(own), effect.name
+        widths = {rows.shape[1] for rows in departures.columns.values()}
+        assert widths == {len(departures.kinds)} and all(np.isfinite(r).all() for r in departures.columns.values())
+        assert len(departures.words) == len(departures.changes) == len(departures.products) == len(departures.kinds)
+        assert all(isinstance(words(0.1), str) for words in departures.words)
