@@ -50,7 +50,8 @@ RATES := $(addprefix test/,fuzz test_lacking_recordings.py faults/test_machine_f
 	description/test_configurations.py $(addprefix calibration/test_,axis_lines.py identification.py \
 	straightness_rates.py yaml_text.py) $(addprefix gap/test_,cases.py quadrature.py) $(addprefix metrology/test_,assembly.py \
 	axis_fits.py description_check.py) $(addprefix pipeline/test_,estimation.py reversals.py))
-MODELS := $(addprefix test/,calibration effects gap machine metrology twin)
+BLIND_CHECK := test/scenario/test_gap_benchmark.py
+MODELS := $(addprefix test/,calibration effects gap machine metrology twin) $(BLIND_CHECK)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
 COVERED := $(BIN)/python -m coverage run
@@ -62,7 +63,7 @@ test: setup lint ## lint, type check and all tests, with coverage of at least 90
 	$(BIN)/python -m coverage report
 
 test-live:
-	$(ON_TIME) $(COVERED) $(call PYTEST,,$(LIVE))
+	$(ON_TIME) $(COVERED) $(call PYTEST,$(BLIND_CHECK),$(LIVE))
 
 test-models:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(RATES),$(MODELS))
