@@ -46,10 +46,11 @@ BESIDE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
 LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 RECORDINGS := test/faults/test_recordings.py
-RATES := $(addprefix test/,fuzz test_lacking_recordings.py faults/test_machine_faults.py \
+RATES := $(addprefix test/,fuzz test_lacking_recordings.py $(addprefix faults/test_,machine_faults.py zero.py) \
 	description/test_configurations.py $(addprefix calibration/test_,axis_lines.py identification.py \
 	straightness_rates.py yaml_text.py) $(addprefix gap/test_,cases.py quadrature.py) $(addprefix metrology/test_,assembly.py \
-	axis_fits.py description_check.py) $(addprefix pipeline/test_,estimation.py reversals.py))
+	axis_fits.py description_check.py) $(addprefix pipeline/test_,estimation.py reversals.py) \
+	$(addprefix plant/test_,departures.py mimics.py))
 BLIND_CHECK := test/scenario/test_gap_benchmark.py
 MODELS := $(addprefix test/,calibration effects gap machine metrology twin) $(BLIND_CHECK)
 
