@@ -93,13 +93,12 @@ class StageModulations:
         alike = [name for name in self._twin.times if name.partition("_")[0] == kind]
         moved = self._moved(self._twin, cause, tuple(alike))
         size = float(np.sqrt(np.mean([np.mean(np.square(values)) for values in moved.values()])))
-        if size == 0.0:
-            return []
-        share = signal / size
+        share = signal / (size or 1.0)
+        acts = float(size > 0.0)  # a stream that it does not touch has columns all the same, of zeros
         return [
             Modulation("harmonic", share, second_harmonic, True),
-            Modulation("size", np.abs(share) - 1, with_its_size, True),
-            Modulation("size", 0.5 * (np.square(share) - 1), with_its_size, True),
+            Modulation("size", acts * (np.abs(share) - 1), with_its_size, True),
+            Modulation("size", acts * 0.5 * (np.square(share) - 1), with_its_size, True),
         ]
 
     def jumps(self, cause: Cause) -> bool:
