@@ -154,11 +154,9 @@ def _left_in(problem: Problem, fit: Fit, findings: Sequence[Finding], powers: Po
 
 def _prices(fit: Fit) -> Array:
     """Half the squares of each cause's departures, in standard deviations of their prior."""
-    prices, place = np.zeros(len(fit.causes)), 0
-    for departures in fit.departures:
-        values = fit.departure_values[place : place + len(departures.kinds)]
+    prices = np.zeros(len(fit.causes))
+    for departures, values in departures_of(fit):
         prices[departures.cause] += 0.5 * float(np.sum(np.square(values)))
-        place += len(values)
     return prices
 
 

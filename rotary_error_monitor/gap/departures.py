@@ -113,6 +113,19 @@ def modulated(signature: Array, amplitudes: Array, sizes: Array, modulations: Se
     return np.concatenate(parts, axis=2) if parts else np.zeros((*whole.shape, 0))
 
 
+def modulations_by_size(signal: Array, size: float) -> list[Modulation]:
+    """Those that follow from what the cause does, `signal` (n, k), beside its root mean square `size`.
+
+    A signal of none has as many, of zeros: so have all signals of a cause as many columns.
+    """
+    share, acts = signal / (size or 1.0), float(size > 0.0)
+    return [
+        Modulation("harmonic", share, second_harmonic, True),
+        Modulation("size", acts * (np.abs(share) - 1), with_its_size, True),
+        Modulation("size", acts * 0.5 * (np.square(share) - 1), with_its_size, True),
+    ]
+
+
 def spread_out(
     modulations: Sequence[Modulation], amplitudes: Array, sizes: Array
 ) -> tuple[tuple[str, ...], tuple[Words, ...], Array]:

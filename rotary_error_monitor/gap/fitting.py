@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.bounded import solve_within
 from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.normal import BlockNormal, combine, stack, subtract, width_of
+from rotary_error_monitor.gap.normal import BlockNormal, combine, solve_scaled, stack, subtract, width_of
 from rotary_error_monitor.gap.problem import Array, Columns, Problem, Rows, SparseRows
 from rotary_error_monitor.twin.finite import UnpredictableError
 
@@ -97,10 +96,8 @@ def fit_causes(
         total = blocks.total()
         last = len(total.moment) - extra
         gram = total.gram + np.diag(np.repeat([1.0, 1e-12, 1.0], [count, last - count, extra]))
-        scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        factor = cho_factor(gram * np.outer(scale, scale) + 1e-12 * np.eye(len(gram)))
-        change = _held(sized, count, gram, total.moment, scale * cho_solve(factor, scale * total.moment))
-        covariance = np.outer(scale, scale) * cho_solve(factor, np.eye(len(gram)))
+        solved = solve_scaled(gram, np.column_stack([total.moment, np.eye(len(gram))]))
+        change, covariance = _held(sized, count, gram, total.moment, solved[:, 0]), solved[:, 1:]
         if step == MOST_STEPS or not sized or _gain(change[count:last], covariance[count:last, count:last]) < settled:
             break
         sized, data = _predictable(problem, sized, _moved(sized, change[count:last]))

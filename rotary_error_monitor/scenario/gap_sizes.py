@@ -31,9 +31,6 @@ from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 Array = NDArray[np.float64]
 Parts = tuple[Part, ...]
 
-EVERY = 50
-"""Every so many samples of a stage are looked at; the squares are scaled up."""
-
 JITTER_BAND = 20.0
 """Frequency, Hz, up to which the rotor jitters, as the page of the stage says."""
 
@@ -104,7 +101,7 @@ def _measure_of(plain: StagePlant, duration: float) -> Callable[[StagePlant], Ar
     Of the heads it gives what each has beyond their mean.
     """
     sensors = [stream for stream in plain.streams if stream not in INPUTS]
-    times = {stream: times_of(plain, stream, duration)[::EVERY] for stream in sensors}
+    times = {stream: times_of(plain, stream, duration) for stream in sensors}
     noise = {stream: noise_of(plain.stage, stream) for stream in sensors}
     heads = [stream for stream in sensors if stream.startswith(HEAD)]
 
@@ -112,7 +109,7 @@ def _measure_of(plain: StagePlant, duration: float) -> Callable[[StagePlant], Ar
         read = np.stack([plant.signal(head, times[heads[0]])[:, 0] for head in heads])
         parts = [((read - read.mean(axis=0)) / noise[heads[0]]).ravel()]
         parts += [plant.signal(s, times[s]).ravel() / noise[s] for s in sensors if s not in heads]
-        return np.asarray(np.sqrt(EVERY) * np.concatenate(parts), np.float64)
+        return np.asarray(np.concatenate(parts), np.float64)
 
     return measure
 

@@ -51,7 +51,8 @@ _PACE = {"block_period": 0.04, "period": 0.01, "correction_period": 0.01, "rate"
 turns slowly and everything shares a computer with the controller."""
 
 _JOINT_LAG = 0.0
-"""The estimate of a time comes after the joint states of that time: the newest one tells which way an axis goes."""
+"""How long an estimate waits for joint states of its time, s: not at all, for it comes after them here, by a block of
+the heads. What waits uses an older joint state, and with it the direction from before a reversal."""
 
 _OLDEST = 0.2
 """Oldest correction that is applied, s: what a computer that is not real-time makes late is nearer than what holds."""

@@ -18,12 +18,11 @@ from rotary_error_monitor.gap.departures import (
     amplitude_sizes,
     grows,
     modulated,
+    modulations_by_size,
     percent,
     products_of,
-    second_harmonic,
     spread_out,
     wanders,
-    with_its_size,
 )
 from rotary_error_monitor.gap.problem import Array
 
@@ -83,15 +82,7 @@ def _of_poses(problem: MachineProblem, axes: Sequence[Axis]) -> list[Modulation]
 
 def _of_size(signal: Array) -> list[Modulation]:
     """Modulations by what the cause does (n, 3), beside its root mean square on the component that it moves most."""
-    size = float(np.sqrt(np.max(np.mean(np.square(signal), axis=0))))
-    if size == 0.0:
-        return []
-    share = signal / size
-    return [
-        Modulation("harmonic", share, second_harmonic, True),
-        Modulation("size", np.abs(share) - 1, with_its_size, True),
-        Modulation("size", 0.5 * (np.square(share) - 1), with_its_size, True),
-    ]
+    return modulations_by_size(signal, float(np.sqrt(np.max(np.mean(np.square(signal), axis=0)))))
 
 
 def _shapes(axis: Axis, position: Array) -> list[Array]:

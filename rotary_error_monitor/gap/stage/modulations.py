@@ -15,10 +15,9 @@ from rotary_error_monitor.gap.departures import (
     Modulation,
     Normaliser,
     grows,
+    modulations_by_size,
     percent,
-    second_harmonic,
     wanders,
-    with_its_size,
 )
 from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.twin.stage import StageTwin
@@ -93,13 +92,7 @@ class StageModulations:
         alike = [name for name in self._twin.times if name.partition("_")[0] == kind]
         moved = self._moved(self._twin, cause, tuple(alike))
         size = float(np.sqrt(np.mean([np.mean(np.square(values)) for values in moved.values()])))
-        share = signal / (size or 1.0)
-        acts = float(size > 0.0)  # a stream that it does not touch has columns all the same, of zeros
-        return [
-            Modulation("harmonic", share, second_harmonic, True),
-            Modulation("size", acts * (np.abs(share) - 1), with_its_size, True),
-            Modulation("size", acts * 0.5 * (np.square(share) - 1), with_its_size, True),
-        ]
+        return modulations_by_size(signal, size)
 
     def jumps(self, cause: Cause) -> bool:
         """Whether what an effect does depends on the sign of the speed and not on its size."""

@@ -55,6 +55,10 @@ MOST_WRONG = 0.002
 SAID_WITHIN = 1.0
 RIGHT_WITHIN = 1.0
 
+DISCOVERY = 4.0
+"""Longest time in which the middleware finds a new process, s: it announces itself within half a second and then every
+three."""
+
 MOST_LOST = 3.0
 """Waiting for a core counts up to this many times what is stated; a computer that is busier than that shows nothing."""
 

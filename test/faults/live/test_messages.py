@@ -12,14 +12,13 @@ from sensor_msgs.msg import Imu, JointState
 
 from faults.documenting import Row, shows
 from faults.live import stranger
-from faults.live.cell import SAID_WITHIN, SETTLING_NS, check
+from faults.live.cell import DISCOVERY, SAID_WITHIN, SETTLING_NS, check
 from rotary_error_monitor.nodes import messages
 
 TRUST = 2.0
 """Time, s, after the last message of a second publisher in which a stream is believed again: the order of their numbers
 tells for a second that two spoke, and a doubted stream must agree for half a second."""
 
-DISCOVERY = 10.0
 TRANSFER = 3.0
 """What a block of 16 MB may take to come, s: it does not fit into the middleware's buffers."""
 STREAMS = [("head_samples", head) for head in "abcd"] + [("autocollimator_samples", None), ("command_samples", None)]

@@ -7,11 +7,7 @@ import signal
 import pytest
 
 from faults.documenting import Row, shows
-from faults.live.cell import NAMES, RIGHT_WITHIN, SAID_WITHIN, check
-
-DISCOVERY = 4.0
-"""Longest time in which the middleware finds a new process, s: it announces itself within half a second and then every
-three."""
+from faults.live.cell import DISCOVERY, NAMES, RIGHT_WITHIN, SAID_WITHIN, check
 
 TURN = 8.0
 """Longest time in which the mock stage makes a turn, s: it may stand for 3 s between two at 3 rad/s or more."""
