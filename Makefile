@@ -51,8 +51,7 @@ RATES := $(addprefix test/,fuzz test_lacking_recordings.py $(addprefix faults/te
 	straightness_rates.py yaml_text.py) $(addprefix gap/test_,cases.py quadrature.py) $(addprefix metrology/test_,assembly.py \
 	axis_fits.py description_check.py) $(addprefix pipeline/test_,estimation.py reversals.py) \
 	$(addprefix plant/test_,departures.py mimics.py))
-BLIND_CHECK := test/scenario/test_gap_benchmark.py
-MODELS := $(addprefix test/,calibration effects gap machine metrology twin) $(BLIND_CHECK)
+MODELS := $(addprefix test/,blind_check calibration effects gap machine metrology twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
 COVERED := $(BIN)/python -m coverage run
@@ -64,7 +63,7 @@ test: setup lint ## lint, type check and all tests, with coverage of at least 90
 	$(BIN)/python -m coverage report
 
 test-live:
-	$(ON_TIME) $(COVERED) $(call PYTEST,$(BLIND_CHECK),$(LIVE))
+	$(ON_TIME) $(COVERED) $(call PYTEST,,$(LIVE))
 
 test-models:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(RATES),$(MODELS))

@@ -25,6 +25,7 @@ ROOMS = {
     "twin": CORE | {"metrology", "machine", "effects"},
     "gap": CORE | {"metrology", "machine", "effects", "twin", "bags"},
     "bags": CORE,
+    "blind_check": CORE | {"metrology", "machine", "effects", "twin", "gap", "bags", "plant"},
     "calibration": CORE | {"metrology", "machine", "bags"},
     "report": CORE | {"metrology", "machine", "effects", "twin", "gap", "calibration", "pipeline"},
     "controller": CORE | {"machine"},

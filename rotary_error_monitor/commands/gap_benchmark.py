@@ -11,10 +11,10 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
+from rotary_error_monitor.blind_check.benchmark import run_benchmark
+from rotary_error_monitor.blind_check.cases import GROUPS, Family, plan_cases
+from rotary_error_monitor.blind_check.scores import format_scores
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.scenario.gap_benchmark import run_benchmark
-from rotary_error_monitor.scenario.gap_cases import GROUPS, Family, plan_cases
-from rotary_error_monitor.scenario.gap_scores import format_scores
 
 _FAMILIES: dict[str, tuple[Family, ...]] = {"stage": ("stage",), "machine": ("machine",), "both": ("stage", "machine")}
 _FLOORS = {"clean": (False,), "rough": (True,), "both": (False, True)}

@@ -9,11 +9,11 @@ import numpy as np
 from scipy.special import logsumexp
 
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.gap.chances import chi_square_quantile
+from rotary_error_monitor.gap.hypotheses import Hypothesis, HypothesisTable
+from rotary_error_monitor.gap.p_values import chi_square_quantile
 from rotary_error_monitor.gap.shrink import HeldOut
 from rotary_error_monitor.gap.steps import Step
 from rotary_error_monitor.gap.verdict import REJECTED
-from rotary_error_monitor.gap.weighing import Weighing, Weight
 
 Key = tuple[str, str]
 
@@ -33,7 +33,7 @@ class Alternatives:
         return next((row[2] for row in self.ranking if (row[0], row[1]) == key), 0.0)
 
 
-def weigh_alternatives(
+def rank_alternatives(
     step: Step,
     causes: Sequence[Cause],
     unknown: float,
@@ -47,21 +47,21 @@ def weigh_alternatives(
     possibility of none. `dispersion` is how many times the squares that remain are those of noise: what all candidates
     leave alike is noise to the choice among them. `credits` are log odds that departures add to other sets.
     """
-    weighing = step.weighing
-    members = tuple(i for i in (weighing.position(c.key) for c in causes) if i is not None)
-    chosen = weighing.weigh(members)
-    rows: list[Weight] = [chosen]
+    table = step.table
+    members = tuple(i for i in (table.position(c.key) for c in causes) if i is not None)
+    chosen = table.evaluate(members)
+    rows: list[Hypothesis] = [chosen]
     found = [chosen.log_evidence] if not members else [0.0]
     extra = [0.0]
     for k in range(len(members)):
-        rest = weighing.weigh((*members[:k], *members[k + 1 :]))
-        others = weighing.replacements(members, k, weighing.free(members))
-        own = _log_odds(weighing, chosen, rest, members[k])
-        found += [_log_odds(weighing, other, rest, other.members[k]) - own for other in others]
-        extra += [(credits or {}).get(weighing.candidates[other.members[k]].key, 0.0) for other in others]
+        rest = table.evaluate((*members[:k], *members[k + 1 :]))
+        others = table.replacements(members, k, table.free(members))
+        own = _log_odds(table, chosen, rest, members[k])
+        found += [_log_odds(table, other, rest, other.members[k]) - own for other in others]
+        extra += [(credits or {}).get(table.candidates[other.members[k]].key, 0.0) for other in others]
         rows += others
     if not members:
-        rows += weighing.singles()
+        rows += table.singles()
         found += [row.log_evidence for row in rows[1:]]
     extra += [0.0] * (len(found) - len(extra))
     logs = np.array(found) / dispersion + np.array(extra)
@@ -69,71 +69,72 @@ def weigh_alternatives(
         # The chosen set was so with its departures: none that has only its textbook form is likelier.
         logs = np.minimum(logs, 0.0)
     weights = np.exp(logs - logsumexp(logs)) * (1 - unknown)
-    share = np.zeros(len(weighing.candidates))
+    share = np.zeros(len(table.candidates))
     for row, weight in zip(rows, weights, strict=True):
         share[list(row.members)] += weight
-    best = np.full(len(weighing.candidates), -np.inf)
+    best = np.full(len(table.candidates), -np.inf)
     for row in rows:
         for member in row.members:
             best[member] = max(best[member], row.log_evidence)
-    order = _distinct(weighing, sorted(range(len(best)), key=lambda i: (-share[i], -best[i])))
-    held_out = HeldOut(weighing.blocks, weighing.conditions)
+    order = _distinct(table, sorted(range(len(best)), key=lambda i: (-share[i], -best[i])))
+    held_out = HeldOut(table.blocks, table.conditions)
     ranking = tuple(
-        (*weighing.candidates[i].key, float(share[i]), _rms(held_out, weighing, _with(members, i, rows)))
+        (*table.candidates[i].key, float(share[i]), _rms(held_out, table, _with(members, i, rows)))
         for i in order[:RANKED]
     )
-    return Alternatives(ranking, _groups(weighing, members, chosen, dispersion, credits or {}))
+    return Alternatives(ranking, _groups(table, members, chosen, dispersion, credits or {}))
 
 
-def _log_odds(weighing: Weighing, whole: Weight, rest: Weight, member: int) -> float:
+def _log_odds(table: HypothesisTable, whole: Hypothesis, rest: Hypothesis, member: int) -> float:
     """Logarithm of the evidence of one member beside the rest, whatever the size that such an effect usually has.
 
     With a prior as wide as the effect is seen to be (the local empirical Bayes prior of George and Foster, Biometrika
-    87, 2000) a gain G for f amplitudes counts `(G - f ln(G / f) - f) / 2`: effects that look the same count the same.
+    87, 2000) a reduction G for f amplitudes counts `(G - f ln(G / f) - f) / 2`: effects that look the same count the
+    same.
     """
-    freedom = max(whole.freedom - rest.freedom, 1)
-    gain = max(whole.gain - rest.gain, freedom)
-    return 0.5 * (gain - freedom * float(np.log(gain / freedom)) - freedom) + weighing.log_prior(member)
+    dof = max(whole.dof - rest.dof, 1)
+    reduction = max(whole.reduction - rest.reduction, dof)
+    return 0.5 * (reduction - dof * float(np.log(reduction / dof)) - dof) + table.log_prior(member)
 
 
-def _distinct(weighing: Weighing, order: list[int]) -> list[int]:
+def _distinct(table: HypothesisTable, order: list[int]) -> list[int]:
     """The first of each name and location."""
-    first = {weighing.candidates[i].key: i for i in reversed(order)}
-    return [i for i in order if first[weighing.candidates[i].key] == i]
+    first = {table.candidates[i].key: i for i in reversed(order)}
+    return [i for i in order if first[table.candidates[i].key] == i]
 
 
-def _with(causes: tuple[int, ...], candidate: int, rows: list[Weight]) -> tuple[int, ...]:
+def _with(causes: tuple[int, ...], candidate: int, rows: list[Hypothesis]) -> tuple[int, ...]:
     """The best set that holds a candidate."""
     holding = [row for row in rows if candidate in row.members]
     return max(holding, key=lambda row: row.log_evidence).members if holding else (*causes, candidate)
 
 
-def _rms(held_out: HeldOut, weighing: Weighing, members: tuple[int, ...]) -> float:
-    columns = np.concatenate([np.arange(weighing.nuisances), weighing.nuisances + weighing.columns_of(members)])
-    widths = [100 * weighing.candidates[i].effect.scales()[weighing.candidates[i].linear] for i in members]
-    prior = np.concatenate([np.ones(weighing.nuisances), *(1 / np.square(width) for width in widths)])
-    return held_out.rms(columns.astype(np.intp), prior, weighing.bounds_of(members))
+def _rms(held_out: HeldOut, table: HypothesisTable, members: tuple[int, ...]) -> float:
+    columns = np.concatenate([np.arange(table.nuisances), table.nuisances + table.columns_of(members)])
+    widths = [100 * table.candidates[i].effect.scales()[table.candidates[i].linear] for i in members]
+    prior = np.concatenate([np.ones(table.nuisances), *(1 / np.square(width) for width in widths)])
+    return held_out.rms(columns.astype(np.intp), prior, table.bounds_of(members))
 
 
 def _groups(
-    weighing: Weighing, causes: tuple[int, ...], chosen: Weight, dispersion: float, credits: Mapping[Key, float]
+    table: HypothesisTable, causes: tuple[int, ...], chosen: Hypothesis, dispersion: float, credits: Mapping[Key, float]
 ) -> tuple[tuple[Key, ...], ...]:
     """For each cause the candidates that could stand in its place without the recording objecting.
 
-    The likelihood-ratio test compares the fits; a candidate with more freedom always fits as well where it includes the
-    cause, and is named as well: only another measurement can exclude it.
+    The likelihood-ratio test compares the fits; a candidate with more degrees of freedom always fits as well where
+    it includes the cause, and is named as well: only another measurement can exclude it.
     """
     found = []
     for k, cause in enumerate(causes):
-        group = [weighing.candidates[cause].key]
-        without = weighing.weigh((*causes[:k], *causes[k + 1 :])).gain
-        for other in weighing.replacements(causes, k, weighing.free(causes)):
+        group = [table.candidates[cause].key]
+        without = table.evaluate((*causes[:k], *causes[k + 1 :])).reduction
+        for other in table.replacements(causes, k, table.free(causes)):
             i = other.members[k]
-            freedom = max(abs(chosen.freedom - other.freedom), 1)
-            fits = chosen.gain - other.gain < dispersion * chi_square_quantile(REJECTED, freedom)
-            key = weighing.candidates[i].key
+            dof = max(abs(chosen.dof - other.dof), 1)
+            fits = chosen.reduction - other.reduction < dispersion * chi_square_quantile(REJECTED, dof)
+            key = table.candidates[i].key
             rejected = credits.get(key, 0.0) < np.log(REJECTED)
-            if fits and not rejected and other.gain > without and key not in group:
+            if fits and not rejected and other.reduction > without and key not in group:
                 group.append(key)
         if len(group) > 1:
             found.append(tuple(group))

@@ -213,7 +213,7 @@ class Departing(Protocol):
     """A problem that knows how its effects may depart from their textbook forms."""
 
     def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
-        """Ways in which each cause, as sized, may depart."""
+        """Ways in which each cause, as fitted, may depart."""
 
 
 def grows(change: float) -> str:

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause, Estimate
-from rotary_error_monitor.gap.alternatives import Alternatives, Key, weigh_alternatives
-from rotary_error_monitor.gap.belief import departures_of
+from rotary_error_monitor.gap.alternatives import Alternatives, Key, rank_alternatives
 from rotary_error_monitor.gap.departures import Departure, describe
 from rotary_error_monitor.gap.fitting import Fit
-from rotary_error_monitor.gap.held_out import OpenProblem
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
-from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, LandingProblem, Share
+from rotary_error_monitor.gap.posterior import departures_of
+from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, Share
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
 from rotary_error_monitor.gap.steps import Selection
@@ -25,7 +24,7 @@ from rotary_error_monitor.gap.verdict import Verdict
 
 SCHEMA = 1
 
-LEAST_LOG_CHANCE = -1e6
+LEAST_LOG_P_VALUE = -1e6
 """Chances below this are written as this: JSON knows no infinity."""
 
 
@@ -111,7 +110,7 @@ class Diagnosis:
             "where": [dataclasses.asdict(share) for share in self.where],
             "gap": {**dataclasses.asdict(self.gap), "interval": list(self.gap.interval)},
             "remainder": [
-                {"channel": f.channel, "pattern": f.pattern, "log_chance": max(f.log_chance, LEAST_LOG_CHANCE)}
+                {"channel": f.channel, "pattern": f.pattern, "log_p_value": max(f.log_p_value, LEAST_LOG_P_VALUE)}
                 for f in self.remainder
             ],
             "remarks": list(self.remarks),
@@ -142,7 +141,7 @@ def diagnose(
     told = judge(problem, selection, false_alarms, progress)
     fit, explained = told.fit, told.verdict is Verdict.EXPLAINED
     progress("alternatives")
-    alternatives = weigh_alternatives(told.step, fit.causes, told.unknown, told.dispersion, told.credits)
+    alternatives = rank_alternatives(told.step, fit.causes, told.unknown, told.dispersion, told.credits)
     settled = told.verdict in (Verdict.EXPLAINED, Verdict.NO_GAP)
     gap = measure_gap(fit, problem.conditions, None if settled else _floor(problem, fit))
     progress("where")
@@ -156,7 +155,7 @@ def diagnose(
         gap,
         told.findings[:12],
         problem.remarks(fit.rest) + _at_bounds(causes) + _left_out(selection) + told.doubts,
-        _figures(problem, fit.causes),
+        problem.figures(fit.causes),
         selection,
     )
 
@@ -184,13 +183,6 @@ def _left_out(selection: Selection) -> tuple[str, ...]:
         f"{count} candidate{'s' if count > 1 else ''} left out, with which the twin gives values that are not finite: "
         f"{names}",
     )
-
-
-def _figures(problem: DiagnosableProblem, causes: Sequence[Cause]) -> Mapping[str, float]:
-    """What people in the field ask for: where the gap lands, or what such recordings are usually judged by."""
-    if isinstance(problem, LandingProblem):
-        return problem.landing(causes)
-    return problem.figures(causes) if isinstance(problem, OpenProblem) else {}
 
 
 def _floor(problem: DiagnosableProblem, fit: Fit) -> float:

@@ -27,7 +27,7 @@ MOST_HALVINGS = 10
 
 @dataclass(frozen=True)
 class Fit:
-    """Causes as sized, beside the twin's parameters within their uncertainty.
+    """Causes as fitted, beside the twin's parameters within their uncertainty.
 
     Attributes:
         causes: with their values.
@@ -80,31 +80,31 @@ def fit_causes(
     Raises:
         UnpredictableError: the twin gives numbers that are not finite, of whatever size the causes are.
     """
-    idle = tuple(_without_size(cause) for cause in causes)
-    sized, data = _predictable(problem, idle, tuple(c.with_values(c.effect.held(c.values)) for c in causes))
-    uncertain = problem.nuisance(sized) if near is None else near.nuisance
+    at_zero = tuple(_without_size(cause) for cause in causes)
+    fitted, data = _predictable(problem, at_zero, tuple(c.with_values(c.effect.held(c.values)) for c in causes))
+    uncertain = problem.nuisance(fitted) if near is None else near.nuisance
     count = width_of(uncertain)
     departing = [d.columns for d in departures]
     extra = sum(map(width_of, departing))
     leading, settled = None, _SETTLED if near is None else _NEARLY_SETTLED
-    if count and sized:
+    if count and fitted:
         known = stack(problem, data, [uncertain]) if near is None else near.blocks
         leading = known.gram[:, :count, :count]
     for step in range(MOST_STEPS + 1):
-        columns = tuple(_columns(problem, sized))
+        columns = tuple(_columns(problem, fitted))
         blocks = stack(problem, data, [uncertain, *columns, *departing], leading)
         total = blocks.total()
         last = len(total.moment) - extra
         gram = total.gram + np.diag(np.repeat([1.0, 1e-12, 1.0], [count, last - count, extra]))
         solved = solve_scaled(gram, np.column_stack([total.moment, np.eye(len(gram))]))
-        change, covariance = _held(sized, count, gram, total.moment, solved[:, 0]), solved[:, 1:]
-        if step == MOST_STEPS or not sized or _gain(change[count:last], covariance[count:last, count:last]) < settled:
+        change, covariance = _held(fitted, count, gram, total.moment, solved[:, 0]), solved[:, 1:]
+        if step == MOST_STEPS or not fitted or _gain(change[count:last], covariance[count:last, count:last]) < settled:
             break
-        sized, data = _predictable(problem, sized, _moved(sized, change[count:last]))
-    moved, spread = np.split(change, [count, last]), _spread(sized, covariance[count:last, count:last])
+        fitted, data = _predictable(problem, fitted, _moved(fitted, change[count:last]))
+    moved, spread = np.split(change, [count, last]), _spread(fitted, covariance[count:last, count:last])
     taken = combine(problem, [uncertain, *departing], [moved[0], *_split(moved[2], departing)])
     rest = subtract(data, taken) if count or extra else data
-    return Fit(sized, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[2])
+    return Fit(fitted, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[2])
 
 
 def _split(values: Array, columns: Sequence[Columns]) -> list[Array]:

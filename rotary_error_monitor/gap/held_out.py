@@ -1,18 +1,15 @@
 """Whether causes predict conditions that had no part in sizing them, where more than they is at work.
 
-On a stage or a machine tool a cause that leaves much behind is taken for a mere resemblance. There are recordings, such
-as those of a telescope mount against the sky, in which no known effects ever explain everything: there a cause is
-believed if conditions that were left out are predicted better with it than without it, by more than chance.
+On a stage or a machine tool a cause that leaves much behind is taken for a mere resemblance. There are M-open problems
+(Bernardo and Smith, Bayesian Theory, 1994, section 6.1), such as a telescope mount against the sky, in which no known
+effects ever explain everything: there a cause is believed if conditions that were left out are predicted better with
+it than without it, by more than chance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 
-from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.bounded import solve_within
 from rotary_error_monitor.gap.fitting import Fit, change_bounds, fit_causes
 from rotary_error_monitor.gap.problem import Array, Conditions, Problem
@@ -25,16 +22,8 @@ UNNEEDED = 0.05
 _RIDGE = 1e-9
 
 
-@runtime_checkable
-class OpenProblem(Protocol):
-    """A problem in which something unknown is always at work beside the known effects."""
-
-    def figures(self, causes: Sequence[Cause]) -> Mapping[str, float]:
-        """Numbers that people in the field ask for, named with their units; for `diagnosis.json`."""
-
-
 def held_out_squares(fit: Fit, conditions: Conditions) -> Array:
-    """(b,) squares of each block's rows, nuisances and causes sized on the blocks of other conditions."""
+    """(b,) squares of each block's rows, nuisances and causes fitted on the blocks of other conditions."""
     blocks, count = fit.blocks, len(fit.nuisance_values)
     columns = np.arange(blocks.moment.shape[1], dtype=np.intp)
     prior = np.where(columns < count, 1.0, 0.0)
@@ -73,5 +62,5 @@ def dispersion(fit: Fit) -> float:
 
     Evidence that weighs all of that as noise is divided by it (quasi-likelihood: McCullagh and Nelder 1989, chapter 9).
     """
-    freedom = max(float(fit.blocks.count.sum()) - fit.blocks.moment.shape[1], 1.0)
-    return float(max(1.0, fit.squares / freedom))
+    dof = max(float(fit.blocks.count.sum()) - fit.blocks.moment.shape[1], 1.0)
+    return float(max(1.0, fit.squares / dof))

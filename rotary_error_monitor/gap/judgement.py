@@ -9,16 +9,16 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.alternatives import Key
-from rotary_error_monitor.gap.belief import Belief, gains_beside, weigh_belief, with_departures
-from rotary_error_monitor.gap.chances import chi_square_quantile, log_chi_square_tail
 from rotary_error_monitor.gap.departures import SHARE
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
-from rotary_error_monitor.gap.held_out import OpenProblem, dispersion, predicts
+from rotary_error_monitor.gap.held_out import dispersion, predicts
 from rotary_error_monitor.gap.options import FALSE_ALARMS
+from rotary_error_monitor.gap.p_values import chi_square_quantile, log_chi_square_tail
+from rotary_error_monitor.gap.posterior import Posterior, reductions_beside, weigh_against_unknown, with_departures
+from rotary_error_monitor.gap.prior_conflict import find_left
 from rotary_error_monitor.gap.problem import Finding, Problem
 from rotary_error_monitor.gap.steps import Selection, Step
-from rotary_error_monitor.gap.strain import find_left
-from rotary_error_monitor.gap.verdict import REJECTED, Verdict, cancelled_in, chance_of_unknown
+from rotary_error_monitor.gap.verdict import REJECTED, Verdict, cancelled_in, probability_of_unknown
 from rotary_error_monitor.twin.finite import UnpredictableError
 
 MOST_RIVALS = 2
@@ -57,30 +57,30 @@ def judge(
     """The verdict on the sets that were tried; arguments as `diagnose`."""
     null, chosen = selection.null, selection.chosen
     if null.settled:
-        return Judgement(Verdict.NO_GAP, null, null.fit, (), chance_of_unknown(null.findings))
-    if isinstance(problem, OpenProblem):
+        return Judgement(Verdict.NO_GAP, null, null.fit, (), probability_of_unknown(null.findings))
+    if problem.m_open:
         return _judge_open(problem, selection)
     doubts = _doubts(problem, chosen)
     progress("departures")
     if chosen.settled and not doubts:
         fit = _settled_with_departures(problem, chosen, false_alarms)
-        return Judgement(Verdict.EXPLAINED, chosen, fit, (), chance_of_unknown(chosen.findings))
-    tried = [(step, belief) for step in selection.steps[1:] for belief in _beliefs(problem, step)]
+        return Judgement(Verdict.EXPLAINED, chosen, fit, (), probability_of_unknown(chosen.findings))
+    tried = [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step)]
     if tried:
         step, best = _likeliest(tried)
         if min(best.log_odds) > 0:
-            return _believed(step, best, [belief for other, belief in tried if other is step])
-    unknown = 1 - max((min(belief.probabilities) for _, belief in tried), default=0.0)
+            return _believed(step, best, [posterior for other, posterior in tried if other is step])
+    unknown = 1 - max((min(posterior.probabilities) for _, posterior in tried), default=0.0)
     return Judgement(Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), unknown, doubts=doubts)
 
 
-def _likeliest(tried: Sequence[tuple[Step, Belief]]) -> tuple[Step, Belief]:
+def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior]:
     """The set with the highest log odds; of those with as many causes the places and orders searched count as well."""
 
-    def with_prior(pair: tuple[Step, Belief]) -> float:
-        weighing = pair[0].weighing
-        members = (weighing.position(cause.key) for cause in pair[1].fit.causes)
-        return pair[1].total + sum(weighing.log_prior(i) for i in members if i is not None)
+    def with_prior(pair: tuple[Step, Posterior]) -> float:
+        table = pair[0].table
+        members = (table.position(cause.key) for cause in pair[1].fit.causes)
+        return pair[1].total + sum(table.log_prior(i) for i in members if i is not None)
 
     size = len(max(tried, key=lambda pair: pair[1].total)[1].fit.causes)
     return max((pair for pair in tried if len(pair[1].fit.causes) == size), key=with_prior)
@@ -92,17 +92,17 @@ def _settled_with_departures(problem: Problem, step: Step, false_alarms: float) 
     departing = with_departures(problem, fit, false_alarms)
     if departing is fit:
         return step.fit
-    belief = weigh_belief(problem, departing, (), step.log_alarm, step.weighing.effects)
-    return departing.without_data() if min(belief.log_odds) > 0 else step.fit
+    posterior = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
+    return departing.without_data() if min(posterior.log_odds) > 0 else step.fit
 
 
-def _believed(step: Step, best: Belief, others: list[Belief]) -> Judgement:
+def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement:
     keys = {cause.key for cause in best.fit.causes}
     credits = {
-        key: belief.total - best.total
-        for belief in others
-        for key in {cause.key for cause in belief.fit.causes} - keys
-        if len(belief.fit.causes) == len(best.fit.causes)
+        key: posterior.total - best.total
+        for posterior in others
+        for key in {cause.key for cause in posterior.fit.causes} - keys
+        if len(posterior.fit.causes) == len(best.fit.causes)
     }
     return Judgement(
         Verdict.EXPLAINED if best.settled else Verdict.PARTLY_EXPLAINED,
@@ -116,67 +116,70 @@ def _believed(step: Step, best: Belief, others: list[Belief]) -> Judgement:
 
 
 def _alarming(findings: tuple[Finding, ...], step: Step) -> tuple[Finding, ...]:
-    return tuple(f for f in findings if f.log_chance < step.log_alarm)
+    return tuple(f for f in findings if f.log_p_value < step.log_alarm)
 
 
-def _beliefs(problem: Problem, step: Step) -> Iterator[Belief]:
+def _posteriors(problem: Problem, step: Step) -> Iterator[Posterior]:
     """The causes of a step and those that may look the same, with departures and without, and what is left of them."""
     found = list(_pruned(problem, step, step.fit.causes))
     yield from found
-    explained = any(belief.settled and min(belief.log_odds) > 0 for belief in found)
-    for causes in _rivals(step, explained) if any(belief.near for belief in found) else ():
+    explained = any(posterior.settled and min(posterior.log_odds) > 0 for posterior in found)
+    for causes in _rivals(step, explained) if any(posterior.near for posterior in found) else ():
         yield from _pruned(problem, step, causes)
 
 
-def _pruned(problem: Problem, step: Step, causes: tuple[Cause, ...]) -> Iterator[Belief]:
+def _pruned(problem: Problem, step: Step, causes: tuple[Cause, ...]) -> Iterator[Posterior]:
     """Causes weighed; without those that something unknown is likelier than, weighed again."""
     while causes:
         try:
-            belief = _belief(problem, step, causes)
+            posterior = _posterior(problem, step, causes)
         except UnpredictableError:
             return
-        if cancelled_in(problem, belief.fit):
+        if cancelled_in(problem, posterior.fit):
             return
-        yield belief
-        fewer = tuple(c for c, odds in zip(belief.fit.causes, belief.log_odds, strict=True) if odds > 0)
+        yield posterior
+        fewer = tuple(c for c, odds in zip(posterior.fit.causes, posterior.log_odds, strict=True) if odds > 0)
         if len(fewer) == len(causes):
             return
         causes = fewer
 
 
-def _belief(problem: Problem, step: Step, causes: tuple[Cause, ...]) -> Belief:
+def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...]) -> Posterior:
     """Causes with departures or without, whichever is likelier."""
     fit = fit_causes(problem, causes)
     best = _weighed(problem, step, fit)
     if best.near:
         departing = with_departures(problem, fit)
         if departing is not fit:
-            best = max(best, _weighed(problem, step, departing), key=lambda belief: belief.total)
+            best = max(best, _weighed(problem, step, departing), key=lambda posterior: posterior.total)
     return replace(best, fit=best.fit.without_data())
 
 
-def _weighed(problem: Problem, step: Step, fit: Fit) -> Belief:
-    left = sorted([*find_left(problem, fit), *_newcomer(problem, step, fit)], key=lambda f: f.log_chance)
-    return weigh_belief(problem, fit, left, step.log_alarm, step.weighing.effects)
+def _weighed(problem: Problem, step: Step, fit: Fit) -> Posterior:
+    left = sorted([*find_left(problem, fit), *_entering(problem, step, fit)], key=lambda f: f.log_p_value)
+    return weigh_against_unknown(problem, fit, left, step.log_alarm, step.table.effects)
 
 
-def _newcomer(problem: Problem, step: Step, fit: Fit) -> list[Finding]:
+def _entering(problem: Problem, step: Step, fit: Fit) -> list[Finding]:
     """The known effect that stood out beside the causes of a step, if it does so still."""
-    weighing, newcomer = step.weighing, step.newcomer
-    if newcomer is None or not step.improvable:
+    table, entering = step.table, step.entering
+    if entering is None or not step.improvable:
         return []
-    member = newcomer.members[-1]
-    candidate = weighing.candidates[member]
+    member = entering.members[-1]
+    candidate = table.candidates[member]
     if candidate.key in {cause.key for cause in fit.causes}:
         return []
-    idle = candidate.cause(np.zeros(len(candidate.linear)))
-    columns = problem.signature(idle, candidate.linear, fit.causes)
-    gains, freedom = gains_beside(problem, fit, columns)
+    at_zero = candidate.cause(np.zeros(len(candidate.linear)))
+    columns = problem.signature(at_zero, candidate.linear, fit.causes)
+    reductions, dof = reductions_beside(problem, fit, columns)
     # All known effects together have as much of the false-alarm rate as all tests for structure.
-    log_chance = log_chi_square_tail(sum(gains.values()), freedom) - weighing.log_prior(member)
-    log_chance += step.log_alarm - step.log_newcomer_alarm
+    log_p_value = log_chi_square_tail(sum(reductions.values()), dof) - table.log_prior(member)
+    log_p_value += step.log_alarm - step.log_alarm_entering
     words = " at ".join(filter(None, candidate.key))
-    return [Finding(channel, "known effect", log_chance, gain, f"as by {words}") for channel, gain in gains.items()]
+    return [
+        Finding(channel, "known effect", log_p_value, reduction, f"as by {words}")
+        for channel, reduction in reductions.items()
+    ]
 
 
 def _rivals(step: Step, explained: bool) -> Iterator[tuple[Cause, ...]]:
@@ -185,32 +188,34 @@ def _rivals(step: Step, explained: bool) -> Iterator[tuple[Cause, ...]]:
     Where those of the step do not explain everything, a cause may also explain less than they by what a departure can
     be: three standard deviations of its prior.
     """
-    weighing = step.weighing
-    members = tuple(i for i in (weighing.position(c.key) for c in step.fit.causes) if i is not None)
-    full, scatter = weighing.weigh(members), dispersion(step.fit)
+    table = step.table
+    members = tuple(i for i in (table.position(c.key) for c in step.fit.causes) if i is not None)
+    full, scatter = table.evaluate(members), dispersion(step.fit)
     near = []
     for k in range(len(members)):
-        own = full.gain - weighing.weigh((*members[:k], *members[k + 1 :])).gain
-        for weight in weighing.replacements(members, k, weighing.free(members)):
-            alike = scatter * chi_square_quantile(REJECTED, max(abs(full.freedom - weight.freedom), 1))
-            if full.gain - weight.gain < max(alike, 0.0 if explained else (3 * SHARE) ** 2 * own):
-                near.append(weight)
-    for weight in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
-        yield weighing.causes(weight)
+        own = full.reduction - table.evaluate((*members[:k], *members[k + 1 :])).reduction
+        for hypothesis in table.replacements(members, k, table.free(members)):
+            alike = scatter * chi_square_quantile(REJECTED, max(abs(full.dof - hypothesis.dof), 1))
+            if full.reduction - hypothesis.reduction < max(alike, 0.0 if explained else (3 * SHARE) ** 2 * own):
+                near.append(hypothesis)
+    for hypothesis in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
+        yield table.causes(hypothesis)
 
 
 def _judge_open(problem: Problem, selection: Selection) -> Judgement:
     """Where something unknown is always there beside the causes: causes stand that predict what was left out."""
     chosen = selection.chosen
     if chosen.settled:
-        return Judgement(Verdict.EXPLAINED, chosen, chosen.fit, (), chance_of_unknown(chosen.findings))
+        return Judgement(Verdict.EXPLAINED, chosen, chosen.fit, (), probability_of_unknown(chosen.findings))
     for step in selection.steps[:0:-1]:
         if predicts(problem, step.fit):
             # Something unknown is there beside the causes, not in their place: it is noise to the choice among them.
             left = _alarming(step.findings, step)
             return Judgement(Verdict.PARTLY_EXPLAINED, step, step.fit, left, 0.0, dispersion(step.fit))
     null = selection.null
-    return Judgement(Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), chance_of_unknown(null.findings))
+    return Judgement(
+        Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), probability_of_unknown(null.findings)
+    )
 
 
 def _doubts(problem: Problem, step: Step) -> tuple[str, ...]:

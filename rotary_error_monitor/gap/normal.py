@@ -216,15 +216,15 @@ def own_rest(problem: Problem, data: Rows, nuisance: Columns) -> tuple[Rows, dic
         expected = float(np.sum(problem.expected(channel)))
         # Fitted nuisances scatter with the part of their prior that the data decide on.
         decided = count - float(np.trace(inverse[channel]))
-        excess[channel] = _beyond_chance(float(np.sum(rows**2)), expected)
-        excess[channel] += _beyond_chance(float(np.sum(moved[channel] ** 2)), decided)
+        excess[channel] = _beyond_noise(float(np.sum(rows**2)), expected)
+        excess[channel] += _beyond_noise(float(np.sum(moved[channel] ** 2)), decided)
     return rest, excess
 
 
-def _beyond_chance(squares: float, freedom: float) -> float:
+def _beyond_noise(squares: float, dof: float) -> float:
     """What a chi-square is above its mean, if that is more than two of its standard deviations; else 0."""
-    above = squares - freedom
-    return above if above > 2 * np.sqrt(2 * freedom) else 0.0
+    above = squares - dof
+    return above if above > 2 * np.sqrt(2 * dof) else 0.0
 
 
 def width_of(rows: Columns) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,14 +62,14 @@ class Finding:
     Attributes:
         channel: channel of rows.
         kind: what was looked for.
-        log_chance: natural logarithm of the chance of this under noise.
+        log_p_value: natural logarithm of the chance of this under noise.
         excess: power above noise in rows' units, as far as the test measures it.
         pattern: what was found, in words.
     """
 
     channel: str
     kind: str
-    log_chance: float
+    log_p_value: float
     excess: float
     pattern: str
 
@@ -95,12 +95,12 @@ class Share:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect at a place as a possible cause, not yet sized.
+    """An effect at a place as a possible cause, not yet fitted.
 
     Attributes:
         effect: the effect.
         location: where.
-        start: values from which it is sized: zero amplitude, shape as found by a search.
+        start: values from which it is fitted: zero amplitude, shape as found by a search.
         trials: independent places, orders or moments that were searched to arrive at it, itself included.
         log_prior: logarithm of the chance of this place, order or moment if the effect is at work at all.
     """
@@ -210,6 +210,10 @@ class Problem(Protocol):
     def conditions(self) -> Conditions:
         """Blocks for holding out and for resampling."""
 
+    @property
+    def m_open(self) -> bool:
+        """Whether something unknown is always at work beside the known effects, as in the pointing of a telescope."""
+
     def times(self, channel: str) -> Array:
         """(m,) time of each row, s (or number of the pose)."""
 
@@ -264,13 +268,11 @@ class DiagnosableProblem(Problem, Protocol):
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """Findings that are no effect, such as noise that is larger than stated."""
 
+    def figures(self, causes: Sequence[Cause]) -> Mapping[str, float]:
+        """What people in the field ask for, by names with units; for `diagnosis.json`.
+
+        Of stages and machines it is how wrong the causes make the tool-to-workpiece offset.
+        """
+
     def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
         """Residuals of some channels before and after the causes, against what they may depend on."""
-
-
-@runtime_checkable
-class LandingProblem(Protocol):
-    """A problem that knows where its gap lands in the result that users care about."""
-
-    def landing(self, causes: Sequence[Cause]) -> Mapping[str, float]:
-        """How wrong the causes make the tool-to-workpiece offset, by names with units; for `diagnosis.json`."""

@@ -1,6 +1,6 @@
 """Which effects explain a recording: grown one by one, all pairs weighed, stopped when only noise is left.
 
-At each size the set with the most evidence is sized exactly and what remains is tested twice: against every known
+At each size the set with the most evidence is fitted exactly and what remains is tested twice: against every known
 effect (does another one stand out?) and against every kind of structure (does anything stand out, known or not?).
 The false-alarm rate of one run is shared by both families of tests and, within each, by Bonferroni.
 """
@@ -13,21 +13,21 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.gap.belief import MODEL_ACCURACY, Powers, powers_of, summed
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
+from rotary_error_monitor.gap.hypotheses import Hypothesis, HypothesisTable
 from rotary_error_monitor.gap.normal import acting_on, combine
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
+from rotary_error_monitor.gap.posterior import MODEL_ACCURACY, Powers, powers_of, summed
+from rotary_error_monitor.gap.prior_conflict import find_left
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Finding, Problem
 from rotary_error_monitor.gap.steps import Selection, Step
-from rotary_error_monitor.gap.strain import find_left
-from rotary_error_monitor.gap.weighing import Weighing, Weight
 from rotary_error_monitor.twin.finite import UnpredictableError
 
 MOST_EXCHANGES = 2
 """How often causes are replaced at one size before it is taken as it is."""
 
 NEARLY_THE_SAME = 20.0
-"""Difference in log evidence on the table up to which a replacement is sized exactly."""
+"""Difference in log evidence on the table up to which a replacement is fitted exactly."""
 
 NEARLY_ALL = 1e-2
 """Part of what the causes explain that may be left for rivals to be tried: two that look alike differ by little."""
@@ -38,7 +38,8 @@ NOTICEABLE = 1.0
 """Sum of squares by which predictions must differ for the order in which causes act to be looked at."""
 
 DISTORTED = 5e-3
-"""Part of a signature that may be another beside the causes: what is missed of a gain is the square of that part."""
+"""Part of a signature that may be another beside the causes: what is missed of a reduction of chi-square is the square
+of that part."""
 
 BADLY_DISTORTED = 3e-2
 """The same for candidates that were not among the best so far."""
@@ -70,13 +71,13 @@ def select_causes(
     """
     search = _Search(problem, false_alarms)
     progress("residual")
-    steps = [search.look(fit_causes(problem, ()), None)]
+    steps = [search.assess(fit_causes(problem, ()), None)]
     while not steps[-1].settled and len(steps) <= most and search.can_grow(steps[-1]):
         progress(f"{len(steps)} effect{'s' if len(steps) > 1 else ''}")
         grown = search.grow(steps[-1], len(steps))
         if grown is None:
             break
-        steps.append(search.spare(search.exchange(grown)))
+        steps.append(search.eliminate(search.exchange(grown)))
     return Selection(tuple(steps), tuple(search.dropped))
 
 
@@ -92,27 +93,27 @@ class _Search:
         self._promising: list[tuple[str, str, bytes]] = []
         self.dropped: dict[tuple[str, str], None] = {}
 
-    def look(self, fit: Fit, weight: Weight | None, power_before: float | None = None) -> Step:
+    def assess(self, fit: Fit, hypothesis: Hypothesis | None, power_before: float | None = None) -> Step:
         """Test what a fit leaves."""
         findings = find_left(self._problem, fit)
-        suspicious = bool(findings) and findings[0].log_chance < self._log_alarm(findings)
+        suspicious = bool(findings) and findings[0].log_p_value < self._log_alarm(findings)
         # What was learnt beside fewer causes may have been one of these.
         if (suspicious or self._learnt) and self._problem.learn_noise(fit.causes, findings):
             self._learnt = True
             self._columns.clear()
             fit = fit_causes(self._problem, fit.causes)
             findings = find_left(self._problem, fit)
-        weighing, included = self._table(fit)
-        newcomers = weighing.singles(included)
-        self._keep_promising(weighing, newcomers)
-        base = weighing.weigh(included)
+        table, included = self._table(fit)
+        larger = table.singles(included)
+        self._keep_promising(table, larger)
+        base = table.evaluate(included)
         added = 0.0 if power_before is None else max(power_before - fit.squares, 0.0)
         powers = {**dict.fromkeys(fit.rest, 0.0), **summed(powers_of(self._problem, fit))}
-        best, chance = self._newcomer(weighing, newcomers, base, powers)
+        best, chance = self._entering(table, larger, base, powers)
         return Step(
             fit.without_data(),
-            weight,
-            weighing,
+            hypothesis,
+            table,
             tuple(findings),
             self._log_alarm(findings),
             best,
@@ -124,7 +125,7 @@ class _Search:
 
     def can_grow(self, step: Step) -> bool:
         """Whether there is an effect left that could join the set."""
-        return bool(step.weighing.singles(self._members(step)))
+        return bool(step.table.singles(self._members(step)))
 
     def grow(self, step: Step, size: int) -> Step | None:
         """The best set of one more effect; None where there is none that the twin can predict."""
@@ -134,41 +135,43 @@ class _Search:
             if fit is not None:
                 # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the
                 # causes.
-                return self.look(fit, best, step.fit.squares)
+                return self.assess(fit, best, step.fit.squares)
         return None
 
-    def _fit_or_drop(self, step: Step, weight: Weight, near: Fit | None = None, in_order: bool = True) -> Fit | None:
-        """A set sized, from a near fit if there is one; where the twin cannot predict it, its newcomers are dropped."""
-        weighing, members = step.weighing, self._members(step)
+    def _fit_or_drop(
+        self, step: Step, hypothesis: Hypothesis, near: Fit | None = None, in_order: bool = True
+    ) -> Fit | None:
+        """A set fitted, from a near fit if any; where the twin cannot predict it, its new members are dropped."""
+        table, members = step.table, self._members(step)
         try:
-            causes = weighing.causes(weight)
+            causes = table.causes(hypothesis)
             if near is not None:
                 causes = fit_causes(self._problem, causes, near).causes
             return self._fit_in_order(causes) if in_order else fit_causes(self._problem, causes)
         except UnpredictableError:
-            for member in set(weight.members) - set(members) or weight.members:
-                weighing.drop(member)
-                self.dropped[weighing.candidates[member].key] = None
+            for member in set(hypothesis.members) - set(members) or hypothesis.members:
+                table.drop(member)
+                self.dropped[table.candidates[member].key] = None
             return None
 
-    def _best(self, step: Step, size: int) -> Weight:
-        weighing = step.weighing
+    def _best(self, step: Step, size: int) -> Hypothesis:
+        table = step.table
         included = self._members(step)
-        singles = sorted(weighing.singles(included), key=lambda w: -w.log_evidence)
+        singles = sorted(table.singles(included), key=lambda w: -w.log_evidence)
         best = singles[0]
         if size == 2:
-            alone = sorted(weighing.singles(), key=lambda w: -w.log_evidence)[:SHORTLIST]
+            alone = sorted(table.singles(), key=lambda w: -w.log_evidence)[:SHORTLIST]
             beside = [w.members[-1] for w in singles[:SHORTLIST]]
-            pair = weighing.best_pair(sorted({*(w.members[0] for w in alone), *beside}))
+            pair = table.best_pair(sorted({*(w.members[0] for w in alone), *beside}))
             best = max((w for w in (best, pair) if w is not None), key=lambda w: w.log_evidence)
-        newcomer = step.newcomer if step.newcomer and step.newcomer.members[-1] in weighing.free(()) else None
-        if newcomer is not None and best.log_evidence <= weighing.weigh(included).log_evidence:
+        entering = step.entering if step.entering and step.entering.members[-1] in table.free(()) else None
+        if entering is not None and best.log_evidence <= table.evaluate(included).log_evidence:
             # So small for its kind that its size alone speaks against it: it stands out nonetheless.
-            return newcomer
-        return weighing.exchange(best)
+            return entering
+        return table.exchange(best)
 
     def _fit_in_order(self, causes: Sequence[Cause]) -> Fit:
-        """The causes sized, neighbours swapped where that explains more: what one adds the next one may distort."""
+        """The causes fitted, neighbours swapped where that explains more: what one adds the next one may distort."""
         fit = fit_causes(self._problem, causes)
         for k in range(len(causes) - 1):
             given = fit.causes
@@ -178,10 +181,10 @@ class _Search:
                 fit = min(fit, fit_causes(self._problem, swapped), key=lambda fit: fit.squares)
         return fit
 
-    def _keep_promising(self, weighing: Weighing, newcomers: Sequence[Weight]) -> None:
+    def _keep_promising(self, table: HypothesisTable, larger: Sequence[Hypothesis]) -> None:
         """Remember the best candidates: the next table holds them whatever the next search proposes."""
-        best = sorted(newcomers, key=lambda weight: -weight.log_evidence)[:SHORTLIST]
-        found = [weighing.candidates[weight.members[-1]] for weight in best]
+        best = sorted(larger, key=lambda hypothesis: -hypothesis.log_evidence)[:SHORTLIST]
+        found = [table.candidates[hypothesis.members[-1]] for hypothesis in best]
         self._promising = list(dict.fromkeys([*self._promising, *((*c.key, c.start.tobytes()) for c in found)]))
 
     def _log_alarm(self, findings: Sequence[Finding]) -> float:
@@ -192,18 +195,18 @@ class _Search:
         left: list[set[tuple[str, str]]] = []
         for _ in range(MOST_EXCHANGES):
             members = self._members(step)
-            full = step.weighing.weigh(members)
-            if full.log_evidence <= step.weighing.weigh(members[:-1]).log_evidence:
+            full = step.table.evaluate(members)
+            if full.log_evidence <= step.table.evaluate(members[:-1]).log_evidence:
                 break  # chosen because it stands out, not by its evidence
-            better = step.weighing.exchange(full)
-            wanted = {step.weighing.candidates[i].key for i in better.members}
+            better = step.table.exchange(full)
+            wanted = {step.table.candidates[i].key for i in better.members}
             if set(better.members) == set(members) or better.log_evidence < full.log_evidence + 1.0 or wanted in left:
                 break
             left.append({cause.key for cause in step.fit.causes})
             fit = self._fit_or_drop(step, better)
             if fit is None or fit.squares + _cost(better, full) >= step.fit.squares:
                 break
-            step = self.look(fit, better, step.fit.squares + step.added)
+            step = self.assess(fit, better, step.fit.squares + step.added)
         return self._rivals(step) if step.settled or self._nearly(step) else step
 
     def _nearly(self, step: Step) -> bool:
@@ -212,71 +215,73 @@ class _Search:
         return left < NEARLY_ALL * step.added
 
     def _rivals(self, step: Step) -> Step:
-        """The step with a cause replaced by one that looked nearly the same, if it does better when sized exactly.
+        """The step with a cause replaced by one that looked nearly the same, if it does better when fitted exactly.
 
         On the table two effects can look the same although the twin's uncertain parameters act differently beside each:
         those are computed for the chosen causes only.
         """
-        weighing, members = step.weighing, self._members(step)
-        full = weighing.weigh(members)
+        table, members = step.table, self._members(step)
+        full = table.evaluate(members)
         near = [
-            weight
+            hypothesis
             for k in range(len(members))
-            for weight in weighing.replacements(members, k, weighing.free(members))
-            if weight.log_evidence > full.log_evidence - NEARLY_THE_SAME
+            for hypothesis in table.replacements(members, k, table.free(members))
+            if hypothesis.log_evidence > full.log_evidence - NEARLY_THE_SAME
         ]
         best, lowest = step, step.fit.squares - 2.0
-        for weight in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
-            fit = self._fit_or_drop(step, weight, step.fit, in_order=False)
+        for hypothesis in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
+            fit = self._fit_or_drop(step, hypothesis, step.fit, in_order=False)
             if fit is None:
                 continue
             # What is likelier on the table, but was not chosen, has no credit for that.
-            price = max(_cost(weight, full), 2 * (full.log_evidence - weight.log_evidence), 0.0)
+            price = max(_cost(hypothesis, full), 2 * (full.log_evidence - hypothesis.log_evidence), 0.0)
             if fit.squares + price < lowest:
-                best, lowest = self.look(fit, weight, step.fit.squares + step.added), fit.squares + price - 2.0
+                best, lowest = self.assess(fit, hypothesis, step.fit.squares + step.added), fit.squares + price - 2.0
         return best
 
     def _members(self, step: Step) -> tuple[int, ...]:
-        found = (step.weighing.position(cause.key) for cause in step.fit.causes)
+        found = (step.table.position(cause.key) for cause in step.fit.causes)
         return tuple(i for i in found if i is not None)
 
-    def spare(self, step: Step) -> Step:
+    def eliminate(self, step: Step) -> Step:
         """The step without causes that are not needed after all, now that the noise is known better."""
-        weighing, members = step.weighing, self._members(step)
-        full = weighing.weigh(members)
+        table, members = step.table, self._members(step)
+        full = table.evaluate(members)
         for k in range(len(members)):
-            fewer = weighing.weigh((*members[:k], *members[k + 1 :]))
-            gain, freedom = full.gain - fewer.gain, max(full.freedom - fewer.freedom, 1)
-            lost = dataclasses.replace(full, gain=gain, freedom=freedom)
-            if lost.log_chance - weighing.log_prior(members[k]) > step.log_newcomer_alarm:
-                fit = fit_causes(self._problem, weighing.causes(fewer))
-                return self.look(fit, fewer, step.fit.squares + step.added)
+            fewer = table.evaluate((*members[:k], *members[k + 1 :]))
+            reduction, dof = full.reduction - fewer.reduction, max(full.dof - fewer.dof, 1)
+            lost = dataclasses.replace(full, reduction=reduction, dof=dof)
+            if lost.log_p_value - table.log_prior(members[k]) > step.log_alarm_entering:
+                fit = fit_causes(self._problem, table.causes(fewer))
+                return self.assess(fit, fewer, step.fit.squares + step.added)
         return step
 
-    def _newcomer(
-        self, weighing: Weighing, newcomers: Sequence[Weight], base: Weight, powers: Powers
-    ) -> tuple[Weight | None, float]:
+    def _entering(
+        self, table: HypothesisTable, larger: Sequence[Hypothesis], base: Hypothesis, powers: Powers
+    ) -> tuple[Hypothesis | None, float]:
         """The candidate that stands out most: its chance over its share of the false-alarm rate.
 
         Each candidate has the part of the rate that its prior chance is (a weighted Bonferroni bound: the parts add up
         to the whole), so a place among hundreds must show more than an effect that can sit in one place only. What
-        the twin may leave of the causes on the channels that the candidate acts on is taken off its gain.
+        the twin may leave of the causes on the channels that the candidate acts on is taken off its reduction.
         """
         best, lowest = None, 0.0
-        for weight in newcomers:
-            if base.members and weight.log_evidence <= base.log_evidence:
+        for hypothesis in larger:
+            if base.members and hypothesis.log_evidence <= base.log_evidence:
                 # Beside a cause that is found, chance alone is no reason: the pair must be likelier than the one.
                 continue
             added = dataclasses.replace(
-                weight, gain=max(weight.gain - base.gain, 0.0), freedom=max(weight.freedom - base.freedom, 1)
+                hypothesis,
+                reduction=max(hypothesis.reduction - base.reduction, 0.0),
+                dof=max(hypothesis.dof - base.dof, 1),
             )
-            prior = weighing.log_prior(weight.members[-1])
-            if added.log_chance - prior >= lowest:
+            prior = table.log_prior(hypothesis.members[-1])
+            if added.log_p_value - prior >= lowest:
                 continue
-            allowance = self._allowance(weighing.candidates[weight.members[-1]], powers)
-            chance = dataclasses.replace(added, gain=max(added.gain - allowance, 0.0)).log_chance - prior
+            allowance = self._allowance(table.candidates[hypothesis.members[-1]], powers)
+            chance = dataclasses.replace(added, reduction=max(added.reduction - allowance, 0.0)).log_p_value - prior
             if chance < lowest:
-                best, lowest = weight, chance
+                best, lowest = hypothesis, chance
         return best, lowest
 
     def _allowance(self, candidate: Candidate, powers: Powers) -> float:
@@ -285,7 +290,7 @@ class _Search:
         channels = set(powers) if columns is None else acting_on(columns)
         return MODEL_ACCURACY**2 * sum(powers.get(channel, 0.0) for channel in channels)
 
-    def _table(self, fit: Fit) -> tuple[Weighing, tuple[int, ...]]:
+    def _table(self, fit: Fit) -> tuple[HypothesisTable, tuple[int, ...]]:
         """All candidates so far and those that the remainder proposes, weighed on data with the causes put back."""
         proposed = [(*c.key, c.start.tobytes()) for c in self._remember(self._problem.candidates(fit.rest, fit.causes))]
         included = {cause.key for cause in fit.causes}
@@ -307,8 +312,8 @@ class _Search:
         if not beside and key in self._columns:
             return self._columns[key]
         candidate = self._known[key]
-        idle = candidate.cause(np.zeros(len(candidate.linear)))
-        columns = self._problem.signature(idle, candidate.linear, beside)
+        at_zero = candidate.cause(np.zeros(len(candidate.linear)))
+        columns = self._problem.signature(at_zero, candidate.linear, beside)
         if not beside:
             self._columns[key] = columns
         return columns
@@ -318,18 +323,18 @@ class _Search:
             self._known[(*candidate.key, candidate.start.tobytes())] = candidate
         return candidates
 
-    def _weigh(self, fit: Fit, others: Sequence[tuple[Candidate, Columns]]) -> tuple[Weighing, tuple[int, ...]]:
-        own = [self._sized(fit, i) for i in range(len(fit.causes))]
+    def _weigh(self, fit: Fit, others: Sequence[tuple[Candidate, Columns]]) -> tuple[HypothesisTable, tuple[int, ...]]:
+        own = [self._fitted(fit, i) for i in range(len(fit.causes))]
         candidates = [c for c, _, _ in own] + [c for c, _ in others]
         columns = [rows for _, rows, _ in own] + [rows for _, rows in others]
         put_back = combine(self._problem, [rows for _, rows, _ in own], [amplitudes for _, _, amplitudes in own])
         data = {
             channel: rows + put_back[channel] if channel in put_back else rows for channel, rows in fit.data.items()
         }
-        weighing = Weighing(self._problem, data, fit.nuisance, candidates, columns)
-        return weighing, tuple(range(len(own)))
+        table = HypothesisTable(self._problem, data, fit.nuisance, candidates, columns)
+        return table, tuple(range(len(own)))
 
-    def _sized(self, fit: Fit, index: int) -> tuple[Candidate, Columns, Array]:
+    def _fitted(self, fit: Fit, index: int) -> tuple[Candidate, Columns, Array]:
         """A cause of the fit as a candidate: its signature at its own values, and its amplitudes."""
         cause = fit.causes[index]
         known = next(candidate for candidate in self._known.values() if candidate.key == cause.key)
@@ -338,9 +343,9 @@ class _Search:
         return candidate, columns, cause.values[candidate.linear]
 
 
-def _cost(other: Weight, chosen: Weight) -> float:
-    """What another set costs beyond the chosen one in freedom and places, in squares of white rows.
+def _cost(other: Hypothesis, chosen: Hypothesis) -> float:
+    """What another set costs beyond the chosen one in degrees of freedom and places, in squares of white rows.
 
-    That is known from the table; what a set explains is known only when it is sized exactly.
+    That is known from the table; what a set explains is known only when it is fitted exactly.
     """
-    return 2 * (chosen.log_evidence - other.log_evidence) + other.gain - chosen.gain
+    return 2 * (chosen.log_evidence - other.log_evidence) + other.reduction - chosen.reduction

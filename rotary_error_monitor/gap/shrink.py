@@ -25,7 +25,7 @@ class Gap:
 
     Attributes:
         before: without the causes, the twin's uncertain parameters as the recording has them within their uncertainty.
-        after: with the causes, sized on the other conditions.
+        after: with the causes, fitted on the other conditions.
         noise_floor: what noise alone leaves.
         shrink: `(before - after) / (before - noise_floor)`; 0 where nothing was to shrink, and -1 where the causes make
             it worse by as much as was to shrink, or by more.
@@ -43,7 +43,7 @@ def measure_gap(fit: Fit, conditions: Conditions, floor: float | None = None, se
     """Gap before and after the causes of a fit, each condition predicted from all the others.
 
     Args:
-        fit: causes sized; its blocks hold nuisances, then causes.
+        fit: causes fitted; its blocks hold nuisances, then causes.
         conditions: blocks of one label are held out together.
         floor: root mean square of noise alone; by default what the fit leaves, which is noise if the causes are right.
         seed: of the resampling.
@@ -57,14 +57,14 @@ def measure_gap(fit: Fit, conditions: Conditions, floor: float | None = None, se
         solved = _solve(blocks.total(~test), widths, bounds)
         after[test] = blocks.squares(np.arange(len(amplitudes)), solved)[test]
     expected = float(blocks.count.sum())
-    freedom = len(amplitudes)
-    left = float(blocks.squares(np.arange(freedom), amplitudes).sum())
-    noise = left / max(expected - freedom, 1.0) if floor is None else floor**2
+    dof = len(amplitudes)
+    left = float(blocks.squares(np.arange(dof), amplitudes).sum())
+    noise = left / max(expected - dof, 1.0) if floor is None else floor**2
     noise = min(noise, float(after.sum()) / expected)
     interval = _interval(before, after, noise * expected / max(float(after.sum()), 1e-300), seed)
     rms = (np.sqrt(before.sum() / expected), np.sqrt(after.sum() / expected), np.sqrt(noise))
-    shrink = _shrink(*map(float, rms)) if freedom else 0.0
-    return Gap(float(rms[0]), float(rms[1]), float(rms[2]), shrink, interval if freedom else (0.0, 0.0))
+    shrink = _shrink(*map(float, rms)) if dof else 0.0
+    return Gap(float(rms[0]), float(rms[1]), float(rms[2]), shrink, interval if dof else (0.0, 0.0))
 
 
 class HeldOut:
@@ -75,7 +75,7 @@ class HeldOut:
         self._parts = [blocks.total(conditions.labels == label) for label in np.unique(conditions.labels)]
 
     def rms(self, columns: NDArray[np.intp], prior: Array, bounds: tuple[Array, Array]) -> float:
-        """Root mean square of held-out rows, the columns sized on the other conditions.
+        """Root mean square of held-out rows, the columns fitted on the other conditions.
 
         Args:
             columns: (p,) which of them.

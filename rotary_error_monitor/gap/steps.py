@@ -1,13 +1,13 @@
-"""Steps of the search for causes: the sets that were sized, and what each leaves."""
+"""Steps of the search for causes: the sets that were fitted, and what each leaves."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rotary_error_monitor.gap.belief import Powers, is_structured
 from rotary_error_monitor.gap.fitting import Fit
+from rotary_error_monitor.gap.hypotheses import Hypothesis, HypothesisTable
+from rotary_error_monitor.gap.posterior import Powers, is_structured
 from rotary_error_monitor.gap.problem import Finding
-from rotary_error_monitor.gap.weighing import Weighing, Weight
 
 
 @dataclass(frozen=True)
@@ -15,26 +15,26 @@ class Step:
     """One size of the set of causes.
 
     Attributes:
-        fit: causes sized.
-        weight: evidence of the set; None for no cause.
-        weighing: table on which it was chosen.
+        fit: causes fitted.
+        hypothesis: evidence of the set; None for no cause.
+        table: table on which it was chosen.
         findings: structure that is left, the least likely first.
         log_alarm: logarithm of the level below which a finding counts.
-        newcomer: the candidate that would add most to the set.
-        log_newcomer_chance: logarithm of its chance under noise, over its share of the false-alarm rate.
-        log_newcomer_alarm: logarithm of the level below which that counts.
+        entering: the candidate that would add most to the set.
+        log_p_entering: logarithm of its chance under noise, over its share of the false-alarm rate.
+        log_alarm_entering: logarithm of the level below which that counts.
         powers: squares of what the causes do, by channel.
         added: chi-square that the latest step took away.
     """
 
     fit: Fit
-    weight: Weight | None
-    weighing: Weighing
+    hypothesis: Hypothesis | None
+    table: HypothesisTable
     findings: tuple[Finding, ...]
     log_alarm: float
-    newcomer: Weight | None
-    log_newcomer_chance: float
-    log_newcomer_alarm: float
+    entering: Hypothesis | None
+    log_p_entering: float
+    log_alarm_entering: float
     powers: Powers
     added: float
 
@@ -46,7 +46,7 @@ class Step:
     @property
     def improvable(self) -> bool:
         """Whether a known effect stands out from what is left."""
-        return self.log_newcomer_chance < self.log_newcomer_alarm
+        return self.log_p_entering < self.log_alarm_entering
 
     @property
     def settled(self) -> bool:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from rotary_error_monitor.gap.chances import chi_square_median, log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.orders import order_spectrum, order_sums, wave_products
+from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.problem import Array, Finding
 
 MODELLED_ORDERS = 16
@@ -71,43 +71,47 @@ def find_shared(spectra: Mapping[str, Array], independent: int) -> list[Finding]
     """
     channels, each = list(spectra), np.stack(list(spectra.values()))
     power = each.sum(axis=0) * independent / len(channels)
-    freedom = 2 * independent
+    dof = 2 * independent
     low = power[:MODELLED_ORDERS]
-    noise = float(np.median(power[MODELLED_ORDERS : 3 * MODELLED_ORDERS]) / chi_square_median(freedom))
+    noise = float(np.median(power[MODELLED_ORDERS : 3 * MODELLED_ORDERS]) / chi_square_median(dof))
 
-    def finding(kind: str, order: int, gain: float, freedom: int, trials: int) -> Finding:
+    def finding(kind: str, order: int, reduction: float, dof: int, trials: int) -> Finding:
         loudest = channels[int(np.argmax(each[:, order]))]
-        chance = _log_any(log_chi_square_tail(gain, freedom), trials)
+        chance = _log_any(log_chi_square_tail(reduction, dof), trials)
         return Finding(
-            loudest, kind, chance, max(0.0, gain - freedom), f"angle: order {order + 1} in {len(channels)} channels"
+            loudest, kind, chance, max(0.0, reduction - dof), f"angle: order {order + 1} in {len(channels)} channels"
         )
 
     best = int(np.argmax(power))
     return [
-        finding("shared line", best, float(power[best]), freedom, len(power)),
-        finding("shared orders", int(np.argmax(low)), float(low.sum()) / max(1.0, noise), len(low) * freedom, 1),
+        finding("shared line", best, float(power[best]), dof, len(power)),
+        finding("shared orders", int(np.argmax(low)), float(low.sum()) / max(1.0, noise), len(low) * dof, 1),
     ]
 
 
-def _log_any(log_chance: float, trials: int) -> float:
+def _log_any(log_p_value: float, trials: int) -> float:
     """Logarithm of the chance that the largest of many independent tests reaches this."""
-    return min(0.0, log_chance + float(np.log(trials)))
+    return min(0.0, log_p_value + float(np.log(trials)))
 
 
 def _orders(track: Track) -> Finding:
     """Orders 0 to 16 under each condition, beside the noise of the orders above."""
-    gain, freedom, best, words = 0.0, 0, 0.0, "nothing"
+    reduction, dof, best, words = 0.0, 0, 0.0, "nothing"
     for label, name in enumerate(track.names):
         chosen = track.labels == label
         if np.count_nonzero(chosen) < 4 * MODELLED_ORDERS:
             continue
         part, dimension, each = _explained(*wave_products(track.angle[chosen], track.rows[chosen], MODELLED_ORDERS))
         floor = max(1.0, _noise_above(track.angle[chosen], track.rows[chosen]))
-        gain, freedom = gain + part / floor, freedom + dimension
+        reduction, dof = reduction + part / floor, dof + dimension
         if np.max(each) / floor > best:
             best, words = np.max(each) / floor, f"order {int(np.argmax(each))} at {name}"
     return Finding(
-        track.channel, "orders", log_chi_square_tail(gain, max(freedom, 1)), max(0.0, gain - freedom), f"angle: {words}"
+        track.channel,
+        "orders",
+        log_chi_square_tail(reduction, max(dof, 1)),
+        max(0.0, reduction - dof),
+        f"angle: {words}",
     )
 
 
@@ -115,12 +119,12 @@ def _explained(gram: Array, moment: Array) -> tuple[float, int, Array]:
     """Power that waves explain, their rank, and the power at each order alone."""
     values, vectors = np.linalg.eigh(gram)
     seen = values > 1e-6 * values[-1]
-    gain = float(np.sum((vectors.T @ moment)[seen] ** 2 / values[seen]))
+    reduction = float(np.sum((vectors.T @ moment)[seen] ** 2 / values[seen]))
     single = moment**2 / np.maximum(np.diag(gram), 1e-12)
     orders = (len(moment) + 1) // 2
     each = single[:orders].copy()
     each[1:] += single[orders:]
-    return gain, int(seen.sum()), each
+    return reduction, int(seen.sum()), each
 
 
 def _noise_above(angle: Array, rows: Array) -> float:
@@ -135,8 +139,8 @@ def _line(track: Track) -> Finding:
     power = order_spectrum(track.angle, track.rows, LINE_ORDERS)
     order = int(np.argmax(power)) + 1
     best = float(power[order - 1])
-    log_chance = _log_any(-best / 2, LINE_ORDERS)
-    return Finding(track.channel, "line", log_chance, max(0.0, best - 2), f"angle: order {order}")
+    log_p_value = _log_any(-best / 2, LINE_ORDERS)
+    return Finding(track.channel, "line", log_p_value, max(0.0, best - 2), f"angle: order {order}")
 
 
 def _frequency(track: Track) -> Finding:
@@ -153,9 +157,9 @@ def _frequency(track: Track) -> Finding:
     power /= np.clip(_level_around(power), 1.0, HIGHEST_LEVEL)
     best = int(np.argmax(power))
     frequency = (best + 1) / (len(even) * period)
-    log_chance = _log_any(-float(power[best]) / 2, len(power))
+    log_p_value = _log_any(-float(power[best]) / 2, len(power))
     return Finding(
-        track.channel, "frequency", log_chance, max(0.0, float(power[best]) - 2), f"time: line at {frequency:.2f} Hz"
+        track.channel, "frequency", log_p_value, max(0.0, float(power[best]) - 2), f"time: line at {frequency:.2f} Hz"
     )
 
 
@@ -173,9 +177,9 @@ def _place(track: Track) -> Finding:
     cell = (np.mod(track.angle, 2 * np.pi) * PLACES / (2 * np.pi)).astype(np.intp) % PLACES
     z, used = _means(cell, track.rows, PLACES)
     best = int(np.argmax(np.abs(z)))
-    log_chance = _log_any(log_normal_tail(abs(float(z[best]))) + float(np.log(2)), used)
+    log_p_value = _log_any(log_normal_tail(abs(float(z[best]))) + float(np.log(2)), used)
     where = (best + 0.5) * 360 / PLACES
-    return Finding(track.channel, "place", log_chance, max(0.0, float(z[best]) ** 2 - 1), f"angle: place {where:.0f}°")
+    return Finding(track.channel, "place", log_p_value, max(0.0, float(z[best]) ** 2 - 1), f"angle: place {where:.0f}°")
 
 
 def _time(track: Track) -> Finding:
@@ -183,9 +187,9 @@ def _time(track: Track) -> Finding:
     cell = ((track.time - track.time[0]) / SECONDS).astype(np.intp)
     z, used = _means(cell, track.rows, int(cell[-1]) + 1)
     best = int(np.argmax(np.abs(z)))
-    log_chance = _log_any(log_normal_tail(abs(float(z[best]))) + float(np.log(2)), used)
+    log_p_value = _log_any(log_normal_tail(abs(float(z[best]))) + float(np.log(2)), used)
     moment = track.time[0] + (best + 0.5) * SECONDS
-    return Finding(track.channel, "time", log_chance, max(0.0, float(z[best]) ** 2 - 1), f"time: at {moment:.1f} s")
+    return Finding(track.channel, "time", log_p_value, max(0.0, float(z[best]) ** 2 - 1), f"time: at {moment:.1f} s")
 
 
 def _means(cell: NDArray[np.intp], rows: Array, cells: int) -> tuple[Array, int]:

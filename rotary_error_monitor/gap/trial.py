@@ -108,8 +108,8 @@ def _try(effect: AnyEffect, locations: tuple[str, ...], attempt: Callable[[str, 
     places = (order_location(effect.lowest),) if effect.orders else locations
     for place in places[:1]:
         values = effect.start(place)
-        sized = effect.indices(Role.LINEAR, Role.SHAPE)
-        values[sized] = effect.scales()[sized]
+        amplitudes = effect.indices(Role.LINEAR, Role.SHAPE)
+        values[amplitudes] = effect.scales()[amplitudes]
         try:
             attempt(place, values)
         except Exception as error:  # whatever a user's effect raises is reported with its name

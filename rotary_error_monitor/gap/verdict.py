@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotary_error_monitor.gap.belief import PRIOR_OF_UNKNOWN, shown_by
 from rotary_error_monitor.gap.fitting import Fit
+from rotary_error_monitor.gap.posterior import PRIOR_OF_UNKNOWN, shown_by
 from rotary_error_monitor.gap.problem import Finding, Problem
 
 LARGE = 1000.0
@@ -36,7 +36,7 @@ class Verdict(enum.Enum):
         return {"no_gap": 0, "explained": 10, "partly_explained": 11, "unknown": 12}[self.value]
 
 
-def chance_of_unknown(findings: Sequence[Finding]) -> float:
+def probability_of_unknown(findings: Sequence[Finding]) -> float:
     """Probability that something unknown is left, from the least likely finding.
 
     The bound of Sellke, Bayarri and Berger (2001) turns a chance p, corrected for the number of tests, into the largest
@@ -44,10 +44,12 @@ def chance_of_unknown(findings: Sequence[Finding]) -> float:
     """
     if not findings:
         return PRIOR_OF_UNKNOWN
-    log_chance = min(0.0, max(findings[0].log_chance, -1e6) + float(np.log(len(findings))))
-    if log_chance >= -1.0:
+    log_p_value = min(0.0, max(findings[0].log_p_value, -1e6) + float(np.log(len(findings))))
+    if log_p_value >= -1.0:
         return PRIOR_OF_UNKNOWN
-    log_odds = float(np.log(PRIOR_OF_UNKNOWN / (1 - PRIOR_OF_UNKNOWN))) - 1.0 - log_chance - float(np.log(-log_chance))
+    log_odds = (
+        float(np.log(PRIOR_OF_UNKNOWN / (1 - PRIOR_OF_UNKNOWN))) - 1.0 - log_p_value - float(np.log(-log_p_value))
+    )
     return float(1 / (1 + np.exp(-min(log_odds, 700.0))))
 
 

@@ -14,9 +14,9 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from rotary_error_monitor.bags.contents import TYPES
 from rotary_error_monitor.bags.messages import encode
+from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.plant.mount import pointing_file, simulate_pointings
-from rotary_error_monitor.scenario.gap_cases import write_case
 
 from .bags import pose_contents, stage_contents, write_bag, write_mcap, write_with_rosbags
 from .mutations import BINARY, MCAP, TEXT, Mutation, mutate

@@ -20,8 +20,8 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from rotary_error_monitor.bags.contents import Content
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.plant.cases import make_stage_case
-from rotary_error_monitor.scenario.gap_cases import write_case
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 from .bags import START, changed, pose_contents, stage_contents, write_bag, write_with_rosbags, zstd_of_nothing

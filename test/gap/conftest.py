@@ -34,6 +34,7 @@ class LinearProblem:
     effects: dict
     nuisances: dict = field(default_factory=dict)
     blocks: int = 8
+    m_open = False
 
     def offer(self, columns):
         """Make columns the effects that are known, whatever was known before; "name@place" is an effect at a place."""

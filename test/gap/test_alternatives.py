@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.gap.alternatives import weigh_alternatives
+from rotary_error_monitor.gap.alternatives import rank_alternatives
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.sentences import verdict_sentence
@@ -18,7 +18,7 @@ def test_what_looks_the_same_is_equally_probable(linear, usual):
     column = linear.effects["first"].column["x"]
     linear.offer({"first": {"x": column}, "twin": {"x": usual * column}})
     chosen = select_causes(linear).chosen
-    found = weigh_alternatives(chosen, chosen.fit.causes, 0.0)
+    found = rank_alternatives(chosen, chosen.fit.causes, 0.0)
     assert found.probability(("first", "")) == pytest.approx(found.probability(("twin", "")), abs=1e-6)
     assert {("first", ""), ("twin", "")} <= set(found.groups[0])
 
@@ -33,7 +33,7 @@ def test_probabilities_are_as_often_right_as_they_say(linear, rng):
         true = ("small", "large")[trial % 2]
         linear.data = {"x": 0.8 * alike[true] + rng.normal(size=(800, 1)), "y": rng.normal(size=(800, 1))}
         chosen = select_causes(linear).chosen
-        found = weigh_alternatives(chosen, chosen.fit.causes, 0.0)
+        found = rank_alternatives(chosen, chosen.fit.causes, 0.0)
         best = max(found.ranking, key=lambda row: row[2])
         said.append(best[2])
         right += best[0] == true

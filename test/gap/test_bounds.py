@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
+from rotary_error_monitor.blind_check.cases import draw_machine
 from rotary_error_monitor.description.mount import MountDescription
 from rotary_error_monitor.description.quadrature import QuadratureDescription
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role
@@ -23,6 +24,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.bounded import descend_within, solve_within
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.fitting import fit_causes
+from rotary_error_monitor.gap.hypotheses import HypothesisTable
 from rotary_error_monitor.gap.machine.problem import MachineProblem
 from rotary_error_monitor.gap.mount.pointings import parse_pointings
 from rotary_error_monitor.gap.mount.problem import MountProblem
@@ -31,10 +33,8 @@ from rotary_error_monitor.gap.quadrature.problem import QuadratureProblem
 from rotary_error_monitor.gap.sentences import describe_cause
 from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.gap.weighing import Weighing
 from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 from rotary_error_monitor.plant.mount import pointing_file, simulate_pointings
-from rotary_error_monitor.scenario.gap_cases import draw_machine
 from rotary_error_monitor.twin.document import causes_from_rows
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording
@@ -135,8 +135,8 @@ def pushed(problem, candidate, factors):
     """The problem with data in which that candidate would have to be so many times its bounds large."""
     linear = candidate.linear
     largest = candidate.effect.bounds()[1][linear]
-    idle = candidate.cause(np.zeros(len(linear)))
-    columns = problem.signature(idle, linear)
+    at_zero = candidate.cause(np.zeros(len(linear)))
+    columns = problem.signature(at_zero, linear)
     amplitudes = largest * np.resize(factors, len(linear))
     return Pushed(problem, combine(problem, [columns], [amplitudes]) if columns else {}), columns
 
@@ -167,11 +167,11 @@ def test_no_evaluation_in_a_fit_is_beyond_bounds(kind, name, place, factors, sta
         loud, columns = pushed(problem, candidate, factors)
         effect = candidate.effect
         low, high = effect.bounds()
-        weighing = Weighing(loud, loud.residual(()), loud.nuisance(()), [candidate], [columns])
-        for weight in weighing.singles():
-            (estimate,) = weighing.causes(weight)
+        table = HypothesisTable(loud, loud.residual(()), loud.nuisance(()), [candidate], [columns])
+        for hypothesis in table.singles():
+            (estimate,) = table.causes(hypothesis)
             assert np.all((low <= estimate.values) & (estimate.values <= high))
-            assert np.isfinite(weight.log_evidence) and weight.gain >= 0
+            assert np.isfinite(hypothesis.log_evidence) and hypothesis.reduction >= 0
         values = candidate.start.copy()
         values[candidate.linear] = high[candidate.linear] * np.resize(start, len(candidate.linear))
         fit = fit_causes(loud, [Cause(effect, candidate.location, values)])

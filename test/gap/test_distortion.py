@@ -25,8 +25,8 @@ def candidate(name, location):
 
 def changed(problem, seen, causes):
     """Part of the white signature that is another beside the causes."""
-    idle = seen.cause(np.zeros(len(seen.linear)))
-    alone, beside = (problem.signature(idle, seen.linear, others) for others in ((), causes))
+    at_zero = seen.cause(np.zeros(len(seen.linear)))
+    alone, beside = (problem.signature(at_zero, seen.linear, others) for others in ((), causes))
     change = sum(np.sum(np.square(beside[channel] - rows)) for channel, rows in alone.items())
     return np.sqrt(change / sum(np.sum(np.square(rows)) for rows in alone.values()))
 

@@ -15,24 +15,24 @@ AT_RING, ABOVE = "tool_offset_error_at_the_ring_um", "tool_offset_error_100_mm_a
 DIRECTION, ROTATION = "tool_direction_error_urad", "rotation_error_urad"
 
 
-def landing(problem, name, values, location=""):
-    return problem.landing([Cause(effect_named(name, EFFECTS), location, np.array(values, float))])
+def figures(problem, name, values, location=""):
+    return problem.figures([Cause(effect_named(name, EFFECTS), location, np.array(values, float))])
 
 
 def test_what_the_sensors_show_truly_lands_nowhere(stage_problem):
     """A rotor that moves otherwise than the twin says is seen by the heads: the published offset follows it."""
     problem, _ = stage_problem(1, "null")
-    found = landing(problem, "spindle_radial", [2, 1e-6, 0, 0, 1e-6], "order_2")
+    found = figures(problem, "spindle_radial", [2, 1e-6, 0, 0, 1e-6], "order_2")
     assert found[AT_RING] < 2e-3
-    assert landing(problem, "reversal_backlash", [1e-4])[ROTATION] < 0.05
+    assert figures(problem, "reversal_backlash", [1e-4])[ROTATION] < 0.05
 
 
 def test_what_one_sensor_makes_up_lands_whole(stage_problem):
     problem, _ = stage_problem(1, "null")
-    shifted = landing(problem, "disc_eccentricity", [3e-6, 4e-6])
+    shifted = figures(problem, "disc_eccentricity", [3e-6, 4e-6])
     assert shifted[AT_RING] == pytest.approx(5.0, rel=1e-3)
     assert shifted[DIRECTION] == pytest.approx(0.0, abs=1e-3)
-    leaning = landing(problem, "mirror_wobble", [6e-6, 8e-6])
+    leaning = figures(problem, "mirror_wobble", [6e-6, 8e-6])
     assert leaning[DIRECTION] == pytest.approx(10.0, rel=1e-3)
     assert leaning[AT_RING] == pytest.approx(0.0, abs=1e-3)
     assert leaning[ABOVE] == pytest.approx(1.0, rel=1e-3), "10 µrad over 100 mm"

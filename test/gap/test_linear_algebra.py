@@ -10,11 +10,11 @@ from scipy.stats import chi2, multivariate_normal
 
 from rotary_error_monitor.gap import selection
 from rotary_error_monitor.gap.fitting import fit_causes
+from rotary_error_monitor.gap.hypotheses import HypothesisTable
 from rotary_error_monitor.gap.normal import combine, own_rest, stack, subtract
 from rotary_error_monitor.gap.problem import SparseRows
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import measure_gap
-from rotary_error_monitor.gap.weighing import Weighing
 
 
 def table(problem):
@@ -82,32 +82,32 @@ def test_columns_that_act_on_few_channels(linear, rng):
 
 def test_many_sets_are_weighed_as_each_alone(linear):
     candidates, columns = table(linear)
-    weighing = Weighing(linear, linear.data, {}, candidates, columns)
+    hypotheses = HypothesisTable(linear, linear.data, {}, candidates, columns)
     sets = [(0,), (1, 2), (), (2,), (2, 0), (0, 1, 2)]
-    together = weighing.weigh_all(sets)
-    assert [weight.members for weight in together] == sets
-    gram, moment = weighing.normal.gram, weighing.normal.moment
-    for weight, members in zip(together, sets, strict=True):
+    together = hypotheses.evaluate_all(sets)
+    assert [hypothesis.members for hypothesis in together] == sets
+    gram, moment = hypotheses.normal.gram, hypotheses.normal.moment
+    for hypothesis, members in zip(together, sets, strict=True):
         own = list(members)
         best = np.linalg.solve(gram[np.ix_(own, own)], moment[own])
-        np.testing.assert_allclose(weight.amplitudes, best, rtol=1e-9)
-        assert weight.gain == pytest.approx(float(best @ moment[own]))
-        assert weight.log_evidence == pytest.approx(weighing.weigh(members).log_evidence)
+        np.testing.assert_allclose(hypothesis.amplitudes, best, rtol=1e-9)
+        assert hypothesis.reduction == pytest.approx(float(best @ moment[own]))
+        assert hypothesis.log_evidence == pytest.approx(hypotheses.evaluate(members).log_evidence)
 
 
 @pytest.mark.parametrize(("worse", "kept"), [(1.0, {("first", "")}), (2.0, {("third", "")})])
 def test_an_exchange_stays_only_if_it_explains_more(linear, monkeypatch, worse, kept):
-    """On the table `first` does better than `third`, which is nearly the same; sized exactly it may not."""
+    """On the table `first` does better than `third`, which is nearly the same; fitted exactly it may not."""
     search = selection._Search(linear, 0.01)
-    null = search.look(fit_causes(linear, ()), None)
+    null = search.assess(fit_causes(linear, ()), None)
     third = next(c for c in linear.candidates({}, ()) if c.key == ("third", ""))
-    stage = search.look(fit_causes(linear, [third.cause(np.zeros(1))]), None, null.fit.squares)
+    stage = search.assess(fit_causes(linear, [third.cause(np.zeros(1))]), None, null.fit.squares)
 
-    def sized(*args):
+    def fitted(*args):
         fit = fit_causes(*args)
         return replace(fit, rest={channel: worse * rows for channel, rows in fit.rest.items()})
 
-    monkeypatch.setattr(selection, "fit_causes", sized)
+    monkeypatch.setattr(selection, "fit_causes", fitted)
     assert {cause.key for cause in search.exchange(stage).fit.causes} == kept
 
 
@@ -124,26 +124,26 @@ def test_nuisances_are_integrated_out(linear, rng):
 
 def test_evidence_is_the_marginal_likelihood(linear):
     candidates, columns = table(linear)
-    weighing = Weighing(linear, linear.data, {}, candidates, columns)
-    weight = weighing.weigh([0])
+    hypotheses = HypothesisTable(linear, linear.data, {}, candidates, columns)
+    hypothesis = hypotheses.evaluate([0])
     x, y = columns[0]["x"][:, 0], linear.data["x"][:, 0]
     scale = candidates[0].effect.scales()[0]
     exact = multivariate_normal(np.zeros(800), np.eye(800) + scale**2 * np.outer(x, x)).logpdf(y)
     none = multivariate_normal(np.zeros(800), np.eye(800)).logpdf(y)
     # The prior's own density at the best size is left out of the evidence, and the prior of the effect is in it.
-    slack = 0.5 * (weight.amplitudes[0] / scale) ** 2
-    assert weight.log_evidence == pytest.approx(exact - none + slack - np.log(3), abs=0.01)
-    assert weight.log_chance == pytest.approx(chi2.logsf(weight.gain, 1))
+    slack = 0.5 * (hypothesis.amplitudes[0] / scale) ** 2
+    assert hypothesis.log_evidence == pytest.approx(exact - none + slack - np.log(3), abs=0.01)
+    assert hypothesis.log_p_value == pytest.approx(chi2.logsf(hypothesis.reduction, 1))
 
 
 def test_the_better_of_two_likenesses_wins(linear):
     candidates, columns = table(linear)
-    weighing = Weighing(linear, linear.data, {}, candidates, columns)
-    singles = sorted(weighing.singles(), key=lambda w: -w.log_evidence)
-    assert weighing.candidates[singles[0].members[0]].effect.name == "first"
-    wrong = weighing.weigh([weighing.position(("third", "")), weighing.position(("second", ""))])
-    assert weighing.position(("first", "")) in weighing.exchange(wrong).members
-    assert weighing.free([0]) == [1, 2]
+    hypotheses = HypothesisTable(linear, linear.data, {}, candidates, columns)
+    singles = sorted(hypotheses.singles(), key=lambda w: -w.log_evidence)
+    assert hypotheses.candidates[singles[0].members[0]].effect.name == "first"
+    wrong = hypotheses.evaluate([hypotheses.position(("third", "")), hypotheses.position(("second", ""))])
+    assert hypotheses.position(("first", "")) in hypotheses.exchange(wrong).members
+    assert hypotheses.free([0]) == [1, 2]
 
 
 def test_a_fit_gives_size_and_spread(linear):
@@ -223,11 +223,11 @@ def test_effects_of_very_unequal_usual_sizes_are_weighed_together(linear):
     candidates, columns = table(linear)
     faint = {channel: 1e-6 * rows for channel, rows in columns[1].items()}
     data = {"x": linear.data["x"] + 3.0 * columns[1]["x"], "y": linear.data["y"] + 3.0 * columns[1]["y"]}
-    weighing = Weighing(linear, data, {}, candidates[:2], [{"x": 1e3 * columns[0]["x"]}, faint])
-    both = weighing.weigh([0, 1])
-    alone = weighing.weigh([0])
-    assert both.freedom == 2
-    assert both.gain - alone.gain > 1000
+    hypotheses = HypothesisTable(linear, data, {}, candidates[:2], [{"x": 1e3 * columns[0]["x"]}, faint])
+    both = hypotheses.evaluate([0, 1])
+    alone = hypotheses.evaluate([0])
+    assert both.dof == 2
+    assert both.reduction - alone.reduction > 1000
     assert both.amplitudes[1] == pytest.approx(3e6, rel=0.02)
     assert both.amplitudes[0] == pytest.approx(0.5e-3, rel=0.2)
 

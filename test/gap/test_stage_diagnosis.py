@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 
+from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -23,7 +24,6 @@ from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.plant.stage import stage_clocks
 from rotary_error_monitor.report.diagnosis import write_report
 from rotary_error_monitor.report.painter import Painter
-from rotary_error_monitor.scenario.gap_cases import write_case
 from rotary_error_monitor.twin.recording import Stream
 
 EFFECTS = load_effects(StageEffect)
@@ -49,8 +49,8 @@ def test_noise_of_the_thermometer_is_no_gap(stage_problem, monkeypatch):
     assert diagnose(stage_problem(1960413236, "null", duration=40.0)[0], rate).verdict is Verdict.NO_GAP
     monkeypatch.setattr("rotary_error_monitor.gap.stage.problem.uncertain_warmings", lambda twin, recording: ())
     stage = diagnose(stage_problem(1960413236, "null", duration=40.0)[0], rate).selection.null
-    newcomer = [stage.weighing.candidates[i].effect.name for i in stage.newcomer.members]
-    assert newcomer == ["radial_hysteresis"] and stage.improvable
+    entering = [stage.table.candidates[i].effect.name for i in stage.entering.members]
+    assert entering == ["radial_hysteresis"] and stage.improvable
 
 
 @pytest.mark.parametrize(

@@ -41,17 +41,17 @@ def test_every_row_is_in_one_block_of_one_stretch(both):
 def test_equations_are_those_of_the_whole(both):
     whole, long, _ = both(11, "single", ["unbalance"], rough=True)
     effect = next(e for e in whole.effects if e.name == "unbalance")
-    idle = Cause(effect, "", effect.start(""))
+    at_zero = Cause(effect, "", effect.start(""))
     sums = []
     for problem in (whole, long):
         problem.noise.with_jitter(whole.noise.jitter)
-        columns = [problem.nuisance(()), problem.signature(idle, [0, 1])]
+        columns = [problem.nuisance(()), problem.signature(at_zero, [0, 1])]
         sums.append(stack(problem, problem.residual(()), columns).total())
     # Filters start anew in each stretch, and each knows its own jitter: a few rows in a hundred are missing.
     size = np.sqrt(np.diag(sums[0].gram))
     np.testing.assert_allclose(sums[1].gram / np.outer(size, size), sums[0].gram / np.outer(size, size), atol=0.1)
-    shown = combine(long, [long.signature(idle, [0, 1])], [np.array([1e-8, 0.0])])
-    kept = combine(whole, [whole.signature(idle, [0, 1])], [np.array([1e-8, 0.0])])
+    shown = combine(long, [long.signature(at_zero, [0, 1])], [np.array([1e-8, 0.0])])
+    kept = combine(whole, [whole.signature(at_zero, [0, 1])], [np.array([1e-8, 0.0])])
     assert np.std(shown["head_a"]) == pytest.approx(np.std(kept["head_a"]), rel=0.02)
 
 

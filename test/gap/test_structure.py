@@ -11,7 +11,7 @@ from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.gap.stage.search import find_step, find_wave
 from rotary_error_monitor.gap.structure import LINE_ORDERS, Track, find_shared, find_structure
-from rotary_error_monitor.gap.verdict import PRIOR_OF_UNKNOWN, Verdict, chance_of_unknown
+from rotary_error_monitor.gap.verdict import PRIOR_OF_UNKNOWN, Verdict, probability_of_unknown
 
 COUNT, PERIOD = 6000, 0.004
 
@@ -38,7 +38,7 @@ def test_noise_alone_keeps_the_rate(track):
     chances = []
     for _ in range(80):
         quiet = Track("x", rng.normal(size=COUNT), track.time, track.angle, track.labels, track.names)
-        chances += [min(f.log_chance for f in find_structure(quiet)) + np.log(5)]
+        chances += [min(f.log_p_value for f in find_structure(quiet)) + np.log(5)]
     # At a level of 5 % four of eighty are expected; eleven would come once in 500 runs of this test.
     assert np.count_nonzero(np.array(chances) < np.log(0.05)) <= 10
 
@@ -55,7 +55,7 @@ def test_noise_alone_keeps_the_rate(track):
 )
 def test_structure_is_found_and_described(track, kind, added, words):
     finding = found(with_rows(track, added(track)), kind)
-    assert finding.log_chance < -12
+    assert finding.log_p_value < -12
     assert words in finding.pattern
 
 
@@ -78,7 +78,7 @@ def shared(track, rows):
 
 def test_noise_of_heads_against_their_mean_keeps_the_rate(track, heads):
     rng = np.random.default_rng(10)
-    chances = np.array([[f.log_chance for f in shared(track, heads(rng))] for _ in range(400)])
+    chances = np.array([[f.log_p_value for f in shared(track, heads(rng))] for _ in range(400)])
     # At a level of 5 % twenty of 400 are expected, with a standard deviation of 4.4.
     for column in chances.T:
         assert 6 < np.count_nonzero(column < np.log(0.05)) < 35
@@ -87,9 +87,9 @@ def test_noise_of_heads_against_their_mean_keeps_the_rate(track, heads):
 def test_an_order_that_is_weak_in_each_head_stands_out_of_all(track, heads):
     wave = 0.05 * np.array([1.0, -1.0, 1.0, -1.0])[:, None] * np.cos(3 * track.angle)
     rows = heads(np.random.default_rng(12), wave)
-    alone = [found(replace(track, rows=row), "line").log_chance for row in rows.values()]
+    alone = [found(replace(track, rows=row), "line").log_p_value for row in rows.values()]
     line, orders = shared(track, rows)
-    assert line.log_chance < min(alone) - 8
+    assert line.log_p_value < min(alone) - 8
     assert line.channel in rows and line.pattern == orders.pattern == "angle: order 3 in 4 channels"
 
 
@@ -120,15 +120,15 @@ def test_a_wave_needs_turns():
 
 
 def test_the_chance_of_something_unknown_grows_with_the_finding():
-    def finding(log_chance):
-        return Finding("x", "line", log_chance, 1.0, "order 3")
+    def finding(log_p_value):
+        return Finding("x", "line", log_p_value, 1.0, "order 3")
 
-    assert chance_of_unknown([]) == PRIOR_OF_UNKNOWN
-    assert chance_of_unknown([finding(-0.5)]) == PRIOR_OF_UNKNOWN
+    assert probability_of_unknown([]) == PRIOR_OF_UNKNOWN
+    assert probability_of_unknown([finding(-0.5)]) == PRIOR_OF_UNKNOWN
     # Sellke, Bayarri and Berger (2001), Table 1: p = 0.01 is odds of at most 1 : 0.125 against noise.
-    odds = chance_of_unknown([finding(np.log(0.01))]) / (1 - chance_of_unknown([finding(np.log(0.01))]))
+    odds = probability_of_unknown([finding(np.log(0.01))]) / (1 - probability_of_unknown([finding(np.log(0.01))]))
     assert odds == pytest.approx(PRIOR_OF_UNKNOWN / (1 - PRIOR_OF_UNKNOWN) / 0.1252, rel=1e-3)
-    assert chance_of_unknown([finding(-2000.0)]) == pytest.approx(1.0)
+    assert probability_of_unknown([finding(-2000.0)]) == pytest.approx(1.0)
 
 
 def test_exit_codes():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.gap.chances import log_chi_square_tail
 from rotary_error_monitor.gap.departures import (
     Departures,
     Modulation,
@@ -16,6 +15,7 @@ from rotary_error_monitor.gap.departures import (
     spread_out,
 )
 from rotary_error_monitor.gap.judgement import judge
+from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.verdict import Verdict

@@ -11,10 +11,10 @@ from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect, positioning_error
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.chances import chi_square_median, log_chi_square_tail
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.machine.modulations import machine_departures
 from rotary_error_monitor.gap.machine.where import machine_advice, machine_where
+from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.finite import UnpredictableError
@@ -63,6 +63,7 @@ class MachineProblem:
     """
 
     channels = CHANNELS
+    m_open = False
 
     def __init__(
         self,
@@ -205,7 +206,7 @@ class MachineProblem:
         """Shares of the probe's components."""
         return machine_where(self, causes, rest, explained)
 
-    def landing(self, causes: Sequence[Cause]) -> Mapping[str, float]:
+    def figures(self, causes: Sequence[Cause]) -> Mapping[str, float]:
         """How wrong the causes make the tool's offset at the poses."""
         if not causes:
             return {}
@@ -243,16 +244,16 @@ class MachineProblem:
                 found.append(View(channel, quantity, x, before[:, component], after[:, component], "µm"))
         return found
 
-    def idle(self, key: tuple[str, str]) -> Cause:
+    def at_zero(self, key: tuple[str, str]) -> Cause:
         """An effect without size, its shape as it was proposed."""
         effect = next(e for e in self.effects if e.name == key[0])
         return Cause(effect, key[1], self._starts.get(key, effect.start(key[1])))
 
     def _prediction(self, causes: Sequence[Cause]) -> Array:
         """Prediction with these causes; that without any size is kept."""
-        sized = tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
-        if sized:
-            return predict_probe(self.machine, self.recording, sized)
+        fitted = tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
+        if fitted:
+            return predict_probe(self.machine, self.recording, fitted)
         if self._plain is None:
             self._plain = predict_probe(self.machine, self.recording)
         return self._plain

@@ -89,7 +89,7 @@ def _gain(table: Array, values: Array) -> float:
 def machine_advice(problem: MachineProblem, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
     """Words for the set of poses that tells the first of these effects apart from the others best."""
     first = next(cause for cause in causes if cause.key == tuple(keys[0]))
-    rivals = [problem.idle(key) for key in keys[1:]]
+    rivals = [problem.at_zero(key) for key in keys[1:]]
     scored = [
         (min(_distance(problem, first, rival, planned) for rival in rivals), words)
         for words, planned in _experiments(problem)
@@ -134,7 +134,7 @@ def _poses(recording: MachineRecording, positions: Array, direction: Array, temp
 
 
 def _distance(problem: MachineProblem, first: Cause, rival: Cause, planned: MachineRecording) -> float:
-    """Standard deviations between the first cause as sized and the nearest that the rival can do, old and new poses."""
+    """Standard deviations between the first cause as fitted and the nearest that a rival can do, old and new poses."""
     base = predict_probe(problem.machine, planned)
 
     def shown(cause: Cause) -> Array:

@@ -54,6 +54,7 @@ class MountProblem:
     """
 
     channels = CHANNELS
+    m_open = True
 
     def __init__(
         self,
@@ -93,10 +94,10 @@ class MountProblem:
 
     def geometry(self, causes: Sequence[Cause]) -> MountGeometry:
         """The six angles that fit best beside causes of these sizes."""
-        sized = tuple(c for c in causes if np.any(c.values[c.effect.indices(Role.LINEAR)]))
-        key = tuple((*cause.key, cause.values.tobytes()) for cause in sized)
+        fitted = tuple(c for c in causes if np.any(c.values[c.effect.indices(Role.LINEAR)]))
+        key = tuple((*cause.key, cause.values.tobytes()) for cause in fitted)
         if key not in self._geometries:
-            self._geometries[key] = self._fit_geometry(sized)
+            self._geometries[key] = self._fit_geometry(fitted)
         return self._geometries[key]
 
     def error(self, causes: Sequence[Cause]) -> Array:
@@ -189,7 +190,7 @@ class MountProblem:
         """Root mean squares on patches left out, in arcsec: indices only, all of the geometry, and the causes too."""
         return mount_figures(self, causes)
 
-    def idle(self, key: tuple[str, str]) -> Cause:
+    def at_zero(self, key: tuple[str, str]) -> Cause:
         """An effect without size, of the lowest order if it has orders."""
         effect = next(e for e in self.effects if e.name == key[0])
         return next(c for c in self._of(effect) if c.location == key[1]).cause(

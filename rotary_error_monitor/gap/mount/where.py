@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.gap.chances import log_chi_square_tail
+from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.mount import MountRecording, MountTwin
@@ -175,7 +175,7 @@ def mount_figures(problem: MountProblem, causes: Sequence[Cause]) -> Mapping[str
 
 
 def _held_out(problem: MountProblem, values: Array, columns: Array) -> float:
-    """Root mean square on the sky, arcsec, of `values` (2 n,) less what columns do, sized on the other patches.
+    """Root mean square on the sky, arcsec, of `values` (2 n,) less what columns do, fitted on the other patches.
 
     Both ways count alike, as they do in the figure.
     """
@@ -193,7 +193,7 @@ def _held_out(problem: MountProblem, values: Array, columns: Array) -> float:
 def mount_advice(problem: MountProblem, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
     """Words for the pointings that tell the first of these effects apart from the others best."""
     first = next(cause for cause in causes if cause.key == tuple(keys[0]))
-    rivals = [problem.idle(key) for key in keys[1:]]
+    rivals = [problem.at_zero(key) for key in keys[1:]]
     scored = [
         (min(_distance(problem, first, rival, planned) for rival in rivals), words)
         for words, planned in _experiments(problem.recording)
@@ -237,7 +237,7 @@ def _with(recording: MountRecording, readings: Array, direction: Array, time: Ar
 
 
 def _distance(problem: MountProblem, first: Cause, rival: Cause, planned: MountRecording) -> float:
-    """Standard deviations between the first cause as sized and the nearest that rival and geometry can do.
+    """Standard deviations between the first cause as fitted and the nearest that rival and geometry can do.
 
     Exact in all rotations: products of a large effect and the geometry must not pass for a difference.
     """

@@ -14,7 +14,7 @@ from rotary_error_monitor.description.quadrature import QuadratureDescription
 from rotary_error_monitor.effects.effect import Cause, Role, among, order_location
 from rotary_error_monitor.effects.quadrature_effect import Complex, QuadratureEffect
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.chances import log_chi_square_tail, log_normal_tail
+from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.quadrature import QuadratureRecording, predict_radius, true_phase
@@ -55,6 +55,7 @@ class QuadratureProblem:
     """
 
     channels = (CHANNEL,)
+    m_open = True
 
     def __init__(
         self,
@@ -97,13 +98,13 @@ class QuadratureProblem:
 
     def amplitude(self, causes: Sequence[Cause]) -> float:
         """Radius of the ideal circle, counts, that fits best beside causes of these sizes."""
-        sized = _sized(causes)
-        key = tuple((*cause.key, cause.values.tobytes()) for cause in sized)
+        fitted = _fitted(causes)
+        key = tuple((*cause.key, cause.values.tobytes()) for cause in fitted)
         if key not in self._amplitudes:
             best = float(np.mean(self.radius))
             for _ in range(3):
-                column = self._scale * self._grown(best, sized)
-                left = self._scale * (self.radius - self._predicted(sized, best))
+                column = self._scale * self._grown(best, fitted)
+                left = self._scale * (self.radius - self._predicted(fitted, best))
                 best += float(column @ left / (column @ column))
             self._amplitudes[key] = best
         return self._amplitudes[key]
@@ -241,7 +242,7 @@ class QuadratureProblem:
 
     def _predicted(self, causes: Sequence[Cause], amplitude: float | None = None) -> Array:
         size = self.amplitude(causes) if amplitude is None else amplitude
-        return predict_radius(self.signals, size, (*self.known, *_sized(causes)))
+        return predict_radius(self.signals, size, (*self.known, *_fitted(causes)))
 
     def _grown(self, amplitude: float, causes: Sequence[Cause]) -> Array:
         """(m,) change of the radius with the amplitude."""
@@ -281,7 +282,7 @@ class QuadratureProblem:
         return max(0.0, 1 - float(np.sum(np.square(wanted - table @ fitted)) / np.sum(np.square(wanted))))
 
 
-def _sized(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+def _fitted(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     """Those causes that do something."""
     return tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
 
@@ -311,7 +312,7 @@ def radius_scatter(signals: Complex) -> tuple[float, NDArray[np.bool_]]:
         n = np.maximum(n, 1.0)
         slope = (xy - x * y / n) / np.maximum(xx - x**2 / n, 1e-9)
         left = radius - (y / n)[cell] - slope[cell] * (within - (x / n)[cell])
-        freedom = max(float(kept.sum()) - 2 * float(np.count_nonzero(n > 2)), 1.0)
-        spread = float(np.sqrt(np.sum(np.square(left[kept])) / freedom))
+        dof = max(float(kept.sum()) - 2 * float(np.count_nonzero(n > 2)), 1.0)
+        spread = float(np.sqrt(np.sum(np.square(left[kept])) / dof))
         kept = np.abs(left) <= OUTLIER * spread  # of signals without noise nothing is left, and no sample is an outlier
     return spread, kept

@@ -1,6 +1,6 @@
 """The measurement that would tell effects apart, found by predicting what each candidate measurement would show.
 
-For two effects the squared distance between what one predicts (as sized) and the nearest that the other can do, in
+For two effects the squared distance between what one predicts (as fitted) and the nearest that the other can do, in
 standard deviations, is the information that a recording holds about which of them it is (for Gaussian noise, twice the
 expected log likelihood ratio). It is computed for variations of the recording that a person can carry out.
 """
@@ -47,7 +47,7 @@ class Experiment:
 def advise(problem: StageProblem, keys: Sequence[Key], causes: Sequence[Cause]) -> str:
     """Words for the measurement that tells the first of these effects apart from the others best."""
     first = next(cause for cause in causes if cause.key == tuple(keys[0]))
-    rivals = [_idle(problem, key) for key in keys[1:]]
+    rivals = [_at_zero(problem, key) for key in keys[1:]]
     old = _Measurement(problem, problem.twin.inputs, problem.stage, LVDT in problem.twin.times)
     known = old.shown(first), [old.columns(rival) for rival in rivals]
     scored = []
@@ -103,7 +103,7 @@ def _circling(time: Array) -> Array:
     return 100.0 * np.stack([np.cos(2 * np.pi * time / 7.0), np.sin(2 * np.pi * time / 7.0)], axis=1)
 
 
-def _idle(problem: StageProblem, key: Key) -> Cause:
+def _at_zero(problem: StageProblem, key: Key) -> Cause:
     effect = next(e for e in problem.effects if e.name == key[0])
     known = problem.known_start(key)
     return Cause(effect, key[1], effect.start(key[1]) if known is None else known)

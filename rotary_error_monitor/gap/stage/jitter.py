@@ -11,8 +11,8 @@ from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize, minimize_scalar
 
-from rotary_error_monitor.gap.chances import NORMAL_QUARTILE
 from rotary_error_monitor.gap.orders import order_spectrum
+from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.gap.stage.search import LINES
 from rotary_error_monitor.twin.stage_noise import Jitter
 

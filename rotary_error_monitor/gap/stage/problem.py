@@ -11,9 +11,9 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role, among
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.gap.admission import check_extent, check_noise
-from rotary_error_monitor.gap.chances import NORMAL_QUARTILE
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, products_of, spread_out
 from rotary_error_monitor.gap.orders import order_spectrum
+from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.stage.another import check_stage, left_out
 from rotary_error_monitor.gap.stage.conditions import stage_conditions
@@ -64,6 +64,8 @@ class StageProblem:
         known: effects that the twin has besides its parameters.
         inputs: what drove the stage, where the recording is a stretch of a longer one.
     """
+
+    m_open = False
 
     keeps_signatures: ClassVar[bool] = True
     """Whether signatures of effects without size are kept, which takes most of the memory."""
@@ -140,13 +142,13 @@ class StageProblem:
         """
         key = (*cause.key, cause.values.tobytes(), tuple(indices))
         alone = all(other.key == cause.key for other in others)
-        idle = alone and not np.any(cause.values[cause.effect.indices(Role.LINEAR)])
-        kept = self._signatures.get(key) if idle else None
+        at_zero = alone and not np.any(cause.values[cause.effect.indices(Role.LINEAR)])
+        kept = self._signatures.get(key) if at_zero else None
         if kept is not None:
             return kept
         stacked = self._derivatives(cause, indices, others)
         rows = self._white(stacked)
-        if idle and self.keeps_signatures:
+        if at_zero and self.keeps_signatures:
             shared = self.noise.shared(stacked)[0] if COMMAND in rows else None
             self._signatures.keep(key, rows, shared)
         return rows
@@ -288,7 +290,7 @@ class StageProblem:
         return True
 
     def _learn_jitter(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
-        worst = min((f.log_chance for f in findings if f.channel == COMMAND), default=0.0)
+        worst = min((f.log_p_value for f in findings if f.channel == COMMAND), default=0.0)
         if worst > SUSPICIOUS:
             return False
         jitter, lines = self._estimate_jitter(self._raw_residual(causes))
@@ -317,7 +319,7 @@ class StageProblem:
         """Shares of the channels in topics and fields."""
         return stage_where(self, causes, explained)
 
-    def landing(self, causes: Sequence[Cause]) -> Mapping[str, float]:
+    def figures(self, causes: Sequence[Cause]) -> Mapping[str, float]:
         """How wrong the causes make the tool's offset."""
         return offset_figures(self, causes)
 
@@ -367,7 +369,7 @@ class StageProblem:
         return found
 
     def known_start(self, key: tuple[str, str]) -> Array | None:
-        """Values from which a candidate that was proposed before is sized."""
+        """Values from which a candidate that was proposed before is fitted."""
         return self._starts.get(key)
 
     def _raw_residual(self, causes: Sequence[Cause]) -> Signals:
@@ -376,10 +378,10 @@ class StageProblem:
 
     def _prediction(self, causes: Sequence[Cause], streams: Sequence[str]) -> Signals:
         """Prediction with these causes; causes without size are left out, and the last one asked for is kept."""
-        sized = tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
-        key = tuple((*cause.key, cause.values.tobytes()) for cause in sized)
+        fitted = tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
+        key = tuple((*cause.key, cause.values.tobytes()) for cause in fitted)
         if self._kept_prediction is None or self._kept_prediction[0] != key:
-            self._kept_prediction = (key, self.twin.predict(sized))
+            self._kept_prediction = (key, self.twin.predict(fitted))
         return {name: self._kept_prediction[1][name] for name in streams}
 
     def _white(self, stacked: Signals) -> Rows:

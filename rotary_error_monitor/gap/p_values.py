@@ -15,15 +15,15 @@ _SMALLEST = 1e-290
 """Tails below this are computed as logarithms from the start."""
 
 
-def log_chi_square_tail(value: float, freedom: float) -> float:
-    """Natural logarithm of the chance that chi-square with this freedom exceeds a value.
+def log_chi_square_tail(value: float, dof: float) -> float:
+    """Natural logarithm of the chance that chi-square with this dof exceeds a value.
 
     Far out it is Legendre's continued fraction of the incomplete gamma function, cut after two terms: the error is
-    below one part in 10^3 of the chance for any freedom (Abramowitz and Stegun 6.5.31).
+    below one part in 10^3 of the chance for any dof (Abramowitz and Stegun 6.5.31).
     """
     if value <= 0:
         return 0.0
-    half, x = 0.5 * freedom, 0.5 * value
+    half, x = 0.5 * dof, 0.5 * value
     tail = float(gammaincc(half, x))
     if tail > _SMALLEST:
         return float(np.log(tail))
@@ -36,11 +36,11 @@ def log_normal_tail(value: float) -> float:
     return float(log_ndtr(-value))
 
 
-def chi_square_quantile(chance: float, freedom: float) -> float:
-    """The value that chi-square with this freedom exceeds with that chance."""
-    return float(chdtri(freedom, chance))
+def chi_square_quantile(chance: float, dof: float) -> float:
+    """The value that chi-square with this dof exceeds with that chance."""
+    return float(chdtri(dof, chance))
 
 
-def chi_square_median(freedom: float) -> float:
-    """The value that chi-square with this freedom exceeds every other time."""
-    return float(2 * gammaincinv(0.5 * freedom, 0.5))
+def chi_square_median(dof: float) -> float:
+    """The value that chi-square with this dof exceeds every other time."""
+    return float(2 * gammaincinv(0.5 * dof, 0.5))

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import log_ndtr
 from scipy.stats import chi2, norm
 
-from rotary_error_monitor.gap.chances import (
+from rotary_error_monitor.gap.p_values import (
     chi_square_median,
     chi_square_quantile,
     log_chi_square_tail,
@@ -17,13 +17,13 @@ from rotary_error_monitor.gap.chances import (
 )
 
 
-@pytest.mark.parametrize("freedom", [1, 2, 3, 33, 500])
+@pytest.mark.parametrize("dof", [1, 2, 3, 33, 500])
 @pytest.mark.parametrize("times", [0.2, 1.0, 2.5])
-def test_near_the_middle_they_are_those_of_scipy(freedom, times):
-    value = times * freedom
-    assert log_chi_square_tail(value, freedom) == pytest.approx(float(chi2.logsf(value, freedom)), abs=1e-12)
-    assert chi_square_quantile(0.01, freedom) == pytest.approx(float(chi2.isf(0.01, freedom)), rel=1e-9)
-    assert chi_square_median(freedom) == pytest.approx(float(chi2.median(freedom)), rel=1e-9)
+def test_near_the_middle_they_are_those_of_scipy(dof, times):
+    value = times * dof
+    assert log_chi_square_tail(value, dof) == pytest.approx(float(chi2.logsf(value, dof)), abs=1e-12)
+    assert chi_square_quantile(0.01, dof) == pytest.approx(float(chi2.isf(0.01, dof)), rel=1e-9)
+    assert chi_square_median(dof) == pytest.approx(float(chi2.median(dof)), rel=1e-9)
 
 
 @pytest.mark.parametrize("value", [1400.0, 3e4, 1e7])
@@ -34,11 +34,11 @@ def test_far_out_they_follow_the_closed_forms(value):
     assert log_chi_square_tail(value, 4) == pytest.approx(-value / 2 + math.log1p(value / 2), abs=1e-6)
 
 
-@pytest.mark.parametrize("freedom", [1, 7, 400, 5000])
-def test_there_is_no_step_where_the_tail_underflows(freedom):
-    # The slope of the logarithm far out is close to -1/2, a little less steep for much freedom.
-    start = next(x for x in range(1000, 40_000) if chi2.sf(x, freedom) < 1e-289)
-    tails = [log_chi_square_tail(start + step, freedom) for step in range(-20, 20)]
+@pytest.mark.parametrize("dof", [1, 7, 400, 5000])
+def test_there_is_no_step_where_the_tail_underflows(dof):
+    # The slope of the logarithm far out is close to -1/2, a little less steep for much dof.
+    start = next(x for x in range(1000, 40_000) if chi2.sf(x, dof) < 1e-289)
+    tails = [log_chi_square_tail(start + step, dof) for step in range(-20, 20)]
     slopes = [b - a for a, b in itertools.pairwise(tails)]
     assert max(slopes) - min(slopes) < 2e-3
     assert min(slopes) > -0.501 and max(slopes) < 0

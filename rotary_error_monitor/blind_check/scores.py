@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rotary_error_monitor.scenario.gap_cases import CasePlan
+from rotary_error_monitor.blind_check.cases import CasePlan
 
 Key = tuple[str, str]
 Reals = NDArray[np.float64]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotary_error_monitor.gap.chances import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.fitting import Fit
+from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.problem import Finding, Problem
 
 
-def find_strain(fit: Fit) -> list[Finding]:
+def find_prior_conflict(fit: Fit) -> list[Finding]:
     """Tests of the twin's uncertain parameters: moved further than their uncertainty allows, together or one alone.
 
     A strong effect that resembles a parameter is taken up by it and leaves nothing in the rows; here it shows. Fitted
@@ -32,4 +32,4 @@ def find_strain(fit: Fit) -> list[Finding]:
 
 def find_left(problem: Problem, fit: Fit) -> list[Finding]:
     """All that a fit leaves, the least likely first."""
-    return sorted([*problem.structure(fit.rest), *find_strain(fit)], key=lambda finding: finding.log_chance)
+    return sorted([*problem.structure(fit.rest), *find_prior_conflict(fit)], key=lambda finding: finding.log_p_value)

@@ -49,7 +49,7 @@ Kind = tuple[int, str]
 
 
 @dataclass(frozen=True)
-class Belief:
+class Posterior:
     """Causes with their departures, weighed against something unknown.
 
     Attributes:
@@ -96,12 +96,14 @@ def summed(powers: Sequence[Powers]) -> Powers:
 def is_structured(findings: Sequence[Finding], log_alarm: float, powers: Powers) -> bool:
     """Whether structure is left that the twin, as accurate as it is, does not leave of what the causes do there."""
     whole = sum(powers.values())
-    alarming = [f for f in findings if f.log_chance < log_alarm]
+    alarming = [f for f in findings if f.log_p_value < log_alarm]
     return any(f.excess > MODEL_ACCURACY**2 * powers.get(f.channel, whole) for f in alarming)
 
 
-def weigh_belief(problem: Problem, fit: Fit, findings: Sequence[Finding], log_alarm: float, effects: int) -> Belief:
-    """Causes as sized against something unknown in the place of each.
+def weigh_against_unknown(
+    problem: Problem, fit: Fit, findings: Sequence[Finding], log_alarm: float, effects: int
+) -> Posterior:
+    """Causes as fitted against something unknown in the place of each.
 
     Of a cause with fair departures a part `SHARE^2` of its power may be left that no column describes; any part below
     is as likely. Something unknown in `FREE` other directions leaves a part below r of its power beside a cause with
@@ -116,7 +118,7 @@ def weigh_belief(problem: Problem, fit: Fit, findings: Sequence[Finding], log_al
     """
     powers = powers_of(problem, fit)
     whole = summed(powers)
-    left = _left_in(problem, fit, [f for f in findings if f.log_chance < log_alarm], whole)
+    left = _left_in(problem, fit, [f for f in findings if f.log_p_value < log_alarm], whole)
     prices = _prices(fit)
     settled = not is_structured(findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **whole})
     prior = float(np.log(PRIOR_OF_KNOWN / effects)) + _credit(settled)
@@ -128,7 +130,7 @@ def weigh_belief(problem: Problem, fit: Fit, findings: Sequence[Finding], log_al
         beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
         near |= beside > np.log1p(1 / NO_DEPARTURE)
         log_odds.append(0.5 * FREE * gain + prior - float(price))
-    return Belief(fit, tuple(findings), tuple(log_odds), settled, near)
+    return Posterior(fit, tuple(findings), tuple(log_odds), settled, near)
 
 
 def _credit(settled: bool) -> float:
@@ -188,7 +190,7 @@ def _amplitudes(cause: Cause) -> Array:
 
 
 def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fit:
-    """The causes of a fit sized again with those kinds of departure that the recording asks for.
+    """The causes of a fit fitted again with those kinds of departure that the recording asks for.
 
     Kinds join one by one, each time that with the most evidence, as long as that grows by more than the number of kinds
     there are: each is as likely beforehand as any other, and as none. Where nothing else says that something is left, a
@@ -205,15 +207,15 @@ def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fi
     return fit_causes(problem, fit.causes, departures=kept) if kept else fit
 
 
-def gains_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Powers, int]:
+def reductions_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Powers, int]:
     """Squares that columns take away of what a fit leaves, by channel, and the number of columns that show."""
     gram, moment = _beside(problem, fit, [columns])
     shown = np.diag(gram) > 0
     amplitudes = np.zeros(len(moment))
     amplitudes[shown] = solve_scaled(gram[np.ix_(shown, shown)], moment[shown])
     taken = combine(problem, [columns], [amplitudes])
-    gains = {channel: max(float(np.sum(rows * fit.rest[channel])), 0.0) for channel, rows in taken.items()}
-    return gains, max(int(shown.sum()), 1)
+    reductions = {channel: max(float(np.sum(rows * fit.rest[channel])), 0.0) for channel, rows in taken.items()}
+    return reductions, max(int(shown.sum()), 1)
 
 
 def _beside(problem: Problem, fit: Fit, columns: Sequence[Columns]) -> tuple[Array, Array]:

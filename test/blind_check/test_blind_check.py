@@ -8,14 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from rotary_error_monitor.cli import main
-from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.case_faults import LOUDEST
-from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
-from rotary_error_monitor.plant.departures import SHARES
-from rotary_error_monitor.plant.noise_forms import FORMS
-from rotary_error_monitor.plant.roughness import MACHINE_UNCERTAINTY, STAGE_UNCERTAINTY
-from rotary_error_monitor.scenario.gap_cases import (
+from rotary_error_monitor.blind_check.cases import (
     STAND_INS,
     draw_machine,
     make_case,
@@ -23,9 +16,16 @@ from rotary_error_monitor.scenario.gap_cases import (
     write_case,
     write_elsewhere,
 )
-from rotary_error_monitor.scenario.gap_scores import format_scores, score_case
-from rotary_error_monitor.scenario.gap_sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
-from rotary_error_monitor.scenario.gap_solver import diagnose_case, seal_process
+from rotary_error_monitor.blind_check.scores import format_scores, score_case
+from rotary_error_monitor.blind_check.sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
+from rotary_error_monitor.blind_check.solver import diagnose_case, seal_process
+from rotary_error_monitor.cli import main
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant.case_faults import LOUDEST
+from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
+from rotary_error_monitor.plant.departures import SHARES
+from rotary_error_monitor.plant.noise_forms import FORMS
+from rotary_error_monitor.plant.roughness import MACHINE_UNCERTAINTY, STAGE_UNCERTAINTY
 
 DURATION = 15.0
 
@@ -58,11 +58,11 @@ def test_no_fault_has_no_size():
 
 
 SEALED = """
-from rotary_error_monitor.scenario.gap_solver import seal_process
+from rotary_error_monitor.blind_check.solver import seal_process
 seal_process()
 for look in (
     lambda: __import__("rotary_error_monitor.plant.cases"),
-    lambda: __import__("rotary_error_monitor.scenario.gap_cases"),
+    lambda: __import__("rotary_error_monitor.blind_check.cases"),
     lambda: open(f"/proc/{__import__('os').getppid()}/mem", "rb"),
     lambda: __import__("json.tool"),
 ):
@@ -78,7 +78,7 @@ def test_the_solver_can_neither_make_cases_nor_look_into_processes():
     told = subprocess.run([sys.executable, "-c", SEALED], capture_output=True, text=True, check=True, timeout=60)
     plant, cases, memory, other = told.stdout.splitlines()
     assert "may not load rotary_error_monitor.plant" in plant
-    assert "may not load rotary_error_monitor.scenario.gap_cases" in cases
+    assert "may not load rotary_error_monitor.blind_check.cases" in cases
     assert "may not read /proc/" in memory
     assert other == "done"
 

@@ -1,14 +1,14 @@
-"""Evidence of sets of effects: how well each explains the data, against the freedom that it takes.
+"""Evidence of sets of effects: how well each explains the data, against the degrees of freedom that it takes.
 
 For columns X with white data y and amplitudes of usual size s, the marginal likelihood of the linear Gaussian model is
 
-    log E = gain / 2 - log det(I + S X'X S) / 2,     gain = b' (X'X)^-1 b,  b = X'y
+    log E = reduction / 2 - log det(I + S X'X S) / 2,     reduction = b' (X'X)^-1 b,  b = X'y
 
 relative to no effect at all (MacKay, Information Theory, Inference, and Learning Algorithms, chapter 28: the second
 term is the Occam factor). The amplitude's own prior density is left out, so that an effect larger than usual is not
-held against it; but where an amplitude would pass the bound of its parameter it stays there, and the gain is what is
-left with that. The twin's uncertain parameters are integrated out beforehand. Each candidate also pays for the places,
-orders and moments that were searched to propose it.
+held against it; but where an amplitude would pass the bound of its parameter it stays there, and the reduction is what
+is left with that. The twin's uncertain parameters are integrated out beforehand. Each candidate also pays for the
+places, orders and moments that were searched to propose it.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.bounded import descend_within
-from rotary_error_monitor.gap.chances import log_chi_square_tail
 from rotary_error_monitor.gap.normal import BlockNormal, Normal, stack, width_of
+from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Problem, Rows
 
 _SINGULAR = 1e-9
@@ -34,30 +34,30 @@ _INVISIBLE = 1e-6
 
 
 @dataclass(frozen=True)
-class Weight:
+class Hypothesis:
     """How a set of candidates does.
 
     Attributes:
         members: positions of the candidates.
-        gain: chi-square that they take away.
-        freedom: number of amplitudes.
+        reduction: of chi-square, the extra sum of squares that they explain.
+        dof: degrees of freedom, the number of amplitudes.
         log_evidence: relative to no effect, prior of the search included.
         amplitudes: best values, member after member.
     """
 
     members: tuple[int, ...]
-    gain: float
-    freedom: int
+    reduction: float
+    dof: int
     log_evidence: float
     amplitudes: Array
 
     @property
-    def log_chance(self) -> float:
-        """Natural logarithm of the chance that noise alone gives this gain to these columns."""
-        return log_chi_square_tail(self.gain, self.freedom)
+    def log_p_value(self) -> float:
+        """Natural logarithm of the chance that noise alone gives this reduction to these columns."""
+        return log_chi_square_tail(self.reduction, self.dof)
 
 
-class Weighing:
+class HypothesisTable:
     """All candidates on one table: their normal equations, the nuisances integrated out.
 
     Args:
@@ -112,29 +112,29 @@ class Weighing:
         """Position of a candidate by name and location."""
         return next((i for i, candidate in enumerate(self.candidates) if candidate.key == key), None)
 
-    def weigh(self, members: Sequence[int]) -> Weight:
+    def evaluate(self, members: Sequence[int]) -> Hypothesis:
         """Evidence of a set of candidates together."""
-        return self.weigh_all([members])[0]
+        return self.evaluate_all([members])[0]
 
-    def weigh_all(self, sets: Sequence[Sequence[int]]) -> list[Weight]:
+    def evaluate_all(self, sets: Sequence[Sequence[int]]) -> list[Hypothesis]:
         """Evidence of many sets, those with as many columns worked out together."""
         indices = [self.columns_of(members) for members in sets]
         widths = [len(index) for index in indices]
-        found: dict[int, Weight] = {}
+        found: dict[int, Hypothesis] = {}
         for width in set(widths):
             places = [i for i, other in enumerate(widths) if other == width]
             index = np.array([indices[i] for i in places], np.intp).reshape(len(places), width)
-            gain, freedom, occam, amplitudes = self._evidence(index)
+            reduction, dof, occam, amplitudes = self._evidence(index)
             for row, i in enumerate(places):
                 prior = sum(self.log_prior(member) for member in sets[i])
-                log_evidence = float(0.5 * gain[row] - occam[row] + prior)
-                found[i] = Weight(
-                    tuple(sets[i]), float(gain[row]), int(freedom[row]), log_evidence, amplitudes[row].copy()
+                log_evidence = float(0.5 * reduction[row] - occam[row] + prior)
+                found[i] = Hypothesis(
+                    tuple(sets[i]), float(reduction[row]), int(dof[row]), log_evidence, amplitudes[row].copy()
                 )
         return [found[i] for i in range(len(sets))]
 
     def _evidence(self, index: NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
-        """Gain, freedom, half the log determinant (k,) and amplitudes (k, w) of sets of columns (k, w)."""
+        """Reductions, degrees of freedom, half the log determinants (k,) and amplitudes (k, w) of sets of columns."""
         gram = self.normal.gram[index[:, :, None], index[:, None, :]]
         scale = self._scale[index]
         # Columns of length one: how large an effect usually is says nothing of what can be told apart.
@@ -146,12 +146,12 @@ class Weighing:
         part = np.einsum("kij,ki->kj", vectors, unit * self.normal.moment[index])
         solved = np.where(seen, part / np.where(seen, values, 1.0), 0.0)
         occam = 0.5 * np.linalg.slogdet(np.eye(index.shape[1]) + gram * scale[:, :, None] * scale[:, None, :])[1]
-        amplitudes, gain = unit * np.einsum("kij,kj->ki", vectors, solved), np.sum(part * solved, axis=1)
-        self._hold(index, unit > 0, amplitudes, gain)
-        return gain, seen.sum(axis=1), occam, amplitudes
+        amplitudes, reduction = unit * np.einsum("kij,kj->ki", vectors, solved), np.sum(part * solved, axis=1)
+        self._hold(index, unit > 0, amplitudes, reduction)
+        return reduction, seen.sum(axis=1), occam, amplitudes
 
-    def _hold(self, index: NDArray[np.intp], shown: NDArray[np.bool_], amplitudes: Array, gain: Array) -> None:
-        """Bring amplitudes (k, w) within their bounds, and the gain (k,) of those sets to what is left of it."""
+    def _hold(self, index: NDArray[np.intp], shown: NDArray[np.bool_], amplitudes: Array, reduction: Array) -> None:
+        """Bring amplitudes (k, w) within their bounds, and the reduction (k,) of those sets to what is left of it."""
         beyond = np.any((amplitudes < self._low[index]) | (amplitudes > self._high[index]), axis=1)
         if not beyond.any():
             return
@@ -160,36 +160,38 @@ class Weighing:
         moment = self.normal.moment[chosen] * visible
         held = descend_within(gram, moment, self._low[chosen], self._high[chosen], amplitudes[beyond])
         amplitudes[beyond] = held
-        gain[beyond] = np.maximum(np.sum((2 * moment - np.einsum("kij,kj->ki", gram, held)) * held, axis=1), 0.0)
+        reduction[beyond] = np.maximum(np.sum((2 * moment - np.einsum("kij,kj->ki", gram, held)) * held, axis=1), 0.0)
 
-    def singles(self, beside: Sequence[int] = ()) -> list[Weight]:
+    def singles(self, beside: Sequence[int] = ()) -> list[Hypothesis]:
         """Each candidate beside the given ones, in the order of the candidates; those themselves are left out."""
-        return self.weigh_all([(*beside, i) for i in self.free(beside)])
+        return self.evaluate_all([(*beside, i) for i in self.free(beside)])
 
-    def replacements(self, members: Sequence[int], place: int, candidates: Sequence[int]) -> list[Weight]:
+    def replacements(self, members: Sequence[int], place: int, candidates: Sequence[int]) -> list[Hypothesis]:
         """The set with each of the candidates at that place."""
-        return self.weigh_all([(*members[:place], i, *members[place + 1 :]) for i in candidates])
+        return self.evaluate_all([(*members[:place], i, *members[place + 1 :]) for i in candidates])
 
     def free(self, beside: Sequence[int]) -> list[int]:
         """Candidates that can stand beside the given ones: the same effect at the same place counts once."""
         taken = {self.candidates[i].key for i in (*beside, *self._dropped)}
         return [i for i, candidate in enumerate(self.candidates) if candidate.key not in taken]
 
-    def best_pair(self, shortlist: Sequence[int]) -> Weight | None:
+    def best_pair(self, shortlist: Sequence[int]) -> Hypothesis | None:
         """The pair with the most evidence, one of them from the shortlist."""
         pairs = {tuple(sorted((i, j))) for i in shortlist for j in self.free((i,))}
-        return max(self.weigh_all(sorted(pairs)), key=lambda weight: weight.log_evidence, default=None)
+        return max(self.evaluate_all(sorted(pairs)), key=lambda hypothesis: hypothesis.log_evidence, default=None)
 
-    def exchange(self, start: Weight) -> Weight:
+    def exchange(self, start: Hypothesis) -> Hypothesis:
         """The set improved by replacing one member at a time as long as that helps."""
         best = start
         while True:
             trials = [
-                weight
+                hypothesis
                 for k in range(len(best.members))
-                for weight in self.replacements(best.members, k, self.free((*best.members[:k], *best.members[k + 1 :])))
+                for hypothesis in self.replacements(
+                    best.members, k, self.free((*best.members[:k], *best.members[k + 1 :]))
+                )
             ]
-            found = max(trials, key=lambda weight: weight.log_evidence, default=best)
+            found = max(trials, key=lambda hypothesis: hypothesis.log_evidence, default=best)
             if found.log_evidence <= best.log_evidence + 1e-9:
                 return best
             best = found
@@ -198,11 +200,11 @@ class Weighing:
         """Logarithm of the chance of one candidate among all effects, places, orders and moments."""
         return self.candidates[member].log_prior - float(np.log(self.effects))
 
-    def causes(self, weight: Weight) -> tuple[Cause, ...]:
+    def causes(self, hypothesis: Hypothesis) -> tuple[Cause, ...]:
         """The members with their amplitudes."""
         place, found = 0, []
-        for member in weight.members:
+        for member in hypothesis.members:
             size = len(self._places[member])
-            found.append(self.candidates[member].cause(weight.amplitudes[place : place + size]))
+            found.append(self.candidates[member].cause(hypothesis.amplitudes[place : place + size]))
             place += size
         return tuple(found)

@@ -18,12 +18,12 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from rotary_error_monitor.blind_check.cases import CasePlan, make_case, write_case, write_elsewhere
+from rotary_error_monitor.blind_check.scores import Outcome, score_case
+from rotary_error_monitor.blind_check.sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
+from rotary_error_monitor.blind_check.solver import diagnose_cases
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.draws import DURATION
-from rotary_error_monitor.scenario.gap_cases import CasePlan, make_case, write_case, write_elsewhere
-from rotary_error_monitor.scenario.gap_scores import Outcome, score_case
-from rotary_error_monitor.scenario.gap_sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
-from rotary_error_monitor.scenario.gap_solver import diagnose_cases
 
 Answer = Any
 """What one process tells another: text, numbers, or a diagnosis as plain data."""

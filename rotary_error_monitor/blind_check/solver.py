@@ -15,7 +15,7 @@ from rotary_error_monitor.gap.loading import TwinFile, load_problem, load_twin
 from rotary_error_monitor.gap.normal import stack, width_of
 from rotary_error_monitor.gap.problem import Problem
 
-_MAKERS = re.compile(r"rotary_error_monitor\.(plant|scenario\.gap_(cases|sizes|benchmark|scores))(\.|$)")
+_MAKERS = re.compile(r"rotary_error_monitor\.(plant|blind_check\.(cases|sizes|benchmark|scores))(\.|$)")
 _OTHER_PROCESS = re.compile(r"/proc/(\d+|self|thread-self)/(mem|cmdline|environ|fd|map_files)")
 
 
