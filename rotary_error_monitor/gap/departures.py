@@ -57,8 +57,6 @@ class Departures:
         kinds: (q,) of each column.
         words: (q,) of each column, for its relative change of the cause.
         changes: (q,) relative change of the cause as a whole by one standard deviation of each.
-        products: (q, q) of the columns with one another before they are made white, over the square of what the cause
-            does.
         columns: white rows (m, q).
     """
 
@@ -66,7 +64,6 @@ class Departures:
     kinds: tuple[str, ...]
     words: tuple[Words, ...]
     changes: Array
-    products: Array
     columns: Columns
 
     def chosen(self, places: Sequence[int]) -> Departures:
@@ -77,9 +74,29 @@ class Departures:
             tuple(self.kinds[i] for i in places),
             tuple(self.words[i] for i in places),
             self.changes[index],
-            self.products[np.ix_(index, index)],
             columns_at(self.columns, index),
         )
+
+
+@dataclass(frozen=True)
+class FittedDepartures:
+    """Departures of a cause with their values.
+
+    Attributes:
+        departures: what may depart.
+        values: (q,) standard deviations of the prior.
+        products: (q, q) of what the cause's best textbook form leaves of white columns with one another, over the
+            square of that form.
+    """
+
+    departures: Departures
+    values: Array
+    products: Array
+
+    def share(self, chosen: NDArray[np.bool_] | None = None) -> float:
+        """Part of the cause, root mean square, that its best textbook form leaves and (chosen) columns describe."""
+        moved = self.values if chosen is None else np.where(chosen, self.values, 0.0)
+        return float(np.sqrt(max(float(moved @ self.products @ moved), 0.0)))
 
 
 @dataclass(frozen=True)
@@ -140,28 +157,19 @@ def spread_out(
     )
 
 
-def products_of(columns: Sequence[Array], signals: Sequence[Array]) -> Array:
-    """(q, q) products of columns (n, k, q) of several signals (n, k), over the squares of the signals."""
-    squares = sum(float(np.sum(np.square(signal))) for signal in signals) or 1.0
-    flat = [np.ascontiguousarray(values.reshape(-1, values.shape[2])) for values in columns]
-    return np.asarray(sum((rows.T @ rows for rows in flat), np.zeros(()))) / squares
-
-
-def describe(departures: Departures, values: Array) -> tuple[Departure, ...]:
-    """Departures of one cause in words, the largest first; `values` (q,) are in standard deviations of their prior."""
-    told = []
+def describe(fitted: FittedDepartures) -> tuple[Departure, ...]:
+    """Departures of one cause in words, the largest first."""
+    told, departures, values = [], fitted.departures, fitted.values
     for kind in dict.fromkeys(departures.kinds):
         own = np.array([other == kind for other in departures.kinds])
-        moved = np.where(own, values, 0.0)
         change: dict[Words, float] = {}
         size: dict[Words, float] = {}
         for i in np.flatnonzero(own):
             words = departures.words[i]
-            size[words] = size.get(words, 0.0) + float(values[i]) ** 2 * float(departures.products[i, i])
+            size[words] = size.get(words, 0.0) + float(values[i]) ** 2 * float(fitted.products[i, i])
             change[words] = change.get(words, 0.0) + float(values[i] * departures.changes[i])
         largest = max(size, key=lambda words: size[words])
-        share = float(np.sqrt(max(float(moved @ departures.products @ moved), 0.0)))
-        told.append(Departure(largest(change[largest]), share))
+        told.append(Departure(largest(change[largest]), fitted.share(own)))
     return tuple(sorted(told, key=lambda row: -row.share))
 
 

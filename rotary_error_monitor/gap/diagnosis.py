@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from rotary_error_monitor.effects.effect import Cause, Estimate
+from rotary_error_monitor.effects.effect import Cause, Estimate, Role
 from rotary_error_monitor.gap.alternatives import Alternatives, Key, rank_alternatives
 from rotary_error_monitor.gap.departures import Departure, describe
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.posterior import departures_of
-from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, Share
+from rotary_error_monitor.gap.problem import Array, DiagnosableProblem, Finding, Share
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
 from rotary_error_monitor.gap.steps import Selection
@@ -198,13 +198,28 @@ def _floor(problem: DiagnosableProblem, fit: Fit) -> float:
 
 def _found(place: int, fit: Fit, alternatives: Alternatives) -> FoundCause:
     cause = fit.causes[place]
-    told = (row for own, values in departures_of(fit) if own.cause == place for row in describe(own, values))
+    departing = [own for own in departures_of(fit) if own.departures.cause == place]
+    told = (row for own in departing for row in describe(own))
+    covariance = fit.covariances[place] + _definition(cause, sum(own.share() for own in departing))
     return FoundCause(
         cause,
         alternatives.probability(cause.key),
-        cause.effect.report(cause.values, fit.covariances[place]),
+        cause.effect.report(cause.values, covariance),
         tuple(told),
     )
+
+
+def _definition(cause: Cause, share: float) -> Array:
+    """Covariance of values because their definition lacks detail (VIM 2.27): that of a cause which departs by a share.
+
+    One value of a parameter then describes the cause no better than that, however little noise there is.
+    """
+    effect, width = cause.effect, np.zeros(len(cause.values))
+    for parameter in effect.parameters:
+        if parameter.role is Role.LINEAR:
+            own = effect.slices()[parameter.name]
+            width[own] = share * float(np.linalg.norm(cause.values[own]))
+    return np.diag(np.square(width))
 
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:

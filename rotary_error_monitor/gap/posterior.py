@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.gap.departures import SHARE, Departing, Departures
+from rotary_error_monitor.gap.departures import SHARE, Departing, FittedDepartures
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.normal import combine, solve_scaled, stack, width_of
 from rotary_error_monitor.gap.problem import Array, Columns, Finding, Problem, Rows
@@ -155,25 +155,14 @@ def _left_in(problem: Problem, fit: Fit, findings: Sequence[Finding], powers: Po
 
 
 def _prices(fit: Fit) -> Array:
-    """Price of each cause's departures: half the square of their size as a share of the cause, over `SHARE`.
+    """Price of each cause's departures: half the square of their share of the cause over `SHARE`.
 
-    The share is the root mean square of what the best textbook form leaves of cause and departures together, over that
-    of this form. So departures do not take the place of the cause's own parameters (Plumlee, JASA 112, 2017), and many
-    columns cost no more than one that does the same.
+    It is the share beyond the cause's best textbook form, so that departures do not take the place of its own
+    parameters (Plumlee, JASA 112, 2017), and many columns cost no more than one that does the same.
     """
-    gram, first = fit.blocks.total().gram, len(fit.nuisance_values)
-    widths = [width_of(columns) for columns in fit.columns]
-    places = first + np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
-    start, prices = int(places[-1]), np.zeros(len(fit.causes))
-    for departures, values in departures_of(fit):
-        own, apart = np.arange(places[departures.cause], places[departures.cause + 1]), np.arange(len(values)) + start
-        start += len(values)
-        moved = gram[np.ix_(own, apart)] @ values
-        taken = solve_scaled(gram[np.ix_(own, own)], moved)
-        beyond = float(values @ gram[np.ix_(apart, apart)] @ values - moved @ taken)
-        textbook = _amplitudes(fit.causes[departures.cause]) + taken
-        whole = float(textbook @ gram[np.ix_(own, own)] @ textbook)
-        prices[departures.cause] += 0.5 * max(beyond, 0.0) / (SHARE**2 * max(whole, 1e-300))
+    prices = np.zeros(len(fit.causes))
+    for fitted in departures_of(fit):
+        prices[fitted.departures.cause] += 0.5 * (fitted.share() / SHARE) ** 2
     return prices
 
 
@@ -269,7 +258,18 @@ def log_evidence(gram: Array, moment: Array, index: NDArray[np.intp]) -> float:
     return float(0.5 * moment[index] @ np.linalg.solve(inner, moment[index]) - 0.5 * np.linalg.slogdet(inner)[1])
 
 
-def departures_of(fit: Fit) -> list[tuple[Departures, Array]]:
-    """Departures of a fit with their values."""
-    bounds = np.cumsum([len(d.kinds) for d in fit.departures])[:-1].astype(np.intp)
-    return list(zip(fit.departures, np.split(fit.departure_values, bounds), strict=True)) if fit.departures else []
+def departures_of(fit: Fit) -> list[FittedDepartures]:
+    """Departures of a fit with their values, beside the best textbook form of each cause."""
+    gram, first = fit.blocks.total().gram, len(fit.nuisance_values)
+    places = first + np.concatenate([[0], np.cumsum([width_of(columns) for columns in fit.columns])]).astype(np.intp)
+    found, start = [], 0
+    for departures in fit.departures:
+        values = fit.departure_values[start : start + len(departures.kinds)]
+        own = slice(places[departures.cause], places[departures.cause + 1])
+        apart = slice(places[-1] + start, places[-1] + start + len(values))
+        start += len(values)
+        taken = solve_scaled(gram[own, own], gram[own, apart])
+        products = gram[apart, apart] - gram[apart, own] @ taken
+        textbook = _amplitudes(fit.causes[departures.cause]) + taken @ values
+        found.append(FittedDepartures(departures, values, products / (textbook @ gram[own, own] @ textbook or 1.0)))
+    return found

@@ -11,13 +11,13 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.departures import (
     SHARE,
     Departures,
+    FittedDepartures,
     Modulation,
     Normaliser,
     amplitude_sizes,
     columns_at,
     describe,
     modulated,
-    products_of,
     spread_out,
 )
 from rotary_error_monitor.gap.problem import LateRows
@@ -50,21 +50,18 @@ def test_a_column_is_a_tenth_of_the_cause(each, rng):
     columns = modulated(signature, amplitudes, np.full(3, 2.0), modulations)
     kinds, _, _ = spread_out(modulations, amplitudes, np.full(3, 2.0))
     assert columns.shape == (COUNT, 2, 3 if each else 1) and len(kinds) == columns.shape[2]
-    products = products_of([columns], [signature @ amplitudes])
-    assert np.sqrt(np.trace(products)) == pytest.approx(SHARE, rel=0.05)
+    squares = np.sum(np.square(columns)) / np.sum(np.square(signature @ amplitudes))
+    assert np.sqrt(squares) == pytest.approx(SHARE, rel=0.05)
 
 
 def test_what_the_amplitudes_do_together_is_told_as_one_change():
     """All amplitudes 20 % larger where the modulation is one: the cause is 20 % larger there."""
     amplitudes, sizes = np.array([3.0, -4.0]), np.full(2, np.sqrt(12.5))
     modulations = [Modulation("warm", np.ones(10), lambda change: f"{change:.3f}", True)]
-    signature = np.eye(2)[:, None, :]
-    products = products_of(
-        [modulated(signature, amplitudes, sizes, [Modulation("warm", np.ones(2), str, True)])], [signature @ amplitudes]
-    )
-    departures = Departures(0, *spread_out(modulations, amplitudes, sizes), products, {})
+    columns = modulated(np.eye(2)[:, None, :], amplitudes, sizes, [Modulation("warm", np.ones(2), str, True)])[:, 0]
+    departures = Departures(0, *spread_out(modulations, amplitudes, sizes), {})
     values = 0.2 * amplitudes / (SHARE * sizes)
-    (told,) = describe(departures, values)
+    (told,) = describe(FittedDepartures(departures, values, columns.T @ columns / np.sum(np.square(amplitudes))))
     assert told.pattern == "0.200" and told.share == pytest.approx(0.2)
 
 
@@ -107,5 +104,5 @@ def test_every_effect_of_a_stage_may_depart_on_its_own_channels_only(stage_probl
         assert set(departures.columns) <= set(own), effect.name
         widths = {rows.shape[1] for rows in departures.columns.values()}
         assert widths == {len(departures.kinds)} and all(np.isfinite(r).all() for r in departures.columns.values())
-        assert len(departures.words) == len(departures.changes) == len(departures.products) == len(departures.kinds)
+        assert len(departures.words) == len(departures.changes) == len(departures.kinds)
         assert all(isinstance(words(0.1), str) for words in departures.words)

@@ -11,11 +11,11 @@ from rotary_error_monitor.gap.departures import (
     amplitude_sizes,
     describe,
     modulated,
-    products_of,
     spread_out,
 )
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
+from rotary_error_monitor.gap.posterior import departures_of
 from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.verdict import Verdict
@@ -35,9 +35,7 @@ class DepartingProblem(LinearProblem):
             modulations = [Modulation("temperature", WARMTH, lambda change: f"grows by {change:.2f}")]
             rows = {c: modulated(s[:, :, None], amplitudes, sizes, modulations) for c, s in cause.effect.column.items()}
             columns = {channel: values[:, 0] for channel, values in rows.items()}
-            shown = [s * amplitudes for s in cause.effect.column.values()]
-            products = products_of(list(rows.values()), shown)
-            found.append(Departures(place, *spread_out(modulations, amplitudes, sizes), products, columns))
+            found.append(Departures(place, *spread_out(modulations, amplitudes, sizes), columns))
         return tuple(found)
 
     def structure(self, rest):
@@ -77,7 +75,7 @@ def test_a_cause_with_a_fair_departure_explains(judged, share):
     outcomes = judged(lambda first, other: (20 * first * (1 + share * WARMTH), 0 * first))
     assert rate(outcomes, Verdict.EXPLAINED) > 0.9
     for told in outcomes:
-        (row,) = describe(told.fit.departures[0], told.fit.departure_values)
+        (row,) = describe(departures_of(told.fit)[0])
         assert row.share == pytest.approx(share, rel=0.15)
 
 

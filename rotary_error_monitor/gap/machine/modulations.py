@@ -20,7 +20,6 @@ from rotary_error_monitor.gap.departures import (
     modulated,
     modulations_by_size,
     percent,
-    products_of,
     spread_out,
     wanders,
 )
@@ -44,7 +43,7 @@ def machine_departures(problem: MachineProblem, place: int, causes: Sequence[Cau
     made = modulated(signature, amplitudes, sizes, modulations)
     columns = {channel: made[:, i] for i, channel in enumerate(problem.channels)}
     labels = spread_out(modulations, amplitudes, sizes)
-    return Departures(place, *labels, products_of([made], [signature @ amplitudes]), columns)
+    return Departures(place, *labels, columns)
 
 
 def _axes(problem: MachineProblem, cause: Cause) -> tuple[Axis, ...]:

@@ -11,7 +11,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role, among
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.gap.admission import check_extent, check_noise
-from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, products_of, spread_out
+from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
@@ -186,15 +186,12 @@ class StageProblem:
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
         jumps = self._modulations.jumps(cause)
         stacked: Signals = {}
-        shown, done = [], []
         labels = spread_out((), amplitudes, sizes)
         for name, signature in self._derivatives(cause, linear, causes).items():
             modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps)
             modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
             beside = [SHARE * sizes * signatures[name] for signatures in around]
             stacked[name] = np.concatenate([modulated(signature, amplitudes, sizes, modulations), *beside], axis=2)
-            shown.append(stacked[name][::THINNED] / self.noise.std[kind_of(name)])
-            done.append(signature[::THINNED] @ amplitudes / self.noise.std[kind_of(name)])
             labels = spread_out(modulations, amplitudes, sizes)
         (kinds, words, changes), count = labels, len(neighbours) * len(linear)
         return Departures(
@@ -202,7 +199,6 @@ class StageProblem:
             (*kinds, *count * ("orders",)),
             (*words, *count * (next_orders,)),
             np.append(changes, np.zeros(count)),
-            products_of(shown, done),
             self._white(stacked),
         )
 
