@@ -46,12 +46,14 @@ BESIDE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
 LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 RECORDINGS := test/faults/test_recordings.py
-RATES := $(addprefix test/,fuzz test_lacking_recordings.py $(addprefix faults/test_,machine_faults.py zero.py) \
-	description/test_configurations.py $(addprefix calibration/test_,axis_lines.py identification.py \
-	straightness_rates.py yaml_text.py) $(addprefix gap/test_,cases.py quadrature.py) $(addprefix metrology/test_,assembly.py \
-	axis_fits.py description_check.py) $(addprefix pipeline/test_,estimation.py reversals.py) \
-	$(addprefix plant/test_,departures.py mimics.py))
-MODELS := $(addprefix test/,blind_check calibration effects gap machine metrology twin)
+RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py blind_check \
+	calibration/test_axis_lines.py calibration/test_identification.py calibration/test_straightness_rates.py \
+	calibration/test_yaml_text.py description/test_configurations.py faults/test_machine_faults.py \
+	faults/test_zero.py gap/test_admission.py gap/test_cases.py gap/test_quadrature.py gap/test_stage_diagnosis.py \
+	gap/test_stage_stretches.py metrology/test_assembly.py metrology/test_axis_fits.py \
+	metrology/test_description_check.py pipeline/test_estimation.py pipeline/test_reversals.py \
+	plant/test_departures.py plant/test_mimics.py)
+MODELS := $(addprefix test/,calibration effects gap machine metrology twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
 COVERED := $(BIN)/python -m coverage run
@@ -67,11 +69,11 @@ test-live:
 
 test-models:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(RATES),$(MODELS))
-	$(BESIDE) $(BIN)/python $(call PYTEST,,$(RECORDINGS))
+	$(BESIDE) $(BIN)/python $(call PYTEST,,$(RATES))
 
 test-others:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(MODELS) $(RECORDINGS) $(RATES))
-	$(BESIDE) $(BIN)/python $(call PYTEST,,$(RATES))
+	$(BESIDE) $(BIN)/python $(call PYTEST,,$(RECORDINGS))
 
 lint: setup ## ruff and mypy
 	$(BIN)/ruff check .

@@ -69,14 +69,15 @@ def unverified(seed, *, turned=0.0, command=True):
 
 @pytest.fixture(scope="module")
 def verified_stages():
-    """Random stages that have shown as much before the silence, and little more after it."""
-    seeds = [seed for seed in range(6) if unverified(seed).before == 0.0]
-    assert len(seeds) >= 3
-    return seeds
+    """What random stages are that have shown as much before the silence, by their seed."""
+    found = {seed: unverified(seed) for seed in range(6)}
+    verified = {seed: doubted for seed, doubted in found.items() if doubted.before == 0.0}
+    assert len(verified) >= 3
+    return verified
 
 
 def test_heads_that_come_back_where_the_command_is_are_believed_at_once(verified_stages):
-    assert [unverified(seed).then for seed in verified_stages] == [0.0] * len(verified_stages)
+    assert [doubted.then for doubted in verified_stages.values()] == [0.0] * len(verified_stages)
 
 
 def test_heads_that_come_back_apart_from_the_command_must_show_a_turn_again(verified_stages):

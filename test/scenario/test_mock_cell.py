@@ -22,19 +22,29 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """One short run, its exit code and what it printed."""
-    folder = tmp_path_factory.mktemp("cell") / "run"
-    code = main(["run", "--duration", "12", "--folder", str(folder)])
-    return code, folder
+def run():
+    """The command of the README as a user types it; what it printed."""
+    return subprocess.run(["make", "run"], cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+
+def bag_of(run):
+    """Folder of the recording."""
+    return ROOT / re.search(r"^bag: (.+)$", run.stdout, re.MULTILINE)[1]
 
 
 @pytest.mark.cell
-def test_every_figure_of_a_run_is_within_its_bound(run, capsys):
-    code, folder = run
-    assert code == 0, capsys.readouterr().out
-    assert (folder / "bag" / "metadata.yaml").is_file()
-    assert (folder / "cell.png").read_bytes().startswith(b"\x89PNG")
+def test_every_figure_of_a_run_is_within_its_bound(run):
+    assert run.returncode == 0, run.stdout + run.stderr
+    for height in (5, 16, 60):
+        assert re.search(rf"radial error motion at h = {height} mm: RMS against LVDT, µm +0\.0\d+ .* ok", run.stdout)
+        force = re.search(rf"h = {height} mm: external force on the shaft, N +(\d+)", run.stdout)
+        assert force is not None
+        assert float(force[1]) > 20 or height == 5  # it came and went, and the estimate followed
+    assert "tool offset, position, after correction" in run.stdout
+    assert "OUT OF BOUNDS" not in run.stdout
+    bag = bag_of(run)
+    assert (bag / "metadata.yaml").is_file()
+    assert (bag.parent / "cell.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.cell
@@ -42,7 +52,7 @@ def test_its_recording_replays_to_what_was_published(run, tmp_path):
     """The command gives again, bit for bit, what estimator and compensation published on the wire."""
     from rotary_error_monitor.bags.reader import BagReader
 
-    bag, out = run[1] / "bag", tmp_path / "out.npz"
+    bag, out = bag_of(run), tmp_path / "out.npz"
     assert main(["replay", str(bag), "--machine", "xyzac_trt", "-o", str(out)]) == 0
     topics = ("/stage/error_motion/samples", "/machine/tool_offset/samples")
     motion, offsets = (BagReader(bag).read_blocks([topic])[topic] for topic in topics)
@@ -60,20 +70,6 @@ def test_its_recording_replays_to_what_was_published(run, tmp_path):
         published = np.concatenate([block.rows[:, 1:7] for block in offsets])
         np.testing.assert_array_equal(found["tool_offset"][at], published)
         assert len(at) > 0.9 * (len(stamps) - at[0]), "from the first one on"
-
-
-@pytest.mark.cell
-def test_make_run_does_all_of_it():
-    """The command of the README as a user types it."""
-    done = subprocess.run(["make", "run"], cwd=ROOT, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stdout + done.stderr
-    for height in (5, 16, 60):
-        assert re.search(rf"radial error motion at h = {height} mm: RMS against LVDT, µm +0\.0\d+ .* ok", done.stdout)
-        force = re.search(rf"h = {height} mm: external force on the shaft, N +(\d+)", done.stdout)
-        assert force is not None
-        assert float(force[1]) > 20 or height == 5  # it came and went, and the estimate followed
-    assert "tool offset, position, after correction" in done.stdout
-    assert "OUT OF BOUNDS" not in done.stdout
 
 
 @pytest.mark.cell
