@@ -14,7 +14,12 @@ from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import dispersion, predicts
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import chi_square_quantile, log_chi_square_tail
-from rotary_error_monitor.gap.posterior import Posterior, reductions_beside, weigh_against_unknown, with_departures
+from rotary_error_monitor.gap.posterior import (
+    Posterior,
+    reductions_beside,
+    weigh_against_unknown,
+    with_departures,
+)
 from rotary_error_monitor.gap.prior_conflict import find_left
 from rotary_error_monitor.gap.problem import Finding, Problem
 from rotary_error_monitor.gap.steps import Selection, Step
@@ -63,8 +68,13 @@ def judge(
     doubts = _doubts(problem, chosen)
     progress("departures")
     if chosen.settled and not doubts:
-        fit = _settled_with_departures(problem, chosen, false_alarms)
-        return Judgement(Verdict.EXPLAINED, chosen, fit, (), probability_of_unknown(chosen.findings))
+        departing = _settled_with_departures(problem, chosen, false_alarms)
+        if departing:
+            best = max(departing, key=lambda posterior: posterior.total)
+            return _believed(chosen, best, departing)
+        # What is alarming, but no more than the twin itself leaves, tells of nothing unknown.
+        unknown = probability_of_unknown([f for f in chosen.findings if f.log_p_value >= chosen.log_alarm])
+        return Judgement(Verdict.EXPLAINED, chosen, chosen.fit, (), unknown)
     tried = [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step)]
     if tried:
         step, best = _likeliest(tried)
@@ -86,14 +96,19 @@ def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior
     return max((pair for pair in tried if len(pair[1].fit.causes) == size), key=with_prior)
 
 
-def _settled_with_departures(problem: Problem, step: Step, false_alarms: float) -> Fit:
-    """Causes that leave only noise, with the departures that show nonetheless: fair ones, else none."""
+def _settled_with_departures(problem: Problem, step: Step, false_alarms: float) -> list[Posterior]:
+    """Causes that leave only noise, with the departures that show nonetheless, and others that depart less.
+
+    Empty where none shows, and where something unknown is likelier than causes that depart as far.
+    """
     fit = fit_causes(problem, step.fit.causes, step.fit)
     departing = with_departures(problem, fit, false_alarms)
     if departing is fit:
-        return step.fit
-    posterior = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
-    return departing.without_data() if min(posterior.log_odds) > 0 else step.fit
+        return []
+    own = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
+    rivals = [posterior for causes in _rivals(step, False) for posterior in _pruned(problem, step, causes)]
+    found = [replace(own, fit=departing.without_data()), *(other for other in rivals if other.settled)]
+    return [posterior for posterior in found if min(posterior.log_odds) > 0]
 
 
 def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement:

@@ -30,7 +30,6 @@ LOUDEST: Mapping[str, float] = {
     "axis_scale": 3e4,
     "pivot_offset": 3e4,
     "axis_backlash": 1e4,
-    "thermal_expansion": 1e4,
     "setup_offset": 5e3,
 }
 """Effects that may be far louder than another, and their largest size (see `Truth.snr`): what a real stage or machine
