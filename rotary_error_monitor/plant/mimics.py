@@ -35,6 +35,8 @@ proportion."""
 
 NO_HALF: Mapping[str, str] = {
     "head_missed_counts": "half of a step is a later step",
+    "axis_backlash": "one side only is half as much about another zero",
+    "setup_offset": "of one direction only it is half of an offset and a backlash",
     "radial_hysteresis": "one side only is half as much about another zero",
     "reversal_backlash": "one side only is half as much about another zero",
 }
