@@ -78,9 +78,9 @@ def judge(
     tried = [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step)]
     if tried:
         step, best = _likeliest(tried)
-        if min(best.log_odds) > 0:
+        if best.likelier:
             return _believed(step, best, [posterior for other, posterior in tried if other is step])
-    unknown = 1 - max((min(posterior.probabilities) for _, posterior in tried), default=0.0)
+    unknown = 1 - max((posterior.probability for _, posterior in tried), default=0.0)
     return Judgement(Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), unknown, doubts=doubts)
 
 
@@ -108,7 +108,7 @@ def _settled_with_departures(problem: Problem, step: Step, false_alarms: float) 
     own = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
     rivals = [posterior for causes in _rivals(step, False) for posterior in _pruned(problem, step, causes)]
     found = [replace(own, fit=departing.without_data()), *(other for other in rivals if other.settled)]
-    return [posterior for posterior in found if min(posterior.log_odds) > 0]
+    return [posterior for posterior in found if posterior.likelier]
 
 
 def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement:
@@ -124,7 +124,7 @@ def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement
         step,
         best.fit,
         () if best.settled else _alarming(best.findings, step),
-        1 - min(best.probabilities),
+        1 - best.probability,
         dispersion(step.fit),
         credits,
     )
@@ -138,7 +138,7 @@ def _posteriors(problem: Problem, step: Step) -> Iterator[Posterior]:
     """The causes of a step and those that may look the same, with departures and without, and what is left of them."""
     found = list(_pruned(problem, step, step.fit.causes))
     yield from found
-    explained = any(posterior.settled and min(posterior.log_odds) > 0 for posterior in found)
+    explained = any(posterior.settled and posterior.likelier for posterior in found)
     for causes in _rivals(step, explained) if any(posterior.near for posterior in found) else ():
         yield from _pruned(problem, step, causes)
 

@@ -73,9 +73,14 @@ class Posterior:
         return sum(self.log_odds) - (len(self.log_odds) - 1) * _credit(self.settled)
 
     @property
-    def probabilities(self) -> tuple[float, ...]:
-        """Of each cause."""
-        return tuple(float(expit(value)) for value in self.log_odds)
+    def probability(self) -> float:
+        """That of the least likely of the causes, or of all together if that is less."""
+        return float(expit(min(*self.log_odds, self.total)))
+
+    @property
+    def likelier(self) -> bool:
+        """Whether each of the causes, and all together, are likelier than something unknown."""
+        return self.probability > 0.5
 
 
 def shown_by(problem: Problem, fit: Fit) -> list[Rows]:
