@@ -10,7 +10,6 @@ import pytest
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
-from rotary_error_monitor.plant.draws import stage_faults
 from rotary_error_monitor.plant.faults import VOCABULARY, make_fault
 from rotary_error_monitor.plant.machine import MachinePlant
 from rotary_error_monitor.plant.mimics import CORRELATIONS, NO_HALF
@@ -112,7 +111,7 @@ def test_mimics_come_again_from_their_seed_and_are_told_in_words() -> None:
     one, two = (make_stage_case(9, "mimic", duration=40.0) for _ in range(2))
     assert one.truth == two.truth
     assert one.truth.faults[0].name.startswith(one.truth.faults[0].textbook.name + " ")
-    assert set(NO_HALF) <= set(stage_faults())
+    assert set(NO_HALF) <= set(VOCABULARY)
 
 
 def test_what_has_no_half_makes_no_mimic() -> None:
