@@ -45,14 +45,14 @@ ON_TIME := $(shell chrt --rr 1 true 2>/dev/null && echo chrt --rr 1)
 BESIDE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
 LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
-RECORDINGS := test/faults/test_recordings.py
-RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py blind_check \
-	calibration/test_axis_lines.py calibration/test_identification.py calibration/test_straightness_rates.py \
-	calibration/test_yaml_text.py description/test_configurations.py faults/test_machine_faults.py \
-	faults/test_zero.py gap/test_admission.py gap/test_cases.py gap/test_quadrature.py gap/test_stage_diagnosis.py \
-	gap/test_stage_stretches.py metrology/test_assembly.py metrology/test_axis_fits.py \
-	metrology/test_description_check.py pipeline/test_estimation.py pipeline/test_reversals.py \
-	plant/test_departures.py plant/test_mimics.py)
+CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py \
+	description/test_configurations.py $(addprefix faults/test_,machine_faults.py recordings.py zero.py) \
+	$(addprefix pipeline/test_,estimation.py reversals.py))
+MODEL_RATES := $(addprefix test/,blind_check $(addprefix calibration/test_,axis_lines.py identification.py \
+	straightness_rates.py yaml_text.py) $(addprefix gap/test_,admission.py cases.py quadrature.py stage_diagnosis.py \
+	stage_stretches.py) $(addprefix metrology/test_,assembly.py axis_fits.py description_check.py) \
+	$(addprefix plant/test_,departures.py mimics.py))
+RATES := $(CELL_RATES) $(MODEL_RATES)
 MODELS := $(addprefix test/,calibration effects gap machine metrology twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
@@ -69,11 +69,11 @@ test-live:
 
 test-models:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(RATES),$(MODELS))
-	$(BESIDE) $(BIN)/python $(call PYTEST,,$(RATES))
+	$(BESIDE) $(BIN)/python $(call PYTEST,,$(MODEL_RATES))
 
 test-others:
-	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(MODELS) $(RECORDINGS) $(RATES))
-	$(BESIDE) $(BIN)/python $(call PYTEST,,$(RECORDINGS))
+	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(MODELS) $(RATES))
+	$(BESIDE) $(BIN)/python $(call PYTEST,,$(CELL_RATES))
 
 lint: setup ## ruff and mypy
 	$(BIN)/ruff check .
