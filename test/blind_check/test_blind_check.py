@@ -291,7 +291,7 @@ def test_every_special_case_of_many_seeds_is_made():
         left = departure_beyond_uncertainty(case, 40.0)
         if left is not None:
             told = np.linalg.norm(list(case.truth.departure.off_textbook_snr.values()))
-            assert 0 < left < 1.01 * told
+            assert 0 < left < 1.05 * told  # told from every few samples
             assert 0.8 * SHARES[0] < case.truth.departure.share < 1.2 * SHARES[1]
             assert left == pytest.approx(told, rel=0.1) or plan.rough or plan.family == "stage"  # jitter hides some
         assert (left is None) == (plan.group != "variant")
