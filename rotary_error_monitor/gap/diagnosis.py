@@ -15,6 +15,7 @@ from rotary_error_monitor.gap.departures import Departure, describe
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
+from rotary_error_monitor.gap.p_values import LEAST_LOG_P_VALUE
 from rotary_error_monitor.gap.posterior import departures_of
 from rotary_error_monitor.gap.problem import Array, DiagnosableProblem, Finding, Share
 from rotary_error_monitor.gap.selection import select_causes
@@ -23,9 +24,6 @@ from rotary_error_monitor.gap.steps import Selection
 from rotary_error_monitor.gap.verdict import Verdict
 
 SCHEMA = 1
-
-LEAST_LOG_P_VALUE = -1e6
-"""Chances below this are written as this: JSON knows no infinity."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri, gammaincc, gammaincinv, gammaln, log_ndtr
 
+LEAST_LOG_P_VALUE = -1e6
+"""Logarithms of p-values below this are taken for it: 1400 standard deviations, beyond which no prior makes a
+difference, and a number that JSON can hold, which has no infinity."""
+
 NORMAL_QUARTILE = 0.6744897501960817
 """Median of the magnitude of a standard normal number."""
 

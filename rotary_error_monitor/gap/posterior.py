@@ -37,11 +37,6 @@ NO_DEPARTURE = 0.5
 """Part of a cause's power: where its textbook form leaves more, departures need not be looked at. They would be of 70 %
 of the cause, seven standard deviations of their prior, and something unknown is always likelier."""
 
-MODEL_ACCURACY = 5e-4
-"""What a first-order twin with measured inputs can promise, as a part of what a cause does to a channel: remainders of
-that channel below it are the twin's own. Beside a plant of exact geometry the largest, of any effect as large as a real
-stage or machine has it, is 3.8e-4: a graduation off centre, whose second order the twin lacks."""
-
 Powers = Mapping[str, float]
 """Squares of white rows by channel."""
 
@@ -99,11 +94,11 @@ def summed(powers: Sequence[Powers]) -> Powers:
     return {channel: sum(p.get(channel, 0.0) for p in powers) for channel in {c for p in powers for c in p}}
 
 
-def is_structured(findings: Sequence[Finding], log_alarm: float, powers: Powers) -> bool:
+def is_structured(findings: Sequence[Finding], log_alarm: float, powers: Powers, accuracy: float) -> bool:
     """Whether structure is left that the twin, as accurate as it is, does not leave of what the causes do there."""
     whole = sum(powers.values())
     alarming = [f for f in findings if f.log_p_value < log_alarm]
-    return any(f.excess > MODEL_ACCURACY**2 * powers.get(f.channel, whole) for f in alarming)
+    return any(f.excess > accuracy**2 * powers.get(f.channel, whole) for f in alarming)
 
 
 def weigh_against_unknown(
@@ -126,7 +121,7 @@ def weigh_against_unknown(
     whole = summed(powers)
     left = _left_in(problem, fit, [f for f in findings if f.log_p_value < log_alarm], whole)
     prices = _prices(fit)
-    settled = not is_structured(findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **whole})
+    settled = not is_structured(findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **whole}, problem.accuracy)
     prior = float(np.log(PRIOR_OF_KNOWN / effects)) + _credit(settled)
     log_odds, near = [], False
     for power, part, price in zip(powers, _own_parts(fit), prices, strict=True):

@@ -17,7 +17,7 @@ from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.hypotheses import Hypothesis, HypothesisTable
 from rotary_error_monitor.gap.normal import acting_on, combine
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
-from rotary_error_monitor.gap.posterior import MODEL_ACCURACY, Powers, powers_of, summed
+from rotary_error_monitor.gap.posterior import Powers, powers_of, summed
 from rotary_error_monitor.gap.prior_conflict import find_left
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Finding, Problem
 from rotary_error_monitor.gap.steps import Selection, Step
@@ -120,6 +120,7 @@ class _Search:
             chance,
             float(np.log(self._level)),
             powers,
+            self._problem.accuracy,
             added,
         )
 
@@ -288,7 +289,7 @@ class _Search:
         """Squares that the twin may leave of the causes where a candidate acts."""
         columns = self._columns.get((*candidate.key, candidate.start.tobytes()))
         channels = set(powers) if columns is None else acting_on(columns)
-        return MODEL_ACCURACY**2 * sum(powers.get(channel, 0.0) for channel in channels)
+        return self._problem.accuracy**2 * sum(powers.get(channel, 0.0) for channel in channels)
 
     def _table(self, fit: Fit) -> tuple[HypothesisTable, tuple[int, ...]]:
         """All candidates so far and those that the remainder proposes, weighed on data with the causes put back."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotary_error_monitor.gap.fitting import Fit
+from rotary_error_monitor.gap.p_values import LEAST_LOG_P_VALUE
 from rotary_error_monitor.gap.posterior import PRIOR_OF_UNKNOWN, shown_by
 from rotary_error_monitor.gap.problem import Finding, Problem
 
@@ -44,7 +45,7 @@ def probability_of_unknown(findings: Sequence[Finding]) -> float:
     """
     if not findings:
         return PRIOR_OF_UNKNOWN
-    log_p_value = min(0.0, max(findings[0].log_p_value, -1e6) + float(np.log(len(findings))))
+    log_p_value = min(0.0, max(findings[0].log_p_value, LEAST_LOG_P_VALUE) + float(np.log(len(findings))))
     if log_p_value >= -1.0:
         return PRIOR_OF_UNKNOWN
     log_odds = (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.departures.departure import Varied
-from rotary_error_monitor.plant.departures.halves import MACHINE_HALVES, STAGE_HALVES
+from rotary_error_monitor.plant.departures.halves import MACHINE_HALVES, STAGE_HALVES, PoseOnlyOneWay
 from rotary_error_monitor.plant.draws import AT_A_HEAD, LOCATIONS, ORDERED_PLACES, ORDERS
 from rotary_error_monitor.plant.faults import VOCABULARY, Named, make_fault
 from rotary_error_monitor.plant.faults.axes import AxisFault
@@ -35,12 +35,13 @@ proportion."""
 
 NO_HALF: Mapping[str, str] = {
     "head_missed_counts": "half of a step is a later step",
-    "axis_backlash": "one side only is half as much about another zero",
-    "setup_offset": "of one direction only it is half of an offset and a backlash",
     "radial_hysteresis": "one side only is half as much about another zero",
     "reversal_backlash": "one side only is half as much about another zero",
 }
 """Effects of which a half is the effect again, and why."""
+
+NOT_ONE_WAY = ("axis_backlash", "setup_offset")
+"""Effects that in one direction only are half of a backlash and half of an offset together."""
 
 SHAPES: Mapping[str, tuple[dict[str, float], ...]] = {
     "bearing_asynchronous": ({"phase": 0.0, "order": 2.5},),
@@ -157,7 +158,10 @@ def draw_mimic(
     for _ in range(_TRIALS if possible else 0):
         fault = make(str(draw.choice(possible)))
         halves = MACHINE_HALVES if machine else STAGE_HALVES
-        mimic = Mimic(fault, halves[int(draw.integers(len(halves)))].drawn(draw))
+        half = halves[int(draw.integers(len(halves)))]
+        if half is PoseOnlyOneWay and fault.name in NOT_ONE_WAY:
+            continue
+        mimic = Mimic(fault, half.drawn(draw))
         moved = response.moved((mimic,))
         if not np.isfinite(moved).all() or not moved.any():
             continue

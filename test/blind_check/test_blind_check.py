@@ -282,7 +282,7 @@ def test_the_expected_calibration_error_is_that_of_the_bins():
 
 def test_every_special_case_of_many_seeds_is_made():
     plans = plan_cases(21, 2, ("stage", "machine"), (False, True), ("variant", "loud", "mimic", "noise"))
-    assert len(plans) >= 10
+    assert len(plans) > 10
     for plan in plans:
         case = make_case(plan)
         sizes = sizes_beyond_uncertainty(case, 40.0)

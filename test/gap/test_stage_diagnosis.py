@@ -110,6 +110,16 @@ def test_a_pair_as_on_a_shop_floor(stage_problem):
     assert any("spikes" in remark for remark in diagnosis.remarks)
 
 
+def test_what_a_strong_cause_leaves_is_its_departure(stage_problem):
+    """What a ring far off centre adds to an error within its lines is no unknown."""
+    effects = ["disc_eccentricity", "subdivisional_error"]
+    problem, _ = stage_problem(554625837, "pair", effects, rough=True, duration=40.0)
+    diagnosis = diagnose(problem)
+    assert diagnosis.verdict is Verdict.EXPLAINED
+    assert {found.cause.effect.name for found in diagnosis.causes} == set(effects)
+    assert any(found.departures for found in diagnosis.causes)
+
+
 def test_a_pair_of_which_one_distorts_the_other(stage_problem):
     """A ring off centre moves an error within its lines; off less than its uncertainty it may stay unseen."""
     effects, found = ["disc_eccentricity", "subdivisional_error"], []

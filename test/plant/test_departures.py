@@ -99,7 +99,7 @@ def check_off_textbook(told: dict[str, float], distance) -> None:
 
 
 @pytest.mark.parametrize("rough", [False, True], ids=["clean", "rough"])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(4))
 def test_a_varied_stage_departs_by_what_its_truth_says(seed: int, rough: bool) -> None:
     case = make_stage_case(300 + seed, "variant", rough=rough, snr=(300.0, 1000.0))
     (fault,), departure = case.truth.faults, case.truth.departure
@@ -118,7 +118,7 @@ def test_a_varied_stage_departs_by_what_its_truth_says(seed: int, rough: bool) -
 
 
 @pytest.mark.parametrize("rough", [False, True], ids=["clean", "rough"])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(4))
 def test_a_varied_machine_departs_by_what_its_truth_says(seed: int, rough: bool) -> None:
     machine = load_machine("pan2013")
     case = make_machine_case(machine, 400 + seed, "variant", rough=rough)

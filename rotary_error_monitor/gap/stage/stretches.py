@@ -126,10 +126,14 @@ class LongStageProblem(StageProblem):
 
         return replace(first, columns=LateRows(len(first.kinds), rows_of))
 
+    @property
+    def nuisances(self) -> int:
+        """Number of uncertain parameters."""
+        return self._stretches[0].nuisances
+
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows of one standard uncertainty of each uncertain parameter."""
-        width = self._stretches[0].nuisances
-        return LateRows(width, lambda i: self._open(i).own_nuisance(causes)) if width else {}
+        return LateRows(self.nuisances, lambda i: self._open(i).own_nuisance(causes)) if self.nuisances else {}
 
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
         """Estimate the jitter's spectrum again in each stretch; says whether it differs in any."""
