@@ -11,8 +11,13 @@ from rotary_error_monitor.description.stage import AngularHarmonic, StageDescrip
 from rotary_error_monitor.effects.effect import Parameter, Role, Values
 from rotary_error_monitor.effects.rotor import COMMAND, HEAD, Array, RotorState, StageEffect, head_locations
 
-_SUBSTITUTIONS = 6
-"""Each one shrinks the phase's mistake by the error in radians of its own period, a tenth for a bad head."""
+_FLATTEST = 0.01
+"""Least slope of the reading over the angle: a larger error turns it back, and no angle can be told from it."""
+
+_PHASE_RESOLUTION = 1e-7
+"""A step of Newton's method below this, rad of a line, leaves its square."""
+
+_MOST_STEPS = 12
 
 _CONTRACT = "Lou et al. 2019, Section 2 (read heads on a displaced ring)"
 
@@ -73,19 +78,29 @@ class SubdivisionalError(StageEffect):
         """Add one wave per line.
 
         Its phase is that of the angle before the error. The observed reading tells it far better than the command,
-        which the rotor follows only to part of a line; the error itself is taken off it by repeated substitution.
+        which the rotor follows only to part of a line; the error itself is taken off it.
         """
+        amplitude, delay = math.hypot(values[0], values[1]), math.atan2(values[1], values[0]) + math.pi / 2
         if state.observed is None:
-            return ideal + _line_wave(values, state.lines * ideal)
-        error = np.zeros(len(ideal))
-        for _ in range(_SUBSTITUTIONS):
-            error = _line_wave(values, state.lines * (state.observed - error))
-        return ideal + error
+            return ideal - amplitude * np.sin(state.lines * ideal - delay)
+        phase = _before_error(state.lines * state.observed - delay, state.lines * amplitude)
+        return ideal - amplitude * np.sin(phase)
 
 
-def _line_wave(values: Values, phase: Array) -> Array:
-    wave: Array = values[0] * np.cos(phase) + values[1] * np.sin(phase)
-    return wave
+def _before_error(read: Array, size: float) -> Array:
+    """Phase E of which `read` is E - size sin E: Kepler's equation, by Newton's method from Danby's first value.
+
+    Args:
+        read: (n,) phase that a head reads, rad.
+        size: amplitude of its error, rad of a line.
+    """
+    phase: Array = read + 0.85 * min(size, 1.0) * np.sign(np.sin(read))
+    for _ in range(_MOST_STEPS):
+        step = (phase - size * np.sin(phase) - read) / np.maximum(1 - size * np.cos(phase), _FLATTEST)
+        phase -= step
+        if not np.max(np.abs(step), initial=0.0) > _PHASE_RESOLUTION:
+            break
+    return phase
 
 
 class HeadMisplacement(StageEffect):

@@ -20,7 +20,7 @@ from rotary_error_monitor.description.stage import (
 )
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
-from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin
 
 LINES = 900
@@ -345,3 +345,17 @@ def test_a_late_sensor_sees_the_lag_of_the_drive_as_well(late, twin):
     bench = [Bench(t, theta_added=lambda now: command(now - 2e-3) - command(now), delays={stream: 3e-3}) for t in TIMES]
     expected = np.array([b.reading(stream) for b in bench])
     np.testing.assert_allclose(twin.predict(causes)[stream], expected, rtol=0, atol=2e-11)
+
+
+@pytest.mark.parametrize("part_of_a_line", [1e-4, 0.1, 0.5, 0.73, 0.9, 0.99])
+@pytest.mark.parametrize("phase", [0.0, 0.7, 2.9, -1.8])
+def test_an_error_within_lines_is_taken_off_the_reading_however_steep_it_is(part_of_a_line, phase):
+    """The reading is still a function of the angle as long as the error is less than a radian of its own period."""
+    effect = next(e for e in load_effects(StageEffect) if e.name == "subdivisional_error")
+    amplitude = part_of_a_line / LINES
+    values = amplitude * np.array([math.cos(phase), math.sin(phase)])
+    angle = np.linspace(-0.05, 4.0, 20_000)
+    reading = angle + values[0] * np.cos(LINES * angle) + values[1] * np.sin(LINES * angle)
+    far = np.zeros_like(angle)
+    state = RotorState(far, far, far, far, np.zeros((len(far), 2)), far, lambda t: 0.0 * t, LINES, observed=reading)
+    np.testing.assert_allclose(effect.measured(values, "head_a", state, angle), reading, atol=1e-9 * amplitude + 1e-14)
