@@ -101,10 +101,13 @@ def fit_causes(
         if step == MOST_STEPS or not fitted or _gain(change[count:last], covariance[count:last, count:last]) < settled:
             break
         fitted, data = _predictable(problem, fitted, _moved(fitted, change[count:last]))
-    moved, spread = np.split(change, [count, last]), _spread(fitted, covariance[count:last, count:last])
-    taken = combine(problem, [uncertain, *departing], [moved[0], *_split(moved[2], departing)])
+    spread = _spread(fitted, covariance[count:last, count:last])
+    # Beside the causes as they are, not as the last step, which was not taken, would have them.
+    beside = np.r_[:count, last : len(gram)]
+    moved = np.split(solve_scaled(gram[np.ix_(beside, beside)], total.moment[beside]), [count])
+    taken = combine(problem, [uncertain, *departing], [moved[0], *_split(moved[1], departing)])
     rest = subtract(data, taken) if count or extra else data
-    return Fit(fitted, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[2])
+    return Fit(fitted, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[1])
 
 
 def _split(values: Array, columns: Sequence[Columns]) -> list[Array]:
