@@ -51,20 +51,16 @@ def rank_alternatives(
     members = tuple(i for i in (table.position(c.key) for c in causes) if i is not None)
     chosen = table.evaluate(members)
     rows: list[Hypothesis] = [chosen]
-    found = [chosen.log_evidence] if not members else [0.0]
     extra = [0.0]
     for k in range(len(members)):
-        rest = table.evaluate((*members[:k], *members[k + 1 :]))
         others = table.replacements(members, k, table.free(members))
-        own = _log_odds(table, chosen, rest, members[k])
-        found += [_log_odds(table, other, rest, other.members[k]) - own for other in others]
         extra += [(credits or {}).get(table.candidates[other.members[k]].key, 0.0) for other in others]
         rows += others
     if not members:
         rows += table.singles()
-        found += [row.log_evidence for row in rows[1:]]
-    extra += [0.0] * (len(found) - len(extra))
-    logs = np.array(found) / dispersion + np.array(extra)
+        extra += [0.0] * len(table.candidates)
+    evidence = np.array([row.log_evidence for row in rows])
+    logs = (evidence - chosen.log_evidence) / dispersion + np.array(extra[: len(rows)])
     if credits is not None:
         # The chosen set was so with its departures: none that has only its textbook form is likelier.
         logs = np.minimum(logs, 0.0)
@@ -83,18 +79,6 @@ def rank_alternatives(
         for i in order[:RANKED]
     )
     return Alternatives(ranking, _groups(table, members, chosen, dispersion, credits or {}))
-
-
-def _log_odds(table: HypothesisTable, whole: Hypothesis, rest: Hypothesis, member: int) -> float:
-    """Logarithm of the evidence of one member beside the rest, whatever the size that such an effect usually has.
-
-    With a prior as wide as the effect is seen to be (the local empirical Bayes prior of George and Foster, Biometrika
-    87, 2000) a reduction G for f amplitudes counts `(G - f ln(G / f) - f) / 2`: effects that look the same count the
-    same.
-    """
-    dof = max(whole.dof - rest.dof, 1)
-    reduction = max(whole.reduction - rest.reduction, dof)
-    return 0.5 * (reduction - dof * float(np.log(reduction / dof)) - dof) + table.log_prior(member)
 
 
 def _distinct(table: HypothesisTable, order: list[int]) -> list[int]:

@@ -1,14 +1,15 @@
 """Evidence of sets of effects: how well each explains the data, against the degrees of freedom that it takes.
 
-For columns X with white data y and amplitudes of usual size s, the marginal likelihood of the linear Gaussian model is
+For columns X with white data y, each member j having f_j of them and amplitudes a_j, the logarithm of the marginal
+likelihood of the linear Gaussian model relative to no effect at all is
 
-    log E = reduction / 2 - log det(I + S X'X S) / 2,     reduction = b' (X'X)^-1 b,  b = X'y
+    log E = (reduction - sum_j f_j (1 + ln(P_j / f_j))) / 2,    reduction = b' (X'X)^-1 b,  b = X'y,  P_j = |X_j a_j|^2
 
-relative to no effect at all (MacKay, Information Theory, Inference, and Learning Algorithms, chapter 28: the second
-term is the Occam factor). The amplitude's own prior density is left out, so that an effect larger than usual is not
-held against it; but where an amplitude would pass the bound of its parameter it stays there, and the reduction is what
-is left with that. The twin's uncertain parameters are integrated out beforehand. Each candidate also pays for the
-places, orders and moments that were searched to propose it.
+The prior of each member's amplitudes is as wide as the member is seen to be (the local empirical Bayes prior of George
+and Foster, Biometrika 87, 2000): effects that look the same count the same, and one that is larger than usual has
+nothing held against it. But where an amplitude would pass the bound of its parameter it stays there, and the reduction
+is what is left with that. The twin's uncertain parameters are integrated out beforehand. Each candidate also pays for
+the places, orders and moments that were searched to propose it.
 """
 
 from __future__ import annotations
@@ -91,6 +92,7 @@ class HypothesisTable:
         self._high = np.concatenate([np.zeros(0), *(high[candidate.linear] for (_, high), candidate in pairs)])
         sizes = np.concatenate([[0], np.cumsum([len(scale) for scale in scales])]).astype(np.intp)
         self._places = [np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(sizes)]
+        self._owner = np.repeat(np.arange(len(scales)), [len(scale) for scale in scales])
         self.normal: Normal = self.blocks.total().without(self.nuisances)
         self._dropped: set[int] = set()
         self.effects = len({candidate.effect.name for candidate in self.candidates})
@@ -124,17 +126,17 @@ class HypothesisTable:
         for width in set(widths):
             places = [i for i, other in enumerate(widths) if other == width]
             index = np.array([indices[i] for i in places], np.intp).reshape(len(places), width)
-            reduction, dof, occam, amplitudes = self._evidence(index)
+            reduction, dof, price, amplitudes = self._evidence(index)
             for row, i in enumerate(places):
                 prior = sum(self.log_prior(member) for member in sets[i])
-                log_evidence = float(0.5 * reduction[row] - occam[row] + prior)
+                log_evidence = float(0.5 * reduction[row] - price[row] + prior)
                 found[i] = Hypothesis(
                     tuple(sets[i]), float(reduction[row]), int(dof[row]), log_evidence, amplitudes[row].copy()
                 )
         return [found[i] for i in range(len(sets))]
 
     def _evidence(self, index: NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
-        """Reductions, degrees of freedom, half the log determinants (k,) and amplitudes (k, w) of sets of columns."""
+        """Reductions, degrees of freedom, prices of these (k,) and amplitudes (k, w) of sets of columns."""
         gram = self.normal.gram[index[:, :, None], index[:, None, :]]
         scale = self._scale[index]
         # Columns of length one: how large an effect usually is says nothing of what can be told apart.
@@ -145,10 +147,19 @@ class HypothesisTable:
         seen = values > _SINGULAR
         part = np.einsum("kij,ki->kj", vectors, unit * self.normal.moment[index])
         solved = np.where(seen, part / np.where(seen, values, 1.0), 0.0)
-        occam = 0.5 * np.linalg.slogdet(np.eye(index.shape[1]) + gram * scale[:, :, None] * scale[:, None, :])[1]
         amplitudes, reduction = unit * np.einsum("kij,kj->ki", vectors, solved), np.sum(part * solved, axis=1)
         self._hold(index, unit > 0, amplitudes, reduction)
-        return reduction, seen.sum(axis=1), occam, amplitudes
+        return reduction, seen.sum(axis=1), self._price(index, unit > 0, gram, amplitudes), amplitudes
+
+    def _price(self, index: NDArray[np.intp], shown: NDArray[np.bool_], gram: Array, amplitudes: Array) -> Array:
+        """(k,) what the evidence of each set is less than half its reduction, by the power of each of its members."""
+        owner = self._owner[index]
+        together = (owner[:, :, None] == owner[:, None, :]) & shown[:, :, None] & shown[:, None, :]
+        power = np.einsum("kij,ki,kj->ki", np.where(together, gram, 0.0), amplitudes, amplitudes)
+        # Of each column: the power of its member, and the number of columns that this has.
+        each, count = np.einsum("kij,kj->ki", together, power), together.sum(axis=2)
+        ratio = np.maximum(each / np.maximum(count, 1), 1.0)
+        return np.asarray(0.5 * np.sum(np.where(shown, 1 + np.log(ratio), 0.0), axis=1), np.float64)
 
     def _hold(self, index: NDArray[np.intp], shown: NDArray[np.bool_], amplitudes: Array, reduction: Array) -> None:
         """Bring amplitudes (k, w) within their bounds, and the reduction (k,) of those sets to what is left of it."""

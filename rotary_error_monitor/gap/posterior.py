@@ -18,7 +18,7 @@ from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.departures import SHARE, Departing, FittedDepartures
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.normal import combine, solve_scaled, stack, width_of
-from rotary_error_monitor.gap.problem import Array, Columns, Finding, Problem, Rows
+from rotary_error_monitor.gap.problem import FIRST_ORDER, Array, Columns, Finding, Problem, Rows
 
 FREE = 3
 """Directions beside that of a cause in which something unknown may lie.
@@ -94,11 +94,11 @@ def summed(powers: Sequence[Powers]) -> Powers:
     return {channel: sum(p.get(channel, 0.0) for p in powers) for channel in {c for p in powers for c in p}}
 
 
-def is_structured(findings: Sequence[Finding], log_alarm: float, powers: Powers, accuracy: float) -> bool:
+def is_structured(findings: Sequence[Finding], log_alarm: float, powers: Powers) -> bool:
     """Whether structure is left that the twin, as accurate as it is, does not leave of what the causes do there."""
     whole = sum(powers.values())
     alarming = [f for f in findings if f.log_p_value < log_alarm]
-    return any(f.excess > accuracy**2 * powers.get(f.channel, whole) for f in alarming)
+    return any(f.excess > FIRST_ORDER**2 * powers.get(f.channel, whole) for f in alarming)
 
 
 def weigh_against_unknown(
@@ -121,7 +121,7 @@ def weigh_against_unknown(
     whole = summed(powers)
     left = _left_in(problem, fit, [f for f in findings if f.log_p_value < log_alarm], whole)
     prices = _prices(fit)
-    settled = not is_structured(findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **whole}, problem.accuracy)
+    settled = not is_structured(findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **whole})
     prior = float(np.log(PRIOR_OF_KNOWN / effects)) + _credit(settled)
     log_odds, near = [], False
     for power, part, price in zip(powers, _own_parts(fit), prices, strict=True):

@@ -200,9 +200,10 @@ class StretchedConditions(Conditions):
 
 
 FIRST_ORDER = 5e-4
-"""Accuracy of a twin of first order with measured inputs, as a part of what a cause does to a channel. Beside a plant
-of exact geometry the largest remainder, of effects as large as a real stage or machine has them, was 3.8e-4: a
-graduation off centre, whose second order the twin lacks; a third more is left for what was not tried."""
+"""Accuracy of a twin of first order with measured inputs: remainders below this part of what the causes do to a
+channel, root mean square, are the twin's own. Beside a plant of exact geometry the largest, of effects as large as a
+real stage or machine has them, was 3.8e-4: a graduation off centre, whose second order the twin lacks; a third more is
+left for what was not tried."""
 
 
 class Problem(Protocol):
@@ -219,10 +220,6 @@ class Problem(Protocol):
     @property
     def m_open(self) -> bool:
         """Whether something unknown is always at work beside the known effects, as in the pointing of a telescope."""
-
-    @property
-    def accuracy(self) -> float:
-        """Remainders below this part of what the causes do to a channel, root mean square, are the twin's own."""
 
     def times(self, channel: str) -> Array:
         """(m,) time of each row, s (or number of the pose)."""

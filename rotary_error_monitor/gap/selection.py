@@ -19,7 +19,7 @@ from rotary_error_monitor.gap.normal import acting_on, combine
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.posterior import Powers, powers_of, summed
 from rotary_error_monitor.gap.prior_conflict import find_left
-from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Finding, Problem
+from rotary_error_monitor.gap.problem import FIRST_ORDER, Array, Candidate, Columns, Finding, Problem
 from rotary_error_monitor.gap.steps import Selection, Step
 from rotary_error_monitor.twin.finite import UnpredictableError
 
@@ -120,7 +120,6 @@ class _Search:
             chance,
             float(np.log(self._level)),
             powers,
-            self._problem.accuracy,
             added,
         )
 
@@ -289,7 +288,7 @@ class _Search:
         """Squares that the twin may leave of the causes where a candidate acts."""
         columns = self._columns.get((*candidate.key, candidate.start.tobytes()))
         channels = set(powers) if columns is None else acting_on(columns)
-        return self._problem.accuracy**2 * sum(powers.get(channel, 0.0) for channel in channels)
+        return FIRST_ORDER**2 * sum(powers.get(channel, 0.0) for channel in channels)
 
     def _table(self, fit: Fit) -> tuple[HypothesisTable, tuple[int, ...]]:
         """All candidates so far and those that the remainder proposes, weighed on data with the causes put back."""

@@ -24,7 +24,6 @@ class Step:
         log_p_entering: logarithm of its chance under noise, over its share of the false-alarm rate.
         log_alarm_entering: logarithm of the level below which that counts.
         powers: squares of what the causes do, by channel.
-        accuracy: that of the twin, see `Problem`.
         added: chi-square that the latest step took away.
     """
 
@@ -37,13 +36,12 @@ class Step:
     log_p_entering: float
     log_alarm_entering: float
     powers: Powers
-    accuracy: float
     added: float
 
     @property
     def structured(self) -> bool:
         """Whether structure is left."""
-        return is_structured(self.findings, self.log_alarm, self.powers, self.accuracy)
+        return is_structured(self.findings, self.log_alarm, self.powers)
 
     @property
     def improvable(self) -> bool:

@@ -10,7 +10,7 @@ import pytest
 from rotary_error_monitor.effects.effect import Effect, Parameter
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
-from rotary_error_monitor.gap.problem import FIRST_ORDER, Candidate, Conditions
+from rotary_error_monitor.gap.problem import Candidate, Conditions
 from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
@@ -35,7 +35,6 @@ class LinearProblem:
     nuisances: dict = field(default_factory=dict)
     blocks: int = 8
     m_open = False
-    accuracy = FIRST_ORDER
 
     def offer(self, columns):
         """Make columns the effects that are known, whatever was known before; "name@place" is an effect at a place."""
@@ -61,7 +60,7 @@ class LinearProblem:
         left = {channel: rows.copy() for channel, rows in self.data.items()}
         for cause in causes:
             for channel, rows in cause.effect.column.items():
-                left[channel] -= cause.values[0] * rows
+                left[channel] -= rows @ cause.values[:, None]
         return left
 
     def signature(self, cause, indices, others=()):

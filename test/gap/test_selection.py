@@ -21,12 +21,20 @@ def better_column(data, column, more, rng):
     return unit * np.sum(data * unit) + beside * np.sqrt(more)
 
 
-@pytest.mark.parametrize(("usual", "chosen"), [(1.0, "rival"), (1e5, "first")])
-def test_a_rival_pays_for_its_freedom(linear, rng, usual, chosen):
-    """It explains 10 more; with a size that may be anything the choice of it costs more than that gives."""
+@pytest.mark.parametrize("usual", [1.0, 1e5])
+@pytest.mark.parametrize(("amplitudes", "chosen"), [(1, "rival"), (4, "first")])
+def test_a_rival_pays_for_its_freedom(linear, rng, usual, amplitudes, chosen):
+    """It explains 10 more; with four amplitudes to choose the choice of them costs more than that gives.
+
+    How large an effect usually is makes no difference: one that is larger or smaller is as likely.
+    """
     first = linear.effects["first"]
-    rare = type("Rare", (type(first),), {"parameters": (Parameter("size", "1", usual),)})
+    wide = type("Wide", (type(first),), {"parameters": (Parameter("size", "1", usual, amplitudes),)})
     rival = better_column(linear.data["x"], first.column["x"], 10.0, rng)
-    linear.effects = {"first": first, "rival": rare("rival", {"x": rival})}
+    # Parts of one column that no other amplitudes explain better.
+    more = rng.normal(size=(800, amplitudes - 1))
+    seen = np.column_stack([linear.data["x"], rival])
+    more -= seen @ np.linalg.lstsq(seen, more, rcond=None)[0]
+    linear.effects = {"first": first, "rival": wide("rival", {"x": np.column_stack([rival, more])})}
     (cause,) = select_causes(linear).chosen.fit.causes
     assert cause.effect.name == chosen

@@ -15,7 +15,7 @@ from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.machine.modulations import machine_departures
 from rotary_error_monitor.gap.machine.where import machine_advice, machine_where
 from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail
-from rotary_error_monitor.gap.problem import FIRST_ORDER, Array, Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe, uncertain_shifts
@@ -64,7 +64,6 @@ class MachineProblem:
 
     channels = CHANNELS
     m_open = False
-    accuracy = FIRST_ORDER
 
     def __init__(
         self,

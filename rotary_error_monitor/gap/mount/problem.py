@@ -19,7 +19,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.mount.noise import estimate_repeatability
 from rotary_error_monitor.gap.mount.sky_blocks import sky_conditions, sky_patches
 from rotary_error_monitor.gap.mount.where import mount_advice, mount_figures, mount_structure, mount_views, mount_where
-from rotary_error_monitor.gap.problem import FIRST_ORDER, Array, Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.mount import MountRecording, MountTwin
 
@@ -55,7 +55,6 @@ class MountProblem:
 
     channels = CHANNELS
     m_open = True
-    accuracy = FIRST_ORDER
 
     def __init__(
         self,

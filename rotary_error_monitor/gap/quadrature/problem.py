@@ -15,7 +15,7 @@ from rotary_error_monitor.effects.effect import Cause, Role, among, order_locati
 from rotary_error_monitor.effects.quadrature_effect import Complex, QuadratureEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
-from rotary_error_monitor.gap.problem import FIRST_ORDER, Array, Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.quadrature import QuadratureRecording, predict_radius, true_phase
 
@@ -56,7 +56,6 @@ class QuadratureProblem:
 
     channels = (CHANNEL,)
     m_open = True
-    accuracy = FIRST_ORDER
 
     def __init__(
         self,

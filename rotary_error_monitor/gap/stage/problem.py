@@ -14,17 +14,7 @@ from rotary_error_monitor.gap.admission import check_extent, check_noise
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
-from rotary_error_monitor.gap.problem import (
-    FIRST_ORDER,
-    Array,
-    Candidate,
-    Columns,
-    Conditions,
-    Finding,
-    Rows,
-    Share,
-    SparseRows,
-)
+from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.stage.another import check_stage, left_out
 from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.distortion import distortions
@@ -53,10 +43,6 @@ SAME_SPECTRUM = 0.12
 
 SUSPICIOUS = -6.0
 """Logarithm of the chance below which structure in the command's channel makes its spectrum worth another look."""
-
-MOVED_LINES = 3e-3
-"""Accuracy, as `FIRST_ORDER`, where parameters of the twin are uncertain: they count to first order, and a centre of
-the ring that is moved by 1 µm moves an error within lines of 20 µm by a third of a radian. Such errors left 3e-3."""
 
 NOISIER = 0.05
 """Noise is reported from this much above what the twin states."""
@@ -184,11 +170,6 @@ class StageProblem:
             for name in streams:
                 columns[name].append((moved[name] - base[name]) / step)
         return {name: side_by_side(parts) for name, parts in columns.items()}
-
-    @property
-    def accuracy(self) -> float:
-        """That of the twin, which is less where its parameters are uncertain."""
-        return MOVED_LINES if self.nuisances else FIRST_ORDER
 
     def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
         """Ways in which each cause may depart from its textbook form."""
