@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from scipy.special import logsumexp
@@ -39,31 +40,36 @@ def rank_alternatives(
     unknown: float,
     dispersion: float = 1.0,
     credits: Mapping[Key, float] | None = None,
+    needless: Mapping[Key, float] = MappingProxyType({}),
 ) -> Alternatives:
     """Every candidate in the place of every cause.
 
     The probability of a candidate is that of all sets that hold it, among the chosen set and those with one member
     replaced, less the chance that something unknown is at work. Without a cause the candidates stand alone, beside the
     possibility of none. `dispersion` is how many times the squares that remain are those of noise: what all candidates
-    leave alike is noise to the choice among them. `credits` are log odds that departures add to other sets.
+    leave alike is noise to the choice among them. `credits` are the log odds of other sets
+    that were weighed with their departures, beside the chosen one; `needless` those that a cause is a departure of the
+    others.
     """
     table = step.table
     members = tuple(i for i in (table.position(c.key) for c in causes) if i is not None)
     chosen = table.evaluate(members)
     rows: list[Hypothesis] = [chosen]
-    extra = [0.0]
+    replaced: list[Key | None] = [None]
     for k in range(len(members)):
         others = table.replacements(members, k, table.free(members))
-        extra += [(credits or {}).get(table.candidates[other.members[k]].key, 0.0) for other in others]
+        replaced += [table.candidates[other.members[k]].key for other in others]
         rows += others
     if not members:
         rows += table.singles()
-        extra += [0.0] * len(table.candidates)
     evidence = np.array([row.log_evidence for row in rows])
-    logs = (evidence - chosen.log_evidence) / dispersion + np.array(extra[: len(rows)])
+    logs = (evidence - chosen.log_evidence) / dispersion
     if credits is not None:
-        # The chosen set was so with its departures: none that has only its textbook form is likelier.
-        logs = np.minimum(logs, 0.0)
+        logs = np.array([_credited(log, key, credits) for log, key in zip(logs, replaced, strict=True)])
+    for k, member in enumerate(members):
+        if table.candidates[member].key in needless:
+            rows.append(table.evaluate((*members[:k], *members[k + 1 :])))
+            logs = np.append(logs, needless[table.candidates[member].key])
     weights = np.exp(logs - logsumexp(logs)) * (1 - unknown)
     share = np.zeros(len(table.candidates))
     for row, weight in zip(rows, weights, strict=True):
@@ -79,6 +85,17 @@ def rank_alternatives(
         for i in order[:RANKED]
     )
     return Alternatives(ranking, _groups(table, members, chosen, dispersion, credits or {}))
+
+
+def _credited(log_odds: float, key: Key | None, credits: Mapping[Key, float]) -> float:
+    """Log odds of another set in its textbook form beside one that was chosen with its departures.
+
+    None is likelier than that, nor than the same effect at its best place with departures.
+    """
+    if key in credits:
+        return credits[key]
+    elsewhere = [value for (name, _), value in credits.items() if key is not None and name == key[0]]
+    return min(log_odds, 0.0, *elsewhere)
 
 
 def _distinct(table: HypothesisTable, order: list[int]) -> list[int]:

@@ -139,7 +139,7 @@ def diagnose(
     told = judge(problem, selection, false_alarms, progress)
     fit, explained = told.fit, told.verdict is Verdict.EXPLAINED
     progress("alternatives")
-    alternatives = rank_alternatives(told.step, fit.causes, told.unknown, told.dispersion, told.credits)
+    alternatives = rank_alternatives(told.step, fit.causes, told.unknown, told.dispersion, told.credits, told.needless)
     settled = told.verdict in (Verdict.EXPLAINED, Verdict.NO_GAP)
     gap = measure_gap(fit, problem.conditions, None if settled else _floor(problem, fit))
     progress("where")

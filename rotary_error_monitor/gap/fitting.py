@@ -41,6 +41,7 @@ class Fit:
         blocks: normal equations with `data`, columns nuisances, then causes, then departures.
         departures: ways in which the causes depart from their textbook form.
         departure_values: how far each departs, in standard deviations of its prior.
+        log_prior: logarithm of the prior of the kinds of departure that were chosen.
     """
 
     causes: tuple[Cause, ...]
@@ -53,6 +54,7 @@ class Fit:
     blocks: BlockNormal
     departures: tuple[Departures, ...] = ()
     departure_values: Array = field(default_factory=lambda: np.zeros(0))
+    log_prior: float = 0.0
 
     @property
     def squares(self) -> float:

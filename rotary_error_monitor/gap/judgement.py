@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import chi_square_quantile, log_chi_square_tail
 from rotary_error_monitor.gap.posterior import (
     Posterior,
+    marginal_likelihood,
+    powers_of,
     reductions_beside,
     weigh_against_unknown,
     with_departures,
@@ -29,6 +31,9 @@ from rotary_error_monitor.twin.finite import UnpredictableError
 MOST_RIVALS = 2
 """Causes in the place of one that looks the same, whose departures are looked at as well: each costs a fit."""
 
+MOST_HIDDEN = 6
+"""Effects whose textbook form uncertain parameters may have taken, looked at with departures: each costs a fit."""
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -40,6 +45,7 @@ class Judgement:
         findings: structure that is left; empty where only noise is.
         unknown: probability that something unknown stands in the place of the causes.
         credits: log odds of sets with another cause, by that cause, beside those of the chosen one.
+        needless: log odds, by cause, that it is a departure of the others.
         doubts: why causes that fit were not believed.
     """
 
@@ -50,6 +56,7 @@ class Judgement:
     unknown: float
     dispersion: float = 1.0
     credits: Mapping[Key, float] | None = None
+    needless: Mapping[Key, float] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
 
 
@@ -68,14 +75,10 @@ def judge(
     doubts = _doubts(problem, chosen)
     progress("departures")
     if chosen.settled and not doubts:
-        departing = _settled_with_departures(problem, chosen, false_alarms)
-        if departing:
-            best = max(departing, key=lambda posterior: posterior.total)
-            return _believed(chosen, best, departing)
-        # What is alarming, but no more than the twin itself leaves, tells of nothing unknown.
-        unknown = probability_of_unknown([f for f in chosen.findings if f.log_p_value >= chosen.log_alarm])
-        return Judgement(Verdict.EXPLAINED, chosen, chosen.fit, (), unknown)
+        return _judge_settled(problem, chosen, false_alarms)
     tried = [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step)]
+    if not any(posterior.likelier for _, posterior in tried):
+        tried += [(null, posterior) for posterior in _hidden(problem, null)]
     if tried:
         step, best = _likeliest(tried)
         if best.likelier:
@@ -84,24 +87,63 @@ def judge(
     return Judgement(Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), unknown, doubts=doubts)
 
 
+def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judgement:
+    """Of causes that leave only noise."""
+    fit = fit_causes(problem, chosen.fit.causes, chosen.fit)
+    needless, instead = _departures_instead(problem, chosen, fit, false_alarms)
+    likelier = [posterior for posterior in instead if posterior.settled and posterior.likelier]
+    if likelier:
+        return _believed(chosen, likelier[0], likelier)
+    departing = _settled_with_departures(problem, chosen, fit, false_alarms)
+    if departing:
+        _, best = _likeliest([(chosen, posterior) for posterior in departing])
+        return _believed(chosen, best, departing)
+    # What is alarming, but no more than the twin itself leaves, tells of nothing unknown.
+    unknown = probability_of_unknown([f for f in chosen.findings if f.log_p_value >= chosen.log_alarm])
+    return Judgement(Verdict.EXPLAINED, chosen, chosen.fit, (), unknown, needless=needless)
+
+
+def _hidden(problem: Problem, null: Step) -> Iterator[Posterior]:
+    """Single causes with their departures, of those effects that do best in their textbook form.
+
+    Where parameters of the twin are uncertain they may take a cause's textbook form, so that only its departure shows,
+    which others then seem to explain better.
+    """
+    if not len(null.fit.nuisance_values):
+        return
+    table = null.table
+    best: dict[str, tuple[Cause, ...]] = {}
+    for hypothesis in sorted(table.singles(), key=lambda hypothesis: -hypothesis.log_evidence):
+        if hypothesis.log_evidence > 0:
+            best.setdefault(table.candidates[hypothesis.members[0]].effect.name, table.causes(hypothesis))
+    for causes in list(best.values())[:MOST_HIDDEN]:
+        try:
+            yield _weighed(problem, null, with_departures(problem, fit_causes(problem, causes)))
+        except UnpredictableError:
+            continue
+
+
 def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior]:
-    """The set with the highest log odds; of those with as many causes the places and orders searched count as well."""
+    """The set with the highest log odds; of sets as large, likelier than something unknown, the likeliest.
 
-    def with_prior(pair: tuple[Step, Posterior]) -> float:
-        table = pair[0].table
-        members = (table.position(cause.key) for cause in pair[1].fit.causes)
-        return pair[1].total + sum(table.log_prior(i) for i in members if i is not None)
-
-    size = len(max(tried, key=lambda pair: pair[1].total)[1].fit.causes)
-    return max((pair for pair in tried if len(pair[1].fit.causes) == size), key=with_prior)
+    Odds against something unknown hardly tell one good fit from another.
+    """
+    best = max(tried, key=lambda pair: pair[1].total)
+    alike = [p for p in tried if len(p[1].fit.causes) == len(best[1].fit.causes) and p[1].likelier]
+    return max(alike, key=lambda pair: _log_evidence(*pair), default=best)
 
 
-def _settled_with_departures(problem: Problem, step: Step, false_alarms: float) -> list[Posterior]:
+def _log_evidence(step: Step, posterior: Posterior) -> float:
+    """Of a set with its departures and the places and orders of its causes."""
+    members = (step.table.position(cause.key) for cause in posterior.fit.causes)
+    return marginal_likelihood(posterior.fit) + sum(step.table.log_prior(i) for i in members if i is not None)
+
+
+def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarms: float) -> list[Posterior]:
     """Causes that leave only noise, with the departures that show nonetheless, and others that depart less.
 
     Empty where none shows, and where something unknown is likelier than causes that depart as far.
     """
-    fit = fit_causes(problem, step.fit.causes, step.fit)
     departing = with_departures(problem, fit, false_alarms)
     if departing is fit:
         return []
@@ -114,7 +156,8 @@ def _settled_with_departures(problem: Problem, step: Step, false_alarms: float) 
 def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement:
     keys = {cause.key for cause in best.fit.causes}
     credits = {
-        key: posterior.total - best.total
+        # What something unknown is likelier than is so much less likely beside the chosen set.
+        key: _log_evidence(step, posterior) - _log_evidence(step, best) + min(posterior.total, 0.0)
         for posterior in others
         for key in {cause.key for cause in posterior.fit.causes} - keys
         if len(posterior.fit.causes) == len(best.fit.causes)
@@ -127,6 +170,7 @@ def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement
         1 - best.probability,
         dispersion(step.fit),
         credits,
+        best.needless,
     )
 
 
@@ -167,7 +211,32 @@ def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...]) -> Poste
         departing = with_departures(problem, fit)
         if departing is not fit:
             best = max(best, _weighed(problem, step, departing), key=lambda posterior: posterior.total)
-    return replace(best, fit=best.fit.without_data())
+    needless, instead = _departures_instead(problem, step, best.fit)
+    return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
+
+
+def _departures_instead(
+    problem: Problem, step: Step, fit: Fit, false_alarms: float = 1.0
+) -> tuple[dict[Key, float], list[Posterior]]:
+    """Log odds that a cause is a departure of the others, and the others where that is likelier, the best first.
+
+    That is looked at where a cause is no larger beside the others than a departure: three standard deviations of its
+    prior.
+    """
+    powers = [sum(power.values()) for power in powers_of(problem, fit)]
+    odds: dict[Key, float] = {}
+    likelier: list[tuple[float, Posterior]] = []
+    for k, cause in enumerate(fit.causes):
+        member = step.table.position(cause.key)
+        if powers[k] > (3 * SHARE) ** 2 * max(powers) or member is None:
+            continue
+        others = fit_causes(problem, (*fit.causes[:k], *fit.causes[k + 1 :]))
+        departing = with_departures(problem, others, false_alarms)
+        odds[cause.key] = marginal_likelihood(departing) - marginal_likelihood(fit) - step.table.log_prior(member)
+        if odds[cause.key] > 0:
+            posterior = _weighed(problem, step, departing)
+            likelier.append((odds[cause.key], replace(posterior, fit=departing.without_data())))
+    return odds, [posterior for _, posterior in sorted(likelier, key=lambda row: -row[0])]
 
 
 def _weighed(problem: Problem, step: Step, fit: Fit) -> Posterior:

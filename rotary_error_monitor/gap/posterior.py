@@ -8,7 +8,7 @@ them. The two are weighed against one another, cause by cause, on the channels t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,7 @@ class Posterior:
         log_odds: of each cause, that it is at work and not something unknown in its place, its departures paid for.
         settled: whether only noise is left.
         near: whether so little is left of any cause that it could be a departure.
+        needless: log odds, by name and place of a cause, that it is a departure of the others.
     """
 
     fit: Fit
@@ -61,6 +62,7 @@ class Posterior:
     log_odds: tuple[float, ...]
     settled: bool
     near: bool
+    needless: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @property
     def total(self) -> float:
@@ -209,7 +211,28 @@ def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fi
     chosen = _chosen_kinds(gram, moment, labels, -float(np.log(false_alarms)))
     kept = [d.chosen([i for i, kind in enumerate(d.kinds) if (k, kind) in chosen]) for k, d in enumerate(offered)]
     kept = [d for d in kept if d.kinds]
-    return fit_causes(problem, fit.causes, departures=kept) if kept else fit
+    if not kept:
+        return fit
+    log_prior = -len(chosen) * float(np.log(len(set(labels))))
+    return replace(fit_causes(problem, fit.causes, departures=kept), log_prior=log_prior)
+
+
+def marginal_likelihood(fit: Fit) -> float:
+    """Logarithm of the marginal likelihood of causes with their departures, priors of their places aside.
+
+    As that of the table (`hypotheses.py`), with what the departures' columns cost by their priors.
+    """
+    gram = fit.blocks.total().gram
+    widths = len(fit.nuisance_values), sum(map(width_of, fit.columns)), len(fit.departure_values)
+    first, place, price = sum(widths[:2]), widths[0], 0.0
+    for cause, columns in zip(fit.causes, fit.columns, strict=True):
+        own = slice(place, place := place + width_of(columns))
+        amplitudes, dof = _amplitudes(cause), len(cause.effect.indices(Role.LINEAR))
+        price += dof * (1 + float(np.log(max(float(amplitudes @ gram[own, own] @ amplitudes) / dof, 1.0))))
+    inner = gram[:first, :first] + np.diag(np.repeat([1.0, 1e-12], widths[:2]))
+    apart = gram[first:, first:] - gram[first:, :first] @ solve_scaled(inner, gram[:first, first:])
+    occam = float(np.linalg.slogdet(np.eye(len(apart)) + apart)[1])
+    return fit.log_prior - 0.5 * (fit.squares + price + occam)
 
 
 def reductions_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Powers, int]:

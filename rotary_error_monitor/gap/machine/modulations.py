@@ -62,12 +62,12 @@ def _of_poses(problem: MachineProblem, axes: Sequence[Axis]) -> list[Modulation]
         column = problem.machine.letters.index(axis.letter)
         position = recording.positions[:, column]
         quantities[f"direction of {axis.letter}"] = (
-            "direction",
+            f"direction of {axis.letter}",
             recording.direction[:, column],
             partial(_with_direction, axis.letter),
         )
         for i, shape in enumerate(_shapes(axis, position)):
-            quantities[f"place of {axis.letter} {i}"] = "place", shape, partial(_with_place, axis)
+            quantities[f"place of {axis.letter} {i}"] = f"place on {axis.letter}", shape, partial(_with_place, axis)
     norm = Normaliser({name: values for name, (_, values, _) in quantities.items()})
     found = [
         Modulation(kind, norm(name, values), partial(_said, say, norm.unit(name)), len(axes) == 1)

@@ -137,9 +137,9 @@ def _around(change: float) -> str:
     return "differs around the turn"
 
 
-def next_orders(change: float) -> str:
-    """Words for the orders beside that of an effect."""
-    return "neighbouring orders"
+def next_order(place: str, change: float) -> str:
+    """Words for an order beside that of an effect."""
+    return f"neighbouring orders (order {order_of(place)})"
 
 
 def neighbouring(cause: Cause) -> list[Cause]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -20,7 +21,7 @@ from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.distortion import distortions
 from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
-from rotary_error_monitor.gap.stage.modulations import StageModulations, linear_values, neighbouring, next_orders
+from rotary_error_monitor.gap.stage.modulations import StageModulations, linear_values, neighbouring, next_order
 from rotary_error_monitor.gap.stage.nuisances import Nuisances
 from rotary_error_monitor.gap.stage.offset import offset_figures
 from rotary_error_monitor.gap.stage.search import StageSearch
@@ -190,12 +191,13 @@ class StageProblem:
             beside = [SHARE * sizes * signatures[name] for signatures in around]
             stacked[name] = np.concatenate([modulated(signature, amplitudes, sizes, modulations), *beside], axis=2)
             labels = spread_out(modulations, amplitudes, sizes)
-        (kinds, words, changes), count = labels, len(neighbours) * len(linear)
+        kinds, words, changes = labels
+        orders = [neighbour.location for neighbour in neighbours for _ in linear]
         return Departures(
             place,
-            (*kinds, *count * ("orders",)),
-            (*words, *count * (next_orders,)),
-            np.append(changes, np.zeros(count)),
+            (*kinds, *orders),
+            (*words, *(partial(next_order, order) for order in orders)),
+            np.append(changes, np.zeros(len(orders))),
             self._white(stacked),
         )
 
