@@ -92,10 +92,11 @@ def _credited(log_odds: float, key: Key | None, credits: Mapping[Key, float]) ->
 
     None is likelier than that, nor than the same effect at its best place with departures.
     """
+    if key is None:
+        return log_odds
     if key in credits:
         return credits[key]
-    elsewhere = [value for (name, _), value in credits.items() if key is not None and name == key[0]]
-    return min(log_odds, 0.0, *elsewhere)
+    return min(log_odds, 0.0, *(value for (name, _), value in credits.items() if name == key[0]))
 
 
 def _distinct(table: HypothesisTable, order: list[int]) -> list[int]:
