@@ -100,6 +100,11 @@ VARIANTS = {
         {HOUR},
         "smaller on the side of the pier where declination reads below 90°",
     ),
+    "hour wheel on one side": (
+        scaled(hour_gear(1), lambda pose: 1 + 0.25 * reversed_on_pier(pose)),
+        {("axis_eccentricity", "H")},
+        "smaller on the side of the pier where declination reads below 90°",
+    ),
     "declination gear later": (
         scaled(declination_gear, lambda pose: 1 + 0.3 * later(pose)),
         {DECLINATION},

@@ -11,9 +11,12 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.departures import SHARE, Departures, columns_at
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.held_out import held_out_squares
+from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.problem import SparseRows
+from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.standing import departing, needed_departures
+from rotary_error_monitor.gap.verdict import Verdict
 from test.gap.conftest import LinearProblem
 
 GROWTH = 0.3
@@ -72,6 +75,30 @@ def test_causes_without_a_departure_are_left_as_they_are(linear, growing):
     assert departing(plain, fitted(plain, "first").causes, FALSE_ALARMS) is None
     assert departing(linear, fitted(linear, "first").causes, FALSE_ALARMS) is None, "no departures are offered"
     assert departing(growing, fitted(growing, "second").causes, FALSE_ALARMS) is None
+
+
+def test_what_predicts_as_well_is_named_beside_departures():
+    """A second cause that does what the first one's growth does: the smaller set is told, and the other in a remark."""
+    departing_sets = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        first, other = rng.normal(size=(2, 800, 1))
+        alike = first * rising(800)[:, None] + 0.1 * other
+        data = 2 * first * (1 + GROWTH * rising(800)[:, None]) + rng.normal(size=(800, 1))
+        problem = Growing({"x": data}, {})
+        problem.m_open = True
+        problem.offer({"first": {"x": first}, "alike": {"x": alike}})
+        told = judge(problem, select_causes(problem))
+        assert told.verdict is Verdict.EXPLAINED
+        if told.fit.departures:
+            assert [cause.effect.name for cause in told.fit.causes] == ["first"]
+            departing_sets.append(told.doubts)
+        else:
+            assert {cause.effect.name for cause in told.fit.causes} == {"first", "alike"} and not told.doubts
+    assert departing_sets
+    for doubts in filter(None, departing_sets):
+        assert doubts == ("first and alike in their textbook forms predict what was left out as well",)
+    assert any(departing_sets), "nearly alike: chance decides"
 
 
 def test_squares_without_a_kind_are_those_of_a_fit_without_it(growing):
