@@ -206,7 +206,9 @@ def columns_at(columns: Columns, index: NDArray[np.intp]) -> Columns:
 
 def _made_at(rows: Rows | SparseRows, index: NDArray[np.intp]) -> SparseRows:
     if isinstance(rows, SparseRows):
-        raise TypeError("columns of departures act on whole channels")
+        if any(len(own) != rows.width for own in rows.acting.values()):
+            raise TypeError("columns of departures act on whole channels")
+        rows = rows.rows
     acting = np.arange(len(index), dtype=np.intp)
     return SparseRows(len(index), {c: values[:, index] for c, values in rows.items()}, dict.fromkeys(rows, acting))
 

@@ -153,22 +153,21 @@ def _predictable(
     return before, problem.residual(before)
 
 
-def change_bounds(causes: Sequence[Cause], nuisances: int) -> tuple[Array, Array]:
-    """Least and largest change (nuisances + k,) of uncertain parameters, which have none, and causes' free values."""
+def change_bounds(causes: Sequence[Cause], nuisances: int, departures: int) -> tuple[Array, Array]:
+    """Least and largest change (nuisances + k + departures,) of each column; causes' free values alone have bounds."""
     low, high = [np.full(nuisances, -np.inf)], [np.full(nuisances, np.inf)]
     for cause in causes:
         free, (least, largest) = _free(cause), cause.effect.bounds()
         low.append(np.minimum(least[free] - cause.values[free], 0.0))
         high.append(np.maximum(largest[free] - cause.values[free], 0.0))
-    return np.concatenate(low), np.concatenate(high)
+    free_of_bounds = np.full(departures, np.inf)
+    return np.concatenate([*low, -free_of_bounds]), np.concatenate([*high, free_of_bounds])
 
 
 def _held(causes: Sequence[Cause], nuisances: int, gram: Array, moment: Array, change: Array) -> Array:
     """The change that keeps the causes within their bounds; the others make up for what is held."""
-    low, high = change_bounds(causes, nuisances)
-    free = np.full(len(change) - len(low), np.inf)
-    low, high = np.concatenate([low, -free]), np.concatenate([high, free])
-    return solve_within(gram, moment, low, high, change)
+    departures = len(change) - nuisances - sum(len(_free(cause)) for cause in causes)
+    return solve_within(gram, moment, *change_bounds(causes, nuisances, departures), change)
 
 
 def _moved(causes: Sequence[Cause], change: Array) -> tuple[Cause, ...]:

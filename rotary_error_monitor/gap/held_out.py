@@ -9,6 +9,7 @@ it than without it, by more than chance.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotary_error_monitor.gap.bounded import solve_within
 from rotary_error_monitor.gap.fitting import Fit, change_bounds, fit_causes
@@ -22,21 +23,29 @@ UNNEEDED = 0.05
 _RIDGE = 1e-9
 
 
-def held_out_squares(fit: Fit, conditions: Conditions) -> Array:
-    """(b,) squares of each block's rows, nuisances and causes fitted on the blocks of other conditions."""
-    blocks, count = fit.blocks, len(fit.nuisance_values)
-    columns = np.arange(blocks.moment.shape[1], dtype=np.intp)
-    prior = np.where(columns < count, 1.0, 0.0)
-    bounds = change_bounds(fit.causes, count)
+def held_out_squares(fit: Fit, conditions: Conditions, departing: NDArray[np.bool_] | None = None) -> Array:
+    """(b,) squares of each block's rows, all that is fitted sized on the blocks of other conditions.
+
+    Args:
+        fit: causes with their departures.
+        conditions: blocks of one label are held out together.
+        departing: (q,) columns of departures that take part; by default all.
+    """
+    blocks, count, extra = fit.blocks, len(fit.nuisance_values), len(fit.departure_values)
+    last = blocks.moment.shape[1] - extra
+    prior = np.repeat([1.0, 0.0, 1.0], [count, last - count, extra])
+    used = np.append(np.ones(last, bool), np.ones(extra, bool) if departing is None else departing)
+    columns = np.flatnonzero(used)
+    low, high = (bound[used] for bound in change_bounds(fit.causes, count, extra))
     left = np.empty(len(blocks.power))
     for label in np.unique(conditions.labels):
         test = conditions.labels == label
         train = blocks.total(~test)
-        gram = train.gram + np.diag(prior)
+        gram, moment = (train.gram + np.diag(prior))[np.ix_(columns, columns)], train.moment[columns]
         scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
         inner = gram * np.outer(scale, scale) + _RIDGE * np.eye(len(gram))
-        solved = scale * np.linalg.solve(inner, scale * train.moment)
-        solved = solve_within(gram, train.moment, *bounds, solved)
+        solved = scale * np.linalg.solve(inner, scale * moment)
+        solved = solve_within(gram, moment, low, high, solved)
         left[test] = blocks.squares(columns, solved)[test]
     return left
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.alternatives import Key
-from rotary_error_monitor.gap.departures import SHARE
+from rotary_error_monitor.gap.departures import SHARE, Departing
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
-from rotary_error_monitor.gap.held_out import dispersion, predicts
+from rotary_error_monitor.gap.held_out import UNNEEDED, chance_of_no_better, dispersion, held_out_squares, predicts
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import chi_square_quantile, log_chi_square_tail
 from rotary_error_monitor.gap.posterior import (
@@ -24,6 +24,7 @@ from rotary_error_monitor.gap.posterior import (
 )
 from rotary_error_monitor.gap.prior_conflict import find_left
 from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.standing import standing_departures
 from rotary_error_monitor.gap.steps import Selection, Step
 from rotary_error_monitor.gap.verdict import REJECTED, Verdict, cancelled_in, probability_of_unknown
 from rotary_error_monitor.twin.finite import UnpredictableError
@@ -71,7 +72,7 @@ def judge(
     if null.settled:
         return Judgement(Verdict.NO_GAP, null, null.fit, (), probability_of_unknown(null.findings))
     if problem.m_open:
-        return _judge_open(problem, selection)
+        return _judge_open(problem, selection, false_alarms)
     doubts = _doubts(problem, chosen)
     progress("departures")
     if chosen.settled and not doubts:
@@ -286,20 +287,55 @@ def _rivals(step: Step, explained: bool) -> Iterator[tuple[Cause, ...]]:
         yield table.causes(hypothesis)
 
 
-def _judge_open(problem: Problem, selection: Selection) -> Judgement:
-    """Where something unknown is always there beside the causes: causes stand that predict what was left out."""
-    chosen = selection.chosen
+def _judge_open(problem: Problem, selection: Selection, false_alarms: float) -> Judgement:
+    """Where something unknown is always there beside the causes: causes stand that predict what was left out.
+
+    Departures of many kinds would take up the unknown as well. They are believed where nothing is left beside them and
+    each cause is likelier than something unknown in its place, as on a machine; and, the smallest set first, where a
+    set with them predicts better than one without: by more than chance if it has as many causes, in sum if it has
+    fewer, since each further cause must be needed.
+    """
+    best = _standing(problem, selection)
+    if not best.fit.causes or not isinstance(problem, Departing):
+        return best
+    # Fitted anew: the noise may have been learnt since.
+    squares = held_out_squares(fit_causes(problem, best.fit.causes), problem.conditions)
+    for step in selection.steps[1:]:
+        fit = standing_departures(problem, step.fit.causes, false_alarms)
+        if fit is None:
+            continue
+        weighed, others = _weighed(problem, step, fit), held_out_squares(fit, problem.conditions)
+        if not (weighed.settled and weighed.likelier):
+            continue
+        by_chance = chance_of_no_better(others, squares) > UNNEEDED
+        fewer = len(fit.causes) < len(best.fit.causes) and float(others.sum()) <= float(squares.sum())
+        if fewer or not by_chance:
+            doubts = (f"{_named(best.fit)} in their textbook forms predict what was left out as well",)
+            best = _open(step, fit.without_data(), weighed.findings, True, doubts if by_chance else ())
+            squares = others
+    return best
+
+
+def _standing(problem: Problem, selection: Selection) -> Judgement:
+    """The largest set of causes that stands in its textbook forms."""
+    chosen, null = selection.chosen, selection.null
     if chosen.settled:
-        return Judgement(Verdict.EXPLAINED, chosen, chosen.fit, (), probability_of_unknown(chosen.findings))
+        return _open(chosen, chosen.fit, chosen.findings, True)
     for step in selection.steps[:0:-1]:
         if predicts(problem, step.fit):
-            # Something unknown is there beside the causes, not in their place: it is noise to the choice among them.
-            left = _alarming(step.findings, step)
-            return Judgement(Verdict.PARTLY_EXPLAINED, step, step.fit, left, 0.0, dispersion(step.fit))
-    null = selection.null
-    return Judgement(
-        Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), probability_of_unknown(null.findings)
-    )
+            return _open(step, step.fit, step.findings, False)
+    unknown = probability_of_unknown(null.findings)
+    return Judgement(Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), unknown)
+
+
+def _open(
+    step: Step, fit: Fit, findings: tuple[Finding, ...], settled: bool, doubts: tuple[str, ...] = ()
+) -> Judgement:
+    if settled:
+        return Judgement(Verdict.EXPLAINED, step, fit, (), probability_of_unknown(findings), doubts=doubts)
+    # Something unknown is there beside the causes, not in their place: it is noise to the choice among them.
+    left = _alarming(findings, step)
+    return Judgement(Verdict.PARTLY_EXPLAINED, step, fit, left, 0.0, dispersion(step.fit))
 
 
 def _doubts(problem: Problem, step: Step) -> tuple[str, ...]:
@@ -307,7 +343,9 @@ def _doubts(problem: Problem, step: Step) -> tuple[str, ...]:
     channel = cancelled_in(problem, step.fit)
     if not channel:
         return ()
-    names = " and ".join(" at ".join(filter(None, cause.key)) for cause in step.fit.causes)
-    return (
-        f"{names} fit, but cancel one another on {channel}: something that is not seen there is the likelier cause",
-    )
+    words = "something that is not seen there is the likelier cause"
+    return (f"{_named(step.fit)} fit, but cancel one another on {channel}: {words}",)
+
+
+def _named(fit: Fit) -> str:
+    return " and ".join(" at ".join(filter(None, cause.key)) for cause in fit.causes)

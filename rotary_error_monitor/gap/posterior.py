@@ -53,6 +53,7 @@ class Posterior:
         findings: structure that is left, the least likely first.
         log_odds: of each cause, that it is at work and not something unknown in its place, its departures paid for.
         settled: whether only noise is left.
+        credit: log odds of each cause that come from nothing unknown being needed beside them.
         near: whether so little is left of any cause that it could be a departure.
         needless: log odds, by name and place of a cause, that it is a departure of the others.
     """
@@ -62,12 +63,13 @@ class Posterior:
     log_odds: tuple[float, ...]
     settled: bool
     near: bool
+    credit: float
     needless: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @property
     def total(self) -> float:
         """Log odds of all causes together; what speaks against anything unknown counts once."""
-        return sum(self.log_odds) - (len(self.log_odds) - 1) * _credit(self.settled)
+        return sum(self.log_odds) - (len(self.log_odds) - 1) * self.credit
 
     @property
     def probability(self) -> float:
@@ -124,7 +126,9 @@ def weigh_against_unknown(
     left = _left_in(problem, fit, [f for f in findings if f.log_p_value < log_alarm], whole)
     prices = _prices(fit)
     settled = not is_structured(findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **whole})
-    prior = float(np.log(PRIOR_OF_KNOWN / effects)) + _credit(settled)
+    # Where something unknown is always there, that none is seen beside the causes says nothing for them.
+    credit = -float(np.log(PRIOR_OF_UNKNOWN)) if settled and not problem.m_open else 0.0
+    prior = float(np.log(PRIOR_OF_KNOWN / effects)) + credit
     log_odds, near = [], False
     for power, part, price in zip(powers, _own_parts(fit), prices, strict=True):
         own, total = {channel: part * value for channel, value in power.items()}, sum(power.values()) or 1.0
@@ -133,12 +137,7 @@ def weigh_against_unknown(
         beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
         near |= beside > np.log1p(1 / NO_DEPARTURE)
         log_odds.append(0.5 * FREE * gain + prior - float(price))
-    return Posterior(fit, tuple(findings), tuple(log_odds), settled, near)
-
-
-def _credit(settled: bool) -> float:
-    """Log odds that causes beside which nothing unknown is needed gain by that."""
-    return -float(np.log(PRIOR_OF_UNKNOWN)) if settled else 0.0
+    return Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit)
 
 
 def _left_in(problem: Problem, fit: Fit, findings: Sequence[Finding], powers: Powers) -> dict[str, float]:

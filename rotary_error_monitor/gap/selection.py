@@ -97,8 +97,10 @@ class _Search:
         """Test what a fit leaves."""
         findings = find_left(self._problem, fit)
         suspicious = bool(findings) and findings[0].log_p_value < self._log_alarm(findings)
-        # What was learnt beside fewer causes may have been one of these.
-        if (suspicious or self._learnt) and self._problem.learn_noise(fit.causes, findings):
+        # What was learnt beside fewer causes may have been one of these; where neighbouring rows tell the noise, it was
+        # learnt beside none at first.
+        fewer = self._learnt or (self._problem.m_open and bool(fit.causes))
+        if (suspicious or fewer) and self._problem.learn_noise(fit.causes, findings):
             self._learnt = True
             self._columns.clear()
             fit = fit_causes(self._problem, fit.causes)

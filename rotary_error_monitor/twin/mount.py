@@ -56,6 +56,7 @@ class MountTwin:
     Attributes:
         seen: (3, n) unit vectors to the stars as the mount must point at them, in the ground's frame.
         sought: (3, n) the same without refraction.
+        side: (n,) of the pier, as `PointingState` has it.
         machine: the mount's machine as the description has it.
     """
 
@@ -73,7 +74,7 @@ class MountTwin:
         lifted = rotate(rotation_by(self._lift()), self.sought)
         self.seen = lifted if mount.refraction else self.sought
         self._west, self._north = _ways(self.seen, self.latitude)
-        self._side = np.where(np.cos(recording.readings[:, 1]) < 0, 1.0, -1.0)
+        self.side = np.where(np.cos(recording.readings[:, 1]) < 0, 1.0, -1.0)
         self._time = recording.time - 0.5 * (recording.time.min() + recording.time.max())
 
     def state(self, geometry: MountGeometry, causes: Sequence[Cause] = ()) -> PointingState:
@@ -92,7 +93,7 @@ class MountTwin:
             upward=self.upward,
             sought=self.sought,
             refraction=self.refraction,
-            side=self._side,
+            side=self.side,
             time=self._time,
         )
 

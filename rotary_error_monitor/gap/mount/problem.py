@@ -16,6 +16,8 @@ from rotary_error_monitor.description.mount import MountDescription, MountGeomet
 from rotary_error_monitor.effects.effect import Cause, Role, among
 from rotary_error_monitor.effects.mount_effect import MountEffect
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.departures import Departures
+from rotary_error_monitor.gap.mount.modulations import mount_departures
 from rotary_error_monitor.gap.mount.noise import estimate_repeatability
 from rotary_error_monitor.gap.mount.sky_blocks import sky_conditions, sky_patches
 from rotary_error_monitor.gap.mount.where import mount_advice, mount_figures, mount_structure, mount_views, mount_where
@@ -123,6 +125,10 @@ class MountProblem:
     def distortions(self, candidates: Sequence[Candidate], causes: Sequence[Cause]) -> Sequence[float]:
         """None: errors this small add up, whatever else is wrong."""
         return [0.0] * len(candidates)
+
+    def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
+        """Ways in which each cause may depart from its textbook form."""
+        return tuple(mount_departures(self, i, causes) for i in range(len(causes)))
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows of one standard uncertainty of each angle of the geometry."""

@@ -1,0 +1,98 @@
+"""What modulations of a machine's and a mount's effects share: their recordings are poses, not samples in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.gap.departures import (
+    Departures,
+    Modulation,
+    Normaliser,
+    amplitude_sizes,
+    modulated,
+    modulations_by_size,
+    percent,
+    spread_out,
+    wanders,
+)
+from rotary_error_monitor.gap.problem import Array, Rows
+
+COURSES = 4
+"""Slow courses over the poses in which an effect may wander: poses of one part of a programme are few."""
+
+Say = Callable[[float, float], str]
+"""Words for a relative change of the cause by one standard deviation of a quantity, and that in its own unit."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What an effect may depend on: `values` (n,) at the poses, its kind of departure, and how that is told."""
+
+    kind: str
+    values: Array
+    say: Say
+
+
+def modulations_by(quantities: Mapping[str, Quantity], each: bool) -> list[Modulation]:
+    """Those quantities that vary over the poses, centred and scaled; `each` as in `Modulation`."""
+    norm = Normaliser({name: quantity.values for name, quantity in quantities.items()})
+    return [
+        Modulation(quantity.kind, norm(name, quantity.values), partial(_said, quantity.say, norm.unit(name)), each)
+        for name, quantity in quantities.items()
+        if norm.unit(name)
+    ]
+
+
+def slow_courses(passed: Array) -> list[Modulation]:
+    """Slow cosines over the recording, `passed` (n,) being the part of it that has passed at each pose, 0 to 1."""
+    waves = (np.sqrt(2) * np.cos(np.pi * order * passed) for order in range(2, COURSES + 1))
+    return [Modulation("course", wave, wanders) for wave in waves]
+
+
+def waves_around(position: Array) -> list[Array]:
+    """Waves (n,) of orders 1 and 2 around an axis: with them an order brings those beside it."""
+    return [wave(order * position) for order in (1, 2) for wave in (np.cos, np.sin)]
+
+
+def departures_at_poses(
+    place: int, cause: Cause, rows: Rows, units: Mapping[str, float], modulations: Sequence[Modulation]
+) -> Departures:
+    """Ways in which a cause at poses may depart.
+
+    Args:
+        place: of the cause among those at work.
+        cause: as fitted.
+        rows: white rows (n, p) of its amplitudes, by channel.
+        units: what one white row is of each channel, all in one unit: what the cause does is compared across channels.
+        modulations: by all but its own size.
+    """
+    amplitudes, sizes = cause.values[cause.effect.indices(Role.LINEAR)], amplitude_sizes(cause)
+    signature = np.stack([rows[channel] for channel in units], axis=1)
+    by_all = [*modulations, *_by_size((signature @ amplitudes) * np.array(list(units.values())))]
+    made = modulated(signature, amplitudes, sizes, by_all)
+    columns = {channel: made[:, i] for i, channel in enumerate(units)}
+    return Departures(place, *spread_out(by_all, amplitudes, sizes), columns)
+
+
+def with_direction(letter: str) -> Say:
+    """Words for a modulation by the direction in which an axis travelled."""
+    return partial(_with_direction, letter)
+
+
+def _by_size(signal: Array) -> list[Modulation]:
+    """Modulations by what the cause does (n, k), beside its root mean square on the component that it moves most."""
+    return modulations_by_size(signal, float(np.sqrt(np.max(np.mean(np.square(signal), axis=0)))))
+
+
+def _said(say: Say, unit: float, change: float) -> str:
+    return say(change, unit)
+
+
+def _with_direction(letter: str, change: float, unit: float) -> str:
+    side = "negative" if change > 0 else "positive"
+    return f"smaller in the {side} direction of {letter} by {percent(2 * change / unit)}"
