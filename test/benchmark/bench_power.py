@@ -62,7 +62,9 @@ def cells_of(row):
     reached = [size_reaching(0.5, sizes, seen), *(size_reaching(share, sizes, named) for share in SHARES)]
     ideal = [ideal_size(share, row["amplitudes"], row["false_alarms"]) for share in SHARES]
     std = " and ".join(f"{size:.2g} {unit}" for size, unit in row["std"])
-    return (row["effect"], std, str(len(trials)), *(f"{size:.1f}" for size in (*reached, *ideal)))
+    beyond = f"> {max(sizes):g}"
+    cells = [beyond if size > max(sizes) else f"{size:.1f}" for size in reached]
+    return (row["effect"], std, str(len(trials)), *cells, *(f"{size:.1f}" for size in ideal))
 
 
 def run(effects, setting_seed, seeds, false_alarms, output):

@@ -126,3 +126,15 @@ def test_pieces_are_put_together(tmp_path, monkeypatch, capsys):
     assert [line.split()[0] for line in table] == ["disc_scale", "unbalance"]
     figures = [float(cell) for cell in table[0].split()[-6:]]
     assert figures == pytest.approx([12, 6.0, 6.5, 6.95, ideal_size(0.5, 1), ideal_size(0.95, 1)], abs=0.06)
+
+
+def test_a_size_that_is_not_reached_is_told_as_such():
+    trials = [{"size": size, "seed": 0, "seen": size > 5, "named": False} for size in (4.0, 6.0)]
+    row = {
+        "effect": "lean",
+        "amplitudes": 1,
+        "false_alarms": 0.01,
+        "std": [(2e-6, "m"), (1e-9, "rad")],
+        "trials": trials,
+    }
+    assert bench_power.cells_of(row)[:6] == ("lean", "2e-06 m and 1e-09 rad", "2", "5.0", "> 6", "> 6")
