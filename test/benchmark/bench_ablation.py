@@ -33,7 +33,17 @@ if __name__ != "__mp_main__":  # a process that diagnoses loads a script too, an
 GROUPS = ("variant", "loud", "mimic", "unknown", "single")
 FAMILIES = ("stage", "machine")
 FLOORS = {"clean": False, "rough": True}
-HEAD = ("variants right", "departures told", "loud right", "mimics named", "unknown right", "singles right", "seconds")
+HEAD = (
+    "variants right",
+    "explained",
+    "departures told",
+    "loud right",
+    "mimics named",
+    "unknown right",
+    "singles right",
+    "seconds",
+)
+"""Variants are right where they are named at all; explained where nothing is left beside them either."""
 
 
 def ablate(seed, cases, parts, output, families=FAMILIES, floors=(False, True), groups=GROUPS):
@@ -103,10 +113,11 @@ def format_row(part, rows):
         group: [row for row in rows if row["plan"]["group"] == group and row["size"] >= FINDABLE] for group in GROUPS
     }
     right = {group: share([row["right"] for row in own]) for group, own in by_group.items()}
+    explained = share([row["verdict"] == "explained" for row in by_group["variant"] if row["right"]])
     told = share([row["told"] for row in rows if row["told"] is not None])
     named = share([bool(row["named"]) for row in by_group["mimic"]])
     seconds = f"{np.mean([row['seconds'] for row in rows]):.1f}"
-    cells = (right["variant"], told, right["loud"], named, right["unknown"], right["single"], seconds)
+    cells = (right["variant"], explained, told, right["loud"], named, right["unknown"], right["single"], seconds)
     width = max(len(name) for name in PARTS)
     return (
         f"{part:<{width}}  {'  '.join(cell.ljust(len(head)) for cell, head in zip(cells, HEAD, strict=True))}".rstrip()

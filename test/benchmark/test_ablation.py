@@ -132,14 +132,15 @@ def test_pieces_of_a_run_are_put_together(tmp_path, capsys):
         bench_ablation.main([*arguments, "--seed", "3", "--part", WHOLE, "-o", str(out)])
 
 
-def row_of(group, right, size=50.0, told=None, named=(), seconds=1.0):
-    plan = {"group": group}
-    return {"plan": plan, "right": right, "size": size, "told": told, "named": named, "seconds": seconds}
+def row_of(group, right, size=50.0, told=None, named=(), seconds=1.0, verdict="explained"):
+    row = {"right": right, "size": size, "told": told, "named": named, "seconds": seconds, "verdict": verdict}
+    return {"plan": {"group": group}, **row}
 
 
 def test_the_table_counts_what_stands_out():
     rows = [
         row_of("variant", True, told=True),
+        row_of("variant", True, told=True, verdict="partly_explained"),
         row_of("variant", False, told=False, seconds=4.0),
         row_of("variant", False, size=5.0),
         row_of("loud", True),
@@ -150,4 +151,4 @@ def test_the_table_counts_what_stands_out():
         row_of("single", True, size=3.0),
     ]
     cells = bench_ablation.format_row("rivals", rows).split()
-    assert cells == ["rivals", "1/2", "1/2", "1/1", "1/2", "1/1", "1/1", "1.3"]
+    assert cells == ["rivals", "2/3", "1/2", "2/3", "1/1", "1/2", "1/1", "1/1", "1.3"]
