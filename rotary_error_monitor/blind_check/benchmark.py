@@ -113,7 +113,7 @@ def _keep_cases(connection: Connection, plans: tuple[CasePlan, ...], folder: Pat
     try:
         truths = []
         for plan in plans:
-            truths.append(_written(plan, folder / plan.name))
+            truths.append(write_plan(plan, folder / plan.name))
             connection.send(True)
         sealed = json.dumps({"salt": secrets.token_hex(16), "truths": truths})
         connection.send(hashlib.sha256(sealed.encode()).hexdigest())
@@ -123,8 +123,8 @@ def _keep_cases(connection: Connection, plans: tuple[CasePlan, ...], folder: Pat
         connection.send(error)
 
 
-def _written(plan: CasePlan, place: Path) -> dict[str, Any]:
-    """Write the case of a plan; gives its truth."""
+def write_plan(plan: CasePlan, place: Path) -> dict[str, Any]:
+    """Write the case of a plan into a folder, which is made; gives its truth, plain data."""
     case = make_case(plan)
     write_case(case, place)
     if plan.group == "new speed":

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotary_error_monitor.blind_check.cases import CasePlan
+from rotary_error_monitor.blind_check.reliability import SURE, Told, bins_of, calibration_error
 
 Key = tuple[str, str]
 Reals = NDArray[np.float64]
@@ -31,8 +32,6 @@ MOST_NAMED = 2
 
 LEAST_RANKED = 0.01
 """Probability from which a candidate of the ranking counts: hundreds of others are told to be nothing, and rightly."""
-
-PROBABILITIES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 
 @dataclass(frozen=True)
@@ -210,8 +209,8 @@ def format_scores(outcomes: Sequence[Outcome]) -> str:
                 parts += [_by_group(own), _by_effect(own), _by_size(own)]
                 parts += [_by_lvdt(own), _elsewhere_table(own)] if family == "stage" else []
     parts.append(_mimics(outcomes))
-    parts.append(_calibration("named causes", [pair for o in outcomes for pair in o.probabilities]))
-    parts.append(_calibration("ranked candidates, 1 % and more", [pair for o in outcomes for pair in o.ranked]))
+    parts.append(format_calibration("named causes", [pair for o in outcomes for pair in o.probabilities]))
+    parts.append(format_calibration("ranked candidates, 1 % and more", [pair for o in outcomes for pair in o.ranked]))
     parts.append(_parameters(outcomes))
     return "\n\n".join(part for part in parts if part)
 
@@ -349,20 +348,25 @@ def _floor(outcome: Outcome) -> str:
     return f"{outcome.plan.family}, {'as on a shop floor' if outcome.plan.rough else 'clean'}"
 
 
-def _calibration(of_what: str, told: Sequence[tuple[float, bool]]) -> str:
-    """Reliability by bins, and the expected calibration error: mean of |told - right|, weighted by how often."""
-    rows, error = [], 0.0
-    for low, high in itertools.pairwise(PROBABILITIES):
-        group = [pair for pair in told if low <= pair[0] < high or pair[0] == high == 1.0]
-        if group:
-            mean = float(np.mean([probability for probability, _ in group]))
-            right = float(np.mean([hit for _, hit in group]))
-            error += abs(mean - right) * len(group) / len(told)
-            rows.append([f"{low:g} - {high:g}", f"{mean:.3f}", f"{right:.3f}", _share([hit for _, hit in group])])
-    if not rows:
+def format_calibration(of_what: str, told: Sequence[Told]) -> str:
+    """Reliability by bins, and the expected calibration error: of all, and of those below and from `SURE` on."""
+    bins = bins_of(told)
+    if not bins:
         return ""
-    table = _table(["told", "mean", "share right", "right"], rows)
-    return f"Calibration of probabilities of {of_what}\n{table}\nexpected calibration error: {error:.3f}"
+    rows = []
+    for own in bins:
+        low, high = own.interval
+        shown = [f"{own.low:g} - {own.high:g}", f"{own.stated:.3f}", f"{own.share:.3f}", f"{own.right}/{own.count}"]
+        rows.append([*shown, f"{low:.3f} to {high:.3f}"])
+    table = _table(["told", "mean", "share right", "right", "95 % interval"], rows)
+    parts = {"below": [own for own in bins if own.low < SURE], "from": [own for own in bins if own.low >= SURE]}
+    apart = ", ".join(
+        f"{words} {SURE:g} {calibration_error(part):.3f} of {sum(own.count for own in part)}"
+        for words, part in parts.items()
+        if part
+    )
+    error = f"expected calibration error: {calibration_error(bins):.3f} ({apart})"
+    return f"Calibration of probabilities of {of_what}\n{table}\n{error}"
 
 
 def _parameters(outcomes: Sequence[Outcome]) -> str:

@@ -6,18 +6,22 @@ import argparse
 import dataclasses
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
 from tqdm import tqdm
 
 from rotary_error_monitor.blind_check.benchmark import run_benchmark
 from rotary_error_monitor.blind_check.cases import GROUPS, Family, plan_cases
-from rotary_error_monitor.blind_check.scores import format_scores
+from rotary_error_monitor.blind_check.reliability import Told, bins_of, read_told
+from rotary_error_monitor.blind_check.scores import format_calibration, format_scores
 from rotary_error_monitor.errors import InputError
 
 _FAMILIES: dict[str, tuple[Family, ...]] = {"stage": ("stage",), "machine": ("machine",), "both": ("stage", "machine")}
 _FLOORS = {"clean": (False,), "rough": (True,), "both": (False, True)}
+_DIAGRAMS = (".png", ".svg")
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -46,11 +50,41 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "a pair, one far louder; mimic: half of a known effect, which is none; noise: not as the twin states it)",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="OUT.json", help="every outcome, for tables of your own")
+    parser.add_argument(
+        "--reliability",
+        type=Path,
+        metavar="OUT.svg",
+        help="diagram (SVG or PNG) of the probabilities of named causes against how often they were at work",
+    )
+    parser.add_argument(
+        "--outcomes",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="OUT.json",
+        help="in place of a new run, calibration of outcomes that earlier ones wrote; may be given again, all together",
+    )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the check and print its tables."""
+    """Run the check and print its tables, or the calibration of earlier runs."""
+    if arguments.reliability is not None and arguments.reliability.suffix not in _DIAGRAMS:
+        raise InputError(f"--reliability is {arguments.reliability}; the file must end in {' or '.join(_DIAGRAMS)}")
+    if arguments.outcomes and arguments.output is not None:
+        raise InputError("--outcomes runs no cases: there is nothing to write to -o")
+    if arguments.outcomes:
+        told = [pair for path in arguments.outcomes for pair in read_told(path)]
+        print(format_calibration("named causes", told) or "no cause is named")
+    else:
+        told = _run_cases(arguments)
+    if arguments.reliability is not None:
+        _draw(arguments.reliability, told)
+    return 0
+
+
+def _run_cases(arguments: argparse.Namespace) -> list[Told]:
+    """Run the check and print its tables; gives the probabilities of named causes."""
     if arguments.cases < 1:
         raise InputError(f"--cases is {arguments.cases}; it must be at least 1")
     families, floors = _FAMILIES[arguments.family], _FLOORS[arguments.floor]
@@ -68,7 +102,17 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.output.write_text(
             json.dumps({"sha256": result.opened, "outcomes": rows}, indent=1) + "\n", encoding="utf-8"
         )
-    return 0
+    return [pair for outcome in result.outcomes for pair in outcome.probabilities]
+
+
+def _draw(path: Path, told: Sequence[Told]) -> None:
+    # The drawing library takes as long to load as a case takes, and most runs draw nothing.
+    from rotary_error_monitor.report.reliability_figure import draw_reliability
+
+    bins = bins_of(told)
+    stated, share = (np.array(values) for values in ([own.stated for own in bins], [own.share for own in bins]))
+    interval = np.array([own.interval for own in bins]).reshape(-1, 2)
+    draw_reliability(path, stated, share, interval, f"{len(told)} named causes")
 
 
 def _step(bar: tqdm[NoReturn]) -> None:

@@ -277,7 +277,11 @@ def test_the_expected_calibration_error_is_that_of_the_bins():
     assert f"expected calibration error: {expected:.3f}" in table
     _, _, named = table.partition("Calibration of probabilities of named causes\n")
     rows = [line.split() for line in named.splitlines()[1:3]]
-    assert rows == [["0.2", "-", "0.3", "0.250", "0.000", "0/1"], ["0.95", "-", "0.99", "0.960", "1.000", "2/2"]]
+    assert rows == [
+        ["0.2", "-", "0.3", "0.250", "0.000", "0/1", "0.000", "to", "0.793"],
+        ["0.95", "-", "0.99", "0.960", "1.000", "2/2", "0.342", "to", "1.000"],
+    ]
+    assert "(below 0.9 0.250 of 1, from 0.9 0.040 of 2)" in named
 
 
 def test_every_special_case_of_many_seeds_is_made():

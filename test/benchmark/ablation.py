@@ -1,0 +1,128 @@
+"""The diagnosis with one of its parts switched off, in a process that is kept from all that makes cases.
+
+Parts are switched off from here, by patches; the product has no switch for any of them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from itertools import compress
+from multiprocessing.connection import Connection
+from unittest.mock import PropertyMock, patch
+
+import numpy as np
+
+from rotary_error_monitor.blind_check.solver import diagnose_case, seal_process
+from rotary_error_monitor.gap import judgement, posterior
+from rotary_error_monitor.gap.departures import Departures
+from rotary_error_monitor.gap.hypotheses import HypothesisTable
+from rotary_error_monitor.gap.machine import problem as machine
+from rotary_error_monitor.gap.selection import _Search
+from rotary_error_monitor.gap.stage import problem as stage
+
+WHOLE = "nothing"
+"""Name of the method with all its parts."""
+
+KINDS = ("temperature", "time", "direction", "speed", "low speed", "place", "orders", "harmonic", "size", "course")
+"""Kinds of departure; places around the turn, each order of which is one to the method, are one here."""
+
+PROBLEMS = (stage.StageProblem, machine.MachineProblem)
+
+
+def _no_departures(stack: ExitStack) -> None:
+    for owner in PROBLEMS:
+        stack.enter_context(patch.object(owner, "departures", lambda self, causes: ()))
+
+
+def _no_kind(kind: str, stack: ExitStack) -> None:
+    for owner in PROBLEMS:
+        stack.enter_context(patch.object(owner, "departures", _others(owner.departures, kind)))
+
+
+def _others(departures: Callable, kind: str) -> Callable:
+    def others(self, causes):
+        return tuple(_at(own, [name.rstrip(" 123") != kind for name in own.kinds]) for own in departures(self, causes))
+
+    return others
+
+
+def _at(own: Departures, kept: list[bool]) -> Departures:
+    """Some of the columns as whole rows, of which the method chooses in its turn."""
+    return Departures(
+        own.cause,
+        tuple(compress(own.kinds, kept)),
+        tuple(compress(own.words, kept)),
+        own.changes[kept],
+        {channel: rows[:, kept] for channel, rows in own.columns.items()},
+    )
+
+
+def _no_price(stack: ExitStack) -> None:
+    stack.enter_context(patch.object(posterior, "_prices", lambda fit: np.zeros(len(fit.causes))))
+
+
+def _no_unknown(stack: ExitStack) -> None:
+    """The best set is believed; sets are compared with one another as before."""
+    stack.enter_context(patch.object(posterior.Posterior, "probability", PropertyMock(return_value=1.0)))
+
+
+def _no_learning(stack: ExitStack) -> None:
+    """Noise, spectrum of the jitter and outliers are what they are without any cause."""
+    for owner in PROBLEMS:
+        stack.enter_context(patch.object(owner, "learn_noise", lambda self, causes, findings: False))
+
+
+def _no_uncertainty(stack: ExitStack) -> None:
+    stack.enter_context(patch.object(stage, "uncertain_parameters", lambda description: ()))
+    stack.enter_context(patch.object(stage, "uncertain_warmings", lambda twin, recording: ()))
+    stack.enter_context(patch.object(machine, "uncertain_shifts", lambda description: ()))
+
+
+def _no_rivals(stack: ExitStack) -> None:
+    """Sets stay as they grew: nothing is exchanged on the table, when fitted, or when departures are weighed."""
+    stack.enter_context(patch.object(HypothesisTable, "exchange", lambda self, start: start))
+    stack.enter_context(patch.object(_Search, "exchange", lambda self, step: step))
+    stack.enter_context(patch.object(judgement, "_rivals", lambda step, explained: iter(())))
+
+
+PARTS: dict[str, Callable[[ExitStack], None]] = {
+    WHOLE: lambda stack: None,
+    "departures": _no_departures,
+    **{f"departures: {kind}": partial(_no_kind, kind) for kind in KINDS},
+    "price of departures": _no_price,
+    "something unknown": _no_unknown,
+    "learning of noise": _no_learning,
+    "uncertain parameters": _no_uncertainty,
+    "rivals": _no_rivals,
+}
+"""What switches each part off until the stack is left."""
+
+
+@contextmanager
+def without(part: str) -> Iterator[None]:
+    """The method without that part."""
+    with ExitStack() as stack:
+        PARTS[part](stack)
+        yield
+
+
+def diagnose_without(connection: Connection, part: str) -> None:
+    """Answer requests (folder, effects left out of the library) until the connection ends.
+
+    The answer is the diagnosis and the time of the processor that it took, s: what else the computer does is no part of
+    it.
+    """
+    seal_process()
+    with without(part):
+        while True:
+            place, left_out = connection.recv()
+            begin = time.process_time()
+            try:
+                diagnosis, _ = diagnose_case(place, left_out)
+            except Exception as error:  # told to the other side, which cannot see this process
+                connection.send(error)
+            else:
+                connection.send((diagnosis, time.process_time() - begin))
