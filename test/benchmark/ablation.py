@@ -5,6 +5,7 @@ Parts are switched off from here, by patches; the product has no switch for any 
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -27,7 +28,7 @@ WHOLE = "nothing"
 """Name of the method with all its parts."""
 
 KINDS = ("temperature", "time", "direction", "speed", "low speed", "place", "orders", "harmonic", "size", "course")
-"""Kinds of departure; places around the turn, each order of which is one to the method, are one here."""
+"""Kinds of departure; those of each axis and of each order, which are several to the method, are one here."""
 
 PROBLEMS = (stage.StageProblem, machine.MachineProblem)
 
@@ -44,9 +45,14 @@ def _no_kind(kind: str, stack: ExitStack) -> None:
 
 def _others(departures: Callable, kind: str) -> Callable:
     def others(self, causes):
-        return tuple(_at(own, [name.rstrip(" 123") != kind for name in own.kinds]) for own in departures(self, causes))
+        return tuple(_at(own, [kind_of(name) != kind for name in own.kinds]) for own in departures(self, causes))
 
     return others
+
+
+def kind_of(name: str) -> str:
+    """That of `KINDS` to which a departure of an axis or an order belongs."""
+    return "orders" if name.startswith("order_") else re.sub(r"( of| on)? [A-Z0-9]$", "", name)
 
 
 def _at(own: Departures, kept: list[bool]) -> Departures:

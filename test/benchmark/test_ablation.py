@@ -12,7 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 import bench_ablation
-from ablation import KINDS, PARTS, WHOLE, without
+from ablation import KINDS, PARTS, WHOLE, kind_of, without
 
 from rotary_error_monitor.blind_check.cases import draw_machine, write_case
 from rotary_error_monitor.gap import judgement, posterior
@@ -49,7 +49,7 @@ def found(folder):
 
 
 def kinds_of(problem, causes):
-    return [kind.rstrip(" 123") for own in problem.departures(causes) for kind in own.kinds]
+    return [kind_of(kind) for own in problem.departures(causes) for kind in own.kinds]
 
 
 def test_one_kind_of_departure_is_left_out_at_a_time(found):
@@ -79,7 +79,7 @@ def test_without_their_price_departures_cost_nothing(found):
 
 
 def test_without_something_unknown_the_best_set_is_believed(found):
-    low = posterior.Posterior(fit_causes(*found), (), (-30.0,), False, False)
+    low = posterior.Posterior(fit_causes(*found), (), (-30.0,), False, False, 0.0)
     assert not low.likelier and low.probability < 1e-9
     with without("something unknown"):
         assert low.likelier and low.probability == 1.0 and low.total == -30.0
