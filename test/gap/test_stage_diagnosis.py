@@ -188,16 +188,23 @@ def test_a_series_of_orders_is_no_cause(stage_problem):
 
 
 def test_what_stands_out_in_no_channel_is_left_of_the_cause(stage_problem):
-    """A ring of another radius, unknown here, shows what the axis does too large: so do orders of the graduation."""
-    without = tuple(e for e in EFFECTS if e.name != "disc_scale")
-    case = {"seed": 901920956, "kind": "single", "effects": ["disc_scale"], "rough": True, "duration": 40.0}
-    problem, _ = stage_problem(**case, stage_effects=without)
-    diagnosis = diagnose(problem)
-    assert not any(step.settled for step in diagnosis.selection.steps)
-    assert diagnosis.verdict is Verdict.UNKNOWN and not diagnosis.causes
-    problem, _ = stage_problem(**case)
-    (cause,) = diagnose(problem).causes
-    assert cause.cause.effect.name == "disc_scale"
+    """A ring of another radius, unknown here, shows what the axis does too large: so do orders of the graduation.
+
+    What resembles it is named at times, never as all that there is.
+    """
+    without, unknown = tuple(e for e in EFFECTS if e.name != "disc_scale"), []
+    for seed in (901920956, 1, 2, 4):
+        case = {"seed": seed, "kind": "single", "effects": ["disc_scale"], "rough": True, "duration": 40.0}
+        problem, _ = stage_problem(**case, stage_effects=without)
+        diagnosis = diagnose(problem)
+        assert not any(step.settled for step in diagnosis.selection.steps)
+        assert diagnosis.verdict in (Verdict.UNKNOWN, Verdict.PARTLY_EXPLAINED) and diagnosis.remainder
+        assert all(found.probability < 0.9 for found in diagnosis.causes)
+        unknown.append(diagnosis.verdict is Verdict.UNKNOWN)
+        problem, _ = stage_problem(**case)
+        (cause,) = diagnose(problem).causes
+        assert cause.cause.effect.name == "disc_scale"
+    assert sum(unknown) >= 2
 
 
 def test_what_one_effect_adds_another_distorts(stage_problem):
