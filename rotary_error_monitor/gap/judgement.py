@@ -78,12 +78,14 @@ def judge(
     if chosen.settled and not doubts:
         return _judge_settled(problem, chosen, false_alarms)
     tried = [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step)]
-    if not any(posterior.likelier for _, posterior in tried):
-        tried += [(null, posterior) for posterior in _hidden(problem, null)]
-    if tried:
+    if any(posterior.likelier for _, posterior in tried):
         step, best = _likeliest(tried)
-        if best.likelier:
-            return _believed(step, best, [posterior for other, posterior in tried if other is step])
+        return _believed(step, best, [posterior for other, posterior in tried if other is step])
+    hidden = list(_hidden(problem, null))
+    # What the search passed by is believed only if it leaves nothing.
+    settled = [(null, posterior) for posterior in hidden if posterior.settled and posterior.likelier]
+    if settled:
+        return _believed(null, _likeliest(settled)[1], hidden)
     unknown = 1 - max((posterior.probability for _, posterior in tried), default=0.0)
     return Judgement(Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), unknown, doubts=doubts)
 
@@ -119,9 +121,10 @@ def _hidden(problem: Problem, null: Step) -> Iterator[Posterior]:
             best.setdefault(table.candidates[hypothesis.members[0]].effect.name, table.causes(hypothesis))
     for causes in list(best.values())[:MOST_HIDDEN]:
         try:
-            yield _weighed(problem, null, with_departures(problem, fit_causes(problem, causes)))
+            found = _weighed(problem, null, with_departures(problem, fit_causes(problem, causes)))
         except UnpredictableError:
             continue
+        yield replace(found, fit=found.fit.without_data())
 
 
 def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior]:
