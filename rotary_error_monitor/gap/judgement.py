@@ -81,11 +81,10 @@ def judge(
     if any(posterior.likelier for _, posterior in tried):
         step, best = _likeliest(tried)
         return _believed(step, best, [posterior for other, posterior in tried if other is step])
-    hidden = list(_hidden(problem, null))
-    # What the search passed by is believed only if it leaves nothing.
-    settled = [(null, posterior) for posterior in hidden if posterior.settled and posterior.likelier]
-    if settled:
-        return _believed(null, _likeliest(settled)[1], hidden)
+    hidden = sorted(_hidden(problem, null), key=lambda posterior: -_log_weight(null, posterior))
+    # What the search passed by is believed only if it leaves nothing, and none of the others is likelier.
+    if hidden and hidden[0].settled and hidden[0].likelier:
+        return _believed(null, hidden[0], hidden)
     unknown = 1 - max((posterior.probability for _, posterior in tried), default=0.0)
     return Judgement(Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), unknown, doubts=doubts)
 
@@ -134,13 +133,17 @@ def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior
     """
     best = max(tried, key=lambda pair: pair[1].total)
     alike = [p for p in tried if len(p[1].fit.causes) == len(best[1].fit.causes) and p[1].likelier]
-    return max(alike, key=lambda pair: _log_evidence(*pair), default=best)
+    return max(alike, key=lambda pair: _log_weight(*pair), default=best)
 
 
-def _log_evidence(step: Step, posterior: Posterior) -> float:
-    """Of a set with its departures and the places and orders of its causes."""
+def _log_weight(step: Step, posterior: Posterior) -> float:
+    """Log evidence of a set with its departures and the places and orders of its causes.
+
+    What something unknown is likelier than is so much less likely beside other sets.
+    """
     members = (step.table.position(cause.key) for cause in posterior.fit.causes)
-    return marginal_likelihood(posterior.fit) + sum(step.table.log_prior(i) for i in members if i is not None)
+    prior = sum(step.table.log_prior(i) for i in members if i is not None)
+    return marginal_likelihood(posterior.fit) + prior + min(posterior.total, 0.0)
 
 
 def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarms: float) -> list[Posterior]:
@@ -160,8 +163,7 @@ def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarm
 def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement:
     keys = {cause.key for cause in best.fit.causes}
     credits = {
-        # What something unknown is likelier than is so much less likely beside the chosen set.
-        key: _log_evidence(step, posterior) - _log_evidence(step, best) + min(posterior.total, 0.0)
+        key: _log_weight(step, posterior) - _log_weight(step, best)
         for posterior in others
         for key in {cause.key for cause in posterior.fit.causes} - keys
         if len(posterior.fit.causes) == len(best.fit.causes)
