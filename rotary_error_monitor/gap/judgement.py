@@ -78,9 +78,10 @@ def judge(
     if chosen.settled and not doubts:
         return _judge_settled(problem, chosen, false_alarms)
     tried = [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step)]
-    if any(posterior.likelier for _, posterior in tried):
+    if tried:
         step, best = _likeliest(tried)
-        return _believed(step, best, [posterior for other, posterior in tried if other is step])
+        if best.likelier:
+            return _believed(step, best, [posterior for other, posterior in tried if other is step])
     hidden = sorted(_hidden(problem, null), key=lambda posterior: -_log_weight(null, posterior))
     # What the search passed by is believed only if it leaves nothing, and none of the others is likelier.
     if hidden and hidden[0].settled and hidden[0].likelier:
