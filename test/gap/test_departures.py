@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
@@ -19,7 +20,10 @@ from rotary_error_monitor.gap.departures import (
     describe,
     modulated,
     spread_out,
+    wanders,
 )
+from rotary_error_monitor.gap.fitting import fit_causes
+from rotary_error_monitor.gap.posterior import marginal_likelihood
 from rotary_error_monitor.gap.problem import LateRows
 
 COUNT = 4000
@@ -106,3 +110,21 @@ def test_every_effect_of_a_stage_may_depart_on_its_own_channels_only(stage_probl
         assert widths == {len(departures.kinds)} and all(np.isfinite(r).all() for r in departures.columns.values())
         assert len(departures.words) == len(departures.changes) == len(departures.kinds)
         assert all(isinstance(words(0.1), str) for words in departures.words)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_marginal_likelihood_is_that_of_the_normal_distribution(seed, linear):
+    """Of a cause whose prior is as wide as it is seen, and a departure of one standard deviation of its prior."""
+    draw = np.random.default_rng(seed)
+    shape, other = np.linalg.qr(draw.normal(size=(800, 2)))[0].T * np.array([[30.0], [20.0]])
+    linear.offer({"shape": {"x": shape[:, None]}})
+    linear.data = {"x": (0.7 * shape - 0.5 * other + draw.normal(size=800))[:, None]}
+    departures = Departures(0, ("time",), (wanders,), np.array([0.1]), {"x": other[:, None]})
+    cause = Cause(linear.effects["shape"], "", np.array([1.0]))
+    found = marginal_likelihood(fit_causes(linear, [cause], departures=[departures]))
+    y, null = linear.data["x"][:, 0], marginal_likelihood(fit_causes(linear, []))
+    power = float(shape @ y) ** 2 / float(shape @ shape)
+    width = (power - 1) / float(shape @ shape)
+    covariance = np.eye(800) + width * np.outer(shape, shape) + np.outer(other, other)
+    exact = multivariate_normal(np.zeros(800), covariance).logpdf(y) - multivariate_normal(np.zeros(800)).logpdf(y)
+    assert found - null == pytest.approx(exact, abs=1e-6)
