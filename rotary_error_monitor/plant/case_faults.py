@@ -116,7 +116,8 @@ class Casting:
         if self.kind != "variant":
             return DrawnFaults(faults)
         varied = _varied(faults[0], draw, response)
-        fit = fit_textbook(varied, fine.channels)
+        # What is told of a departure counts every sample: a jump may fall between those that are looked at.
+        fit = fit_textbook(varied, response(1).channels)
         departure = KnownDeparture(varied.departure.words, fit.share, fit.off, fit.parameters)
         return DrawnFaults((varied,), departure)
 

@@ -176,7 +176,7 @@ def test_the_plan_of_the_special_groups():
 
 @pytest.mark.parametrize("group", ["variant", "loud", "mimic", "noise"])
 def test_the_solver_is_given_bag_and_twin_and_never_the_truth(group, tmp_path):
-    for plan in plan_cases(8, 1, ("stage", "machine"), (False,), (group,)):
+    for plan in plan_cases(8, 4, ("stage", "machine"), (False,), (group,)):
         case = make_case(plan)
         write_case(case, tmp_path / plan.name)
         assert sorted(path.name for path in (tmp_path / plan.name).iterdir()) == ["bag", "twin.yaml"]
@@ -295,7 +295,7 @@ def test_every_special_case_of_many_seeds_is_made():
         left = departure_beyond_uncertainty(case, 40.0)
         if left is not None:
             told = np.linalg.norm(list(case.truth.departure.off_textbook_snr.values()))
-            assert 0 < left < 1.05 * told  # told from every few samples
+            assert 0 < left < 1.01 * told
             assert 0.8 * SHARES[0] < case.truth.departure.share < 1.2 * SHARES[1]
             assert left == pytest.approx(told, rel=0.1) or plan.rough or plan.family == "stage"  # jitter hides some
         assert (left is None) == (plan.group != "variant")
