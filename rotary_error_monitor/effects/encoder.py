@@ -12,12 +12,14 @@ from rotary_error_monitor.effects.effect import Parameter, Role, Values
 from rotary_error_monitor.effects.rotor import COMMAND, HEAD, Array, RotorState, StageEffect, head_locations
 
 _FLATTEST = 0.01
-"""Least slope of the reading over the angle: a larger error turns it back, and no angle can be told from it."""
+"""Least slope of the reading over the angle: a larger error turns it back, and no one angle can be told from it."""
 
 _PHASE_RESOLUTION = 1e-7
 """A step of Newton's method below this, rad of a line, leaves its square."""
 
-_MOST_STEPS = 12
+_MOST_STEPS = 8
+"""Newton's steps from Danby's value: as many as the steepest error that can be told needs, of slope `_FLATTEST`; one of
+half a radian of its period needs 4. A larger error has no one phase to arrive at."""
 
 _CONTRACT = "Lou et al. 2019, Section 2 (read heads on a displaced ring)"
 
@@ -97,7 +99,8 @@ def _before_error(read: Array, size: float) -> Array:
     phase: Array = read + 0.85 * min(size, 1.0) * np.sign(np.sin(read))
     for _ in range(_MOST_STEPS):
         step = (phase - size * np.sin(phase) - read) / np.maximum(1 - size * np.cos(phase), _FLATTEST)
-        phase -= step
+        # The error is no larger than its size: a reading that turns back must not throw the phase far away.
+        phase = np.clip(phase - step, read - size, read + size)
         if not np.max(np.abs(step), initial=0.0) > _PHASE_RESOLUTION:
             break
     return phase
