@@ -22,9 +22,6 @@ EDGES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 SURE = 0.9
 """An edge: what is stated above is acted on, and errors there are told apart from those of doubtful statements."""
 
-QUANTILE = 1.959963984540054
-"""Of the standard normal distribution: the interval holds 95 %."""
-
 
 @dataclass(frozen=True)
 class Bin:
@@ -55,11 +52,10 @@ class Bin:
         Beside few statements it covers as it should, and has a width where none or all were right (Brown, Cai and
         DasGupta, Statistical Science 16, 2001).
         """
-        square = QUANTILE**2
-        middle = (self.right + square / 2) / (self.count + square)
-        scatter = self.right * (self.count - self.right) / self.count + square / 4
-        half = QUANTILE / (self.count + square) * float(np.sqrt(scatter))
-        return max(middle - half, 0.0), min(middle + half, 1.0)
+        from scipy.stats import binomtest  # loads for a second or two
+
+        found = binomtest(self.right, self.count).proportion_ci(0.95, "wilson")
+        return float(found.low), float(found.high)
 
 
 def bins_of(told: Sequence[Told]) -> tuple[Bin, ...]:
