@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -38,7 +38,7 @@ class Quantity:
     say: Say
 
 
-def modulations_by(quantities: Mapping[str, Quantity], each: bool) -> list[Modulation]:
+def _modulations_by(quantities: Mapping[str, Quantity], each: bool) -> list[Modulation]:
     """Those quantities that vary over the poses, centred and scaled; `each` as in `Modulation`."""
     norm = Normaliser({name: quantity.values for name, quantity in quantities.items()})
     return [
@@ -48,8 +48,8 @@ def modulations_by(quantities: Mapping[str, Quantity], each: bool) -> list[Modul
     ]
 
 
-def slow_courses(passed: Array) -> list[Modulation]:
-    """Slow cosines over the recording, `passed` (n,) being the part of it that has passed at each pose, 0 to 1."""
+def _slow_courses(passed: Array) -> list[Modulation]:
+    """Slow cosines over the part of the recording (n,) that has passed at each pose, 0 to 1."""
     waves = (np.sqrt(2) * np.cos(np.pi * order * passed) for order in range(2, COURSES + 1))
     return [Modulation("course", wave, wanders) for wave in waves]
 
@@ -60,20 +60,30 @@ def waves_around(position: Array) -> list[Array]:
 
 
 def departures_at_poses(
-    place: int, cause: Cause, rows: Rows, units: Mapping[str, float], modulations: Sequence[Modulation]
+    place: int,
+    cause: Cause,
+    rows: Rows,
+    units: Mapping[str, float],
+    time: Array,
+    each: Mapping[str, Quantity],
+    together: Mapping[str, Quantity],
 ) -> Departures:
-    """Ways in which a cause at poses may depart.
+    """Ways in which a cause at poses may depart: by quantities, by its own size, and slowly in time.
 
     Args:
         place: of the cause among those at work.
         cause: as fitted.
         rows: white rows (n, p) of its amplitudes, by channel.
         units: what one white row is of each channel, all in one unit: what the cause does is compared across channels.
-        modulations: by all but its own size.
+        time: (n,) of each pose, or its number.
+        each: quantities on which each amplitude may depend in its own way.
+        together: quantities on which all amplitudes depend alike.
     """
     amplitudes, sizes = cause.values[cause.effect.indices(Role.LINEAR)], amplitude_sizes(cause)
     signature = np.stack([rows[channel] for channel in units], axis=1)
-    by_all = [*modulations, *_by_size((signature @ amplitudes) * np.array(list(units.values())))]
+    passed = (time - time.min()) / (float(np.ptp(time)) or 1.0)
+    by_all = [*_modulations_by(each, True), *_modulations_by(together, False), *_slow_courses(passed)]
+    by_all += _by_size((signature @ amplitudes) * np.array(list(units.values())))
     made = modulated(signature, amplitudes, sizes, by_all)
     columns = {channel: made[:, i] for i, channel in enumerate(units)}
     return Departures(place, *spread_out(by_all, amplitudes, sizes), columns)

@@ -11,15 +11,8 @@ import numpy as np
 from rotary_error_monitor.description.machine import Axis
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.machine_effect import LINEAR
-from rotary_error_monitor.gap.departures import Departures, Modulation, grows, percent
-from rotary_error_monitor.gap.pose_modulations import (
-    Quantity,
-    departures_at_poses,
-    modulations_by,
-    slow_courses,
-    waves_around,
-    with_direction,
-)
+from rotary_error_monitor.gap.departures import Departures, grows, percent
+from rotary_error_monitor.gap.pose_modulations import Quantity, departures_at_poses, waves_around, with_direction
 from rotary_error_monitor.gap.problem import Array
 
 if TYPE_CHECKING:
@@ -27,30 +20,21 @@ if TYPE_CHECKING:
 
 
 def machine_departures(problem: MachineProblem, place: int, causes: Sequence[Cause]) -> Departures:
-    """Ways in which the cause at one place among the causes may depart from its textbook form."""
-    cause = causes[place]
-    rows = problem.signature(cause, cause.effect.indices(Role.LINEAR), causes)
-    units = dict.fromkeys(problem.channels, problem.probe_std)
-    return departures_at_poses(place, cause, rows, units, _of_poses(problem, cause))
-
-
-def _of_poses(problem: MachineProblem, cause: Cause) -> list[Modulation]:
-    """Those by temperature and time, and by where each axis stands and whence it came.
+    """Ways in which the cause at one place among the causes may depart from its textbook form.
 
     Of an effect that sits on an axis each amplitude may depend on that axis in its own way, on the others all alike.
     """
-    recording, index, axes = problem.recording, problem.index, problem.machine.axes
-    own = [axis for axis in axes if axis.letter == cause.location[-1:] and len(cause.location) != 2]
-    quantities = {
+    cause, recording, axes = causes[place], problem.recording, problem.machine.axes
+    rows = problem.signature(cause, cause.effect.indices(Role.LINEAR), causes)
+    units = dict.fromkeys(problem.channels, problem.probe_std)
+    always = {
         "temperature": Quantity("temperature", recording.temperature, _with_temperature),
-        "time": Quantity("time", index, lambda change, unit: f"{grows(change)} with time"),
-        **_of_axes(problem, own),
+        "time": Quantity("time", problem.index, lambda change, unit: f"{grows(change)} with time"),
     }
-    return [
-        *modulations_by(quantities, bool(own)),
-        *modulations_by(_of_axes(problem, [axis for axis in axes if axis not in own]), False),
-        *slow_courses(index / max(len(index) - 1, 1)),
-    ]
+    own = [axis for axis in axes if axis.letter == cause.location[-1:] and len(cause.location) != 2]
+    others = _of_axes(problem, [axis for axis in axes if axis not in own])
+    each, together = ({**always, **_of_axes(problem, own)}, others) if own else ({}, {**always, **others})
+    return departures_at_poses(place, cause, rows, units, problem.index, each, together)
 
 
 def _of_axes(problem: MachineProblem, axes: Sequence[Axis]) -> dict[str, Quantity]:

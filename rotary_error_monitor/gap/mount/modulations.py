@@ -9,15 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.gap.departures import Departures, Modulation, grows, percent
-from rotary_error_monitor.gap.pose_modulations import (
-    Quantity,
-    departures_at_poses,
-    modulations_by,
-    slow_courses,
-    waves_around,
-    with_direction,
-)
+from rotary_error_monitor.gap.departures import Departures, grows, percent
+from rotary_error_monitor.gap.pose_modulations import Quantity, departures_at_poses, waves_around, with_direction
 from rotary_error_monitor.gap.problem import Array
 
 if TYPE_CHECKING:
@@ -32,14 +25,13 @@ def mount_departures(problem: MountProblem, place: int, causes: Sequence[Cause])
     cause = causes[place]
     rows = problem.signature(cause, cause.effect.indices(Role.LINEAR), causes)
     units = dict(zip(problem.channels, map(float, problem.std), strict=True))
-    return departures_at_poses(place, cause, rows, units, _of_pointings(problem, cause))
+    return departures_at_poses(place, cause, rows, units, problem.recording.time, _quantities(problem, cause), {})
 
 
-def _of_pointings(problem: MountProblem, cause: Cause) -> list[Modulation]:
+def _quantities(problem: MountProblem, cause: Cause) -> dict[str, Quantity]:
     recording, letters = problem.recording, problem.twin.machine.letters
-    time = recording.time
     quantities = {
-        "time": Quantity("time", time, _with_time),
+        "time": Quantity("time", recording.time, _with_time),
         "side": Quantity("side of the pier", problem.twin.side, _with_side),
     }
     own = [letter for letter in letters if letter == cause.location]
@@ -53,8 +45,7 @@ def _of_pointings(problem: MountProblem, cause: Cause) -> list[Modulation]:
     for name, values in _places(problem).items():
         for i, shape in enumerate((values, np.square(values - values.mean()))):
             quantities[f"{name} {i}"] = Quantity(name, shape, partial(_with_place, name))
-    passed = (time - time.min()) / max(float(np.ptp(time)), 1.0)
-    return [*modulations_by(quantities, True), *slow_courses(passed)]
+    return quantities
 
 
 def _places(problem: MountProblem) -> dict[str, Array]:
