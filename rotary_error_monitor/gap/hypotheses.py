@@ -58,6 +58,11 @@ class Hypothesis:
         return log_chi_square_tail(self.reduction, self.dof)
 
 
+def price_of(power: Array, count: Array) -> Array:
+    """What the evidence of members is less than half of what they explain: of their power, and number of amplitudes."""
+    return np.asarray(0.5 * count * (1 + np.log(np.maximum(power / count, 1.0))), np.float64)
+
+
 class HypothesisTable:
     """All candidates on one table: their normal equations, the nuisances integrated out.
 
@@ -157,9 +162,8 @@ class HypothesisTable:
         together = (owner[:, :, None] == owner[:, None, :]) & shown[:, :, None] & shown[:, None, :]
         power = np.einsum("kij,ki,kj->ki", np.where(together, gram, 0.0), amplitudes, amplitudes)
         # Of each column: the power of its member, and the number of columns that this has.
-        each, count = np.einsum("kij,kj->ki", together, power), together.sum(axis=2)
-        ratio = np.maximum(each / np.maximum(count, 1), 1.0)
-        return np.asarray(0.5 * np.sum(np.where(shown, 1 + np.log(ratio), 0.0), axis=1), np.float64)
+        each, count = np.einsum("kij,kj->ki", together, power), np.maximum(together.sum(axis=2), 1)
+        return np.asarray(np.sum(np.where(shown, price_of(each, count) / count, 0.0), axis=1), np.float64)
 
     def _hold(self, index: NDArray[np.intp], shown: NDArray[np.bool_], amplitudes: Array, reduction: Array) -> None:
         """Bring amplitudes (k, w) within their bounds, and the reduction (k,) of those sets to what is left of it."""

@@ -17,6 +17,7 @@ from scipy.special import expit
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.departures import SHARE, Departing, FittedDepartures
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
+from rotary_error_monitor.gap.hypotheses import price_of
 from rotary_error_monitor.gap.normal import combine, solve_scaled, stack, width_of
 from rotary_error_monitor.gap.problem import FIRST_ORDER, Array, Columns, Finding, Problem, Rows
 
@@ -223,15 +224,15 @@ def marginal_likelihood(fit: Fit) -> float:
     """
     gram = fit.blocks.total().gram
     widths = len(fit.nuisance_values), sum(map(width_of, fit.columns)), len(fit.departure_values)
-    first, place, price = sum(widths[:2]), widths[0], 0.0
+    first, place, powers = sum(widths[:2]), widths[0], []
     for cause, columns in zip(fit.causes, fit.columns, strict=True):
         own = slice(place, place := place + width_of(columns))
-        amplitudes, dof = _amplitudes(cause), len(cause.effect.indices(Role.LINEAR))
-        price += dof * (1 + float(np.log(max(float(amplitudes @ gram[own, own] @ amplitudes) / dof, 1.0))))
+        powers.append(_amplitudes(cause) @ gram[own, own] @ _amplitudes(cause))
+    counts = np.array([len(cause.effect.indices(Role.LINEAR)) for cause in fit.causes])
     inner = gram[:first, :first] + np.diag(np.repeat([1.0, 1e-12], widths[:2]))
     apart = gram[first:, first:] - gram[first:, :first] @ solve_scaled(inner, gram[:first, first:])
     occam = float(np.linalg.slogdet(np.eye(len(apart)) + apart)[1])
-    return fit.log_prior - 0.5 * (fit.squares + price + occam)
+    return fit.log_prior - 0.5 * (fit.squares + occam) - float(np.sum(price_of(np.array(powers), counts)))
 
 
 def reductions_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Powers, int]:
