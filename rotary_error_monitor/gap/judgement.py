@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.alternatives import Key
-from rotary_error_monitor.gap.departures import SHARE, Departing
+from rotary_error_monitor.gap.departures import LARGEST_POWER, Departing
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import UNNEEDED, chance_of_no_better, dispersion, held_out_squares, predicts
 from rotary_error_monitor.gap.options import FALSE_ALARMS
@@ -77,7 +77,8 @@ def judge(
     progress("departures")
     if chosen.settled and not doubts:
         return _judge_settled(problem, chosen, false_alarms)
-    tried = [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step)]
+    seen: set[frozenset[Key]] = set()
+    tried = [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step, seen)]
     if tried:
         step, best = _likeliest(tried)
         if best.likelier:
@@ -156,7 +157,8 @@ def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarm
     if departing is fit:
         return []
     own = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
-    rivals = [posterior for causes in _rivals(step, False) for posterior in _pruned(problem, step, causes)]
+    seen = {frozenset(cause.key for cause in step.fit.causes)}
+    rivals = [posterior for causes in _rivals(step, False) for posterior in _pruned(problem, step, causes, seen)]
     found = [replace(own, fit=departing.without_data()), *(other for other in rivals if other.settled)]
     return [posterior for posterior in found if posterior.likelier]
 
@@ -185,18 +187,22 @@ def _alarming(findings: tuple[Finding, ...], step: Step) -> tuple[Finding, ...]:
     return tuple(f for f in findings if f.log_p_value < step.log_alarm)
 
 
-def _posteriors(problem: Problem, step: Step) -> Iterator[Posterior]:
-    """The causes of a step and those that may look the same, with departures and without, and what is left of them."""
-    found = list(_pruned(problem, step, step.fit.causes))
+def _posteriors(problem: Problem, step: Step, seen: set[frozenset[Key]]) -> Iterator[Posterior]:
+    """The causes of a step and those that may look the same, with departures and without, and what is left of them.
+
+    Sets that were weighed before are `seen`, which is added to.
+    """
+    found = list(_pruned(problem, step, step.fit.causes, seen))
     yield from found
     explained = any(posterior.settled and posterior.likelier for posterior in found)
     for causes in _rivals(step, explained) if any(posterior.near for posterior in found) else ():
-        yield from _pruned(problem, step, causes)
+        yield from _pruned(problem, step, causes, seen)
 
 
-def _pruned(problem: Problem, step: Step, causes: tuple[Cause, ...]) -> Iterator[Posterior]:
-    """Causes weighed; without those that something unknown is likelier than, weighed again."""
-    while causes:
+def _pruned(problem: Problem, step: Step, causes: tuple[Cause, ...], seen: set[frozenset[Key]]) -> Iterator[Posterior]:
+    """Causes weighed; without those that something unknown is likelier than, weighed again; none a second time."""
+    while causes and (keys := frozenset(cause.key for cause in causes)) not in seen:
+        seen.add(keys)
         try:
             posterior = _posterior(problem, step, causes)
         except UnpredictableError:
@@ -235,7 +241,7 @@ def _departures_instead(
     likelier: list[tuple[float, Posterior]] = []
     for k, cause in enumerate(fit.causes):
         member = step.table.position(cause.key)
-        if powers[k] > (3 * SHARE) ** 2 * max(powers) or member is None:
+        if powers[k] > LARGEST_POWER * max(powers) or member is None:
             continue
         others = fit_causes(problem, (*fit.causes[:k], *fit.causes[k + 1 :]))
         departing = with_departures(problem, others, false_alarms)
@@ -287,7 +293,7 @@ def _rivals(step: Step, explained: bool) -> Iterator[tuple[Cause, ...]]:
         own = full.reduction - table.evaluate((*members[:k], *members[k + 1 :])).reduction
         for hypothesis in table.replacements(members, k, table.free(members)):
             alike = scatter * chi_square_quantile(REJECTED, max(abs(full.dof - hypothesis.dof), 1))
-            if full.reduction - hypothesis.reduction < max(alike, 0.0 if explained else (3 * SHARE) ** 2 * own):
+            if full.reduction - hypothesis.reduction < max(alike, 0.0 if explained else LARGEST_POWER * own):
                 near.append(hypothesis)
     for hypothesis in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
         yield table.causes(hypothesis)
