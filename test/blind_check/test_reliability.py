@@ -26,7 +26,7 @@ def test_a_bin_holds_its_lower_edge_and_the_last_one_all_above():
 
 @pytest.mark.parametrize(("right", "count"), [(0, 1), (0, 12), (3, 7), (20, 20), (197, 203)])
 def test_the_interval_is_that_of_wilson(right, count):
-    """Its ends are 1.96 of their own standard deviations off what was observed, and all or none where that is an end."""
+    """Its ends are 1.96 of their own standard deviations off what was observed; all or none is an end itself."""
     interval = Bin(0.0, 1.0, 0.5, right, count).interval
     for bound, end in zip(interval, (0, count), strict=True):
         away = abs(right / count - bound) / np.sqrt(bound * (1 - bound) / count) if right != end else norm.ppf(0.975)
