@@ -25,8 +25,11 @@ That of the prior: datasheets of scales, bearings and drives state temperature c
 directions and neighbouring harmonics of some to some ten per cent of what they come with.
 """
 
-LARGEST_POWER = (3 * SHARE) ** 2
-"""Part of a cause's power that a departure can have: that of three standard deviations of its prior."""
+LARGEST_POWER = (4 * SHARE) ** 2
+"""Part of a cause's power that a departure can have: that of four standard deviations of its prior.
+
+Beyond, another cause in its place is likelier by more than 20 to one, however small the noise.
+"""
 
 _UNSEEN = 1e-6
 """A modulation that varies less than this over a recording (its standard deviation) is none."""

@@ -233,8 +233,7 @@ def _departures_instead(
 ) -> tuple[dict[Key, float], list[Posterior]]:
     """Log odds that a cause is a departure of the others, and the others where that is likelier, the best first.
 
-    That is looked at where a cause is no larger beside the others than a departure: three standard deviations of its
-    prior.
+    That is looked at where a cause is no larger beside the others than a departure can be (`LARGEST_POWER`).
     """
     powers = [sum(power.values()) for power in powers_of(problem, fit)]
     odds: dict[Key, float] = {}
@@ -283,7 +282,7 @@ def _rivals(step: Step, explained: bool) -> Iterator[tuple[Cause, ...]]:
     """Sets with one cause replaced that the recording does not tell from the step's in their textbook forms.
 
     Where those of the step do not explain everything, a cause may also explain less than they by what a departure can
-    be: three standard deviations of its prior.
+    be.
     """
     table = step.table
     members = tuple(i for i in (table.position(c.key) for c in step.fit.causes) if i is not None)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rotary_error_monitor.gap.alternatives import rank_alternatives
 from rotary_error_monitor.gap.departures import (
+    SHARE,
     Departures,
     Modulation,
     amplitude_sizes,
@@ -105,3 +107,31 @@ def test_probability_and_verdict_never_contradict_one_another(judged):
     for share in (0.0, 0.2, 0.4, 0.6):
         for told in judged(lambda first, other, share=share: (10 * first + 10 * share * other, 0 * first)):
             assert bool(told.fit.causes) == (told.unknown < 0.5)
+
+
+def growing(seed, growth):
+    """An effect that grows by so much of it, and among the known ones another that does just what its growth does."""
+    rng = np.random.default_rng(seed)
+    first, *more = rng.normal(size=(5, COUNT, 1))
+    problem = DepartingProblem({"x": 4 * first * (1 + growth * WARMTH) + rng.normal(size=(COUNT, 1))}, {})
+    others = {f"more {i}": {"x": column} for i, column in enumerate(more)}
+    problem.offer({"first": {"x": first}, "alike": {"x": first * WARMTH}, **others})
+    return problem
+
+
+@pytest.mark.parametrize(
+    ("growth", "least", "most"),
+    [(0.0, 0.0, 0.0), (SHARE, 0.0, 0.0), (-2 * SHARE, 0.0, 0.0), (3 * SHARE, 0.5, 0.9), (-6 * SHARE, 0.9, 1.0)],
+)
+def test_a_second_cause_that_a_departure_may_be_is_not_sure(growth, least, most):
+    """A departure of two standard deviations of its prior is no cause, what is six of them is no departure."""
+    for seed in range(10):
+        told = judge(problem := growing(seed, growth), select_causes(problem))
+        causes = {cause.effect.name for cause in told.fit.causes}
+        assert told.verdict is Verdict.EXPLAINED and "first" in causes
+        ranked = rank_alternatives(
+            told.step, told.fit.causes, told.unknown, told.dispersion, told.credits, told.needless
+        )
+        second = ranked.probability(("alike", "")) if "alike" in causes else 0.0
+        assert least <= second <= most and ranked.probability(("first", "")) > 0.9, (seed, second)
+        assert bool(told.fit.departures) == (growth != 0 and "alike" not in causes), seed
