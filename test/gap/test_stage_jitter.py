@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt, welch
 
-from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
+from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, fit_spectrum, orders_at_one_speed
+from rotary_error_monitor.twin.stage_noise import Jitter
 
 PERIOD, COUNT = 0.004, 10000
 TIME = PERIOD * np.arange(COUNT)
@@ -87,3 +88,31 @@ def test_a_step_is_no_jitter(noise, size):
     floor = 2 * PERIOD * NOISE**2
     ratio = (slipped.density(frequency) + floor) / (plain.density(frequency) + floor)
     assert np.mean(np.abs(np.log(ratio))) < 0.3
+
+
+FREQUENCY = np.arange(1, 1000) * 0.125
+LAWS = {
+    "its own": lambda draw: 1e-11 * np.exp(-((FREQUENCY / draw.uniform(0.3, 20)) ** draw.uniform(0.6, 3))),
+    "power": lambda draw: 1e-11 * FREQUENCY ** -draw.uniform(0.5, 3),
+    "low pass": lambda draw: 1e-11 / (1 + (FREQUENCY / draw.uniform(0.2, 5)) ** 4),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_whatever_the_spectrum_no_other_jitter_fits_it_clearly_better(law):
+    """Bounds set after the search left a spectrum many times too large, in which faults of the drive vanished."""
+    for seed in range(8):
+        draw = np.random.default_rng(seed)
+        power = (LAWS[law](draw) + 1e-15) * draw.gamma(10, 0.1, len(FREQUENCY))
+
+        def misfit(jitter, power=power):
+            return np.mean(np.abs(np.log(power[1:]) - np.log(jitter.density(FREQUENCY[1:]) + 1e-15)))
+
+        found = misfit(fit_spectrum(FREQUENCY, power * np.log(2.0), 1e-15))
+        grid = (
+            Jitter(std, bandwidth, shape)
+            for std in np.geomspace(1e-7, 2e-5, 14)
+            for bandwidth in np.geomspace(0.1, 100, 14)
+            for shape in np.linspace(0.5, 4, 6)
+        )
+        assert found < min(map(misfit, grid)) + 0.01, seed

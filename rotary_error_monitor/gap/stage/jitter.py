@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import Bounds, minimize, minimize_scalar
 
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
@@ -38,6 +38,12 @@ SAME = 1e-10
 
 SETTLED = 1e-3
 """Turns, over the whole recording, by which a line's phase may still be off."""
+
+_BOUNDS = ((1e-12, 1.0), (0.1, 100.0), (0.5, 4.0))
+"""Of the standard deviation (rad), the bandwidth (Hz) and the shape of a jitter."""
+
+_STARTS = (0.5, 5.0, 25.0)
+"""Bandwidths, Hz, from which the fit of a spectrum starts."""
 
 STRETCH = 2000
 """Samples of one stretch of the averaged periodogram."""
@@ -108,7 +114,7 @@ def estimate_jitter(motion: SharedMotion) -> tuple[Jitter, Array]:
     period = float(np.ptp(motion.time)) / (len(motion.time) - 1)
     frequency, power = periodogram(left, period)
     # The mean of many periodograms scatters little, so its median is nearly its mean.
-    return fit_spectrum(frequency, power * np.log(2.0), motion.floor, Jitter()), frequencies
+    return fit_spectrum(frequency, power * np.log(2.0), motion.floor), frequencies
 
 
 def periodogram(values: Array, period: float) -> tuple[Array, Array]:
@@ -248,8 +254,8 @@ def _refined(motion: SharedMotion, frequencies: Array, orders: list[int]) -> Arr
     return frequencies
 
 
-def fit_spectrum(frequency: Array, power: Array, floor: float, start: Jitter) -> Jitter:
-    """Jitter whose spectrum, above a white floor, fits a periodogram (one-sided, rad^2/Hz).
+def fit_spectrum(frequency: Array, power: Array, floor: float) -> Jitter:
+    """Jitter whose spectrum, above a white floor, fits a periodogram (one-sided, rad^2/Hz) best within `_BOUNDS`.
 
     The logarithm of a periodogram scatters about that of the density by the same law at all frequencies and sizes; its
     median is used (an absolute deviation), so that the lines of a cyclic effect do not count as jitter.
@@ -257,10 +263,21 @@ def fit_spectrum(frequency: Array, power: Array, floor: float, start: Jitter) ->
     levels = np.log(power[1:]) - np.log(np.log(2.0))
 
     def misfit(values: Array) -> float:
-        jitter = Jitter(float(np.exp(values[0])), float(np.exp(values[1])), float(np.exp(values[2])))
-        return float(np.mean(np.abs(levels - np.log(jitter.density(frequency[1:]) + floor))))
+        std, bandwidth, shape = np.exp(values)
+        return float(np.mean(np.abs(levels - np.log(Jitter(std, bandwidth, shape).density(frequency[1:]) + floor))))
 
-    first = np.log([start.std, start.bandwidth, start.shape])
-    found = minimize(misfit, first, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5, "maxiter": 400})
-    std, bandwidth, shape = np.exp(found.x)
-    return Jitter(float(std), float(np.clip(bandwidth, 0.1, 100.0)), float(np.clip(shape, 0.5, 4.0)))
+    # A spectrum that falls otherwise (a power law, a low pass) has its best fit at a bound: they hold in the search.
+    bounds = Bounds(*np.log(_BOUNDS).T)
+    best, lowest = Jitter(), np.inf
+    for first in _STARTS:
+        start = np.log([best.std, first, best.shape])
+        found = minimize(
+            misfit,
+            start,
+            method="Nelder-Mead",
+            bounds=bounds,
+            options={"xatol": 1e-3, "fatol": 1e-5, "maxiter": 400},
+        )
+        if found.fun < lowest:
+            best, lowest = Jitter(*np.exp(found.x).tolist()), float(found.fun)
+    return best
