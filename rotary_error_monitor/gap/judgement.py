@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from rotary_error_monitor.gap.alternatives import Key
 from rotary_error_monitor.gap.departures import LARGEST_POWER, Departing
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import UNNEEDED, chance_of_no_better, dispersion, held_out_squares, predicts
+from rotary_error_monitor.gap.hypotheses import Hypothesis
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import chi_square_quantile, log_chi_square_tail
 from rotary_error_monitor.gap.posterior import (
@@ -32,8 +34,9 @@ from rotary_error_monitor.twin.finite import UnpredictableError
 MOST_RIVALS = 2
 """Causes in the place of one that looks the same, whose departures are looked at as well: each costs a fit."""
 
-MOST_HIDDEN = 6
-"""Effects whose textbook form uncertain parameters may have taken, looked at with departures: each costs a fit."""
+HIDDEN = 0.5
+"""Part of a cause's power: where uncertain parameters leave less of it, they rather than the cause have its textbook
+form."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ def judge(
         step, best = _likeliest(tried)
         if best.likelier:
             return _believed(step, best, [posterior for other, posterior in tried if other is step])
-    hidden = sorted(_hidden(problem, null), key=lambda posterior: -_log_weight(null, posterior))
+    hidden = _hidden(problem, null)
     # What the search passed by is believed only if it leaves nothing, and none of the others is likelier.
     if hidden and hidden[0].settled and hidden[0].likelier:
         return _believed(null, hidden[0], hidden)
@@ -107,25 +110,29 @@ def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judge
     return Judgement(Verdict.EXPLAINED, chosen, chosen.fit, (), unknown, needless=needless)
 
 
-def _hidden(problem: Problem, null: Step) -> Iterator[Posterior]:
-    """Single causes with their departures, of those effects that do best in their textbook form.
+def _hidden(problem: Problem, null: Step) -> list[Posterior]:
+    """Single causes with their departures, the likeliest first, if one is there that uncertain parameters may hide.
 
-    Where parameters of the twin are uncertain they may take a cause's textbook form, so that only its departure shows,
-    which others then seem to explain better.
+    They may have taken the textbook form of a cause; of that only the departure shows, which others then seem to
+    explain better. Those are weighed beside it.
     """
-    if not len(null.fit.nuisance_values):
-        return
-    table = null.table
-    best: dict[str, tuple[Cause, ...]] = {}
+    table, best = null.table, dict[str, Hypothesis]()
     for hypothesis in sorted(table.singles(), key=lambda hypothesis: -hypothesis.log_evidence):
         if hypothesis.log_evidence > 0:
-            best.setdefault(table.candidates[hypothesis.members[0]].effect.name, table.causes(hypothesis))
-    for causes in list(best.values())[:MOST_HIDDEN]:
-        try:
-            found = _weighed(problem, null, with_departures(problem, fit_causes(problem, causes)))
-        except UnpredictableError:
-            continue
-        yield replace(found, fit=found.fit.without_data())
+            best.setdefault(table.candidates[hypothesis.members[0]].effect.name, hypothesis)
+    hidden = [hypothesis for hypothesis in best.values() if table.part_left(hypothesis) < HIDDEN]
+    found = [posterior for hypothesis in hidden for posterior in _alone(problem, null, hypothesis)]
+    if any(posterior.settled and posterior.likelier for posterior in found):
+        others = (hypothesis for hypothesis in best.values() if hypothesis not in hidden)
+        found += [posterior for hypothesis in others for posterior in _alone(problem, null, hypothesis)]
+    return sorted(found, key=lambda posterior: -_log_weight(null, posterior))
+
+
+def _alone(problem: Problem, null: Step, hypothesis: Hypothesis) -> Iterator[Posterior]:
+    """A cause with its departures, unless the twin cannot predict it."""
+    with suppress(UnpredictableError):
+        fit = with_departures(problem, fit_causes(problem, null.table.causes(hypothesis)))
+        yield replace(_weighed(problem, null, fit), fit=fit.without_data())
 
 
 def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior]:

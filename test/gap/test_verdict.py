@@ -135,3 +135,32 @@ def test_a_second_cause_that_a_departure_may_be_is_not_sure(growth, least, most)
         second = ranked.probability(("alike", "")) if "alike" in causes else 0.0
         assert least <= second <= most and ranked.probability(("first", "")) > 0.9, (seed, second)
         assert bool(told.fit.departures) == (growth != 0 and "alike" not in causes), seed
+
+
+def hidden(seed, size):
+    """An effect of some standard deviations of an uncertain parameter that does the same; beside it others by chance.
+
+    Its growth by 20 % shows, which three other effects resemble more than the effect as it is.
+    """
+    problem = growing(seed, 2 * SHARE)
+    first, alike = (problem.effects[name].column["x"] for name in ("first", "alike"))
+    draw = np.random.default_rng(1000 + seed)
+    near = {f"near {i}": {"x": alike + 1.2 * draw.normal(size=alike.shape)} for i in range(3)}
+    problem.offer({"first": {"x": first}, **near})
+    problem.nuisances = {"x": 4 / size * first}
+    return problem
+
+
+@pytest.mark.parametrize("size", [4, 10, 40])
+def test_a_cause_that_uncertain_parameters_take_is_found_by_its_departure(size):
+    for seed in range(6):
+        told = judge(problem := hidden(seed, size), select_causes(problem))
+        assert told.verdict is Verdict.EXPLAINED and [c.effect.name for c in told.fit.causes] == ["first"], seed
+        assert told.fit.departures and told.unknown < 0.2, seed
+
+
+def test_what_uncertain_parameters_may_well_be_is_no_cause():
+    """Half a standard deviation of one: nothing says that the effect rather than the parameter is there."""
+    for seed in range(6):
+        told = judge(problem := hidden(seed, 0.5), select_causes(problem))
+        assert "first" not in {cause.effect.name for cause in told.fit.causes}, seed
