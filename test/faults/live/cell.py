@@ -10,15 +10,15 @@ import re
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import JointState, PointCloud2
 
+from faults.live.other_programs import Lost, lost_time
 from faults.live.truth import Judged, Truth
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.machine import load_machine
@@ -58,9 +58,6 @@ RIGHT_WITHIN = 1.0
 DISCOVERY = 4.0
 """Longest time in which the middleware finds a new process, s: it announces itself within half a second and then every
 three."""
-
-MOST_LOST = 3.0
-"""Waiting for a core counts up to this many times what is stated; a computer that is busier than that shows nothing."""
 
 OWN: dict[str, dict[str, object]] = {
     "mock_controller": {"machine": MACHINE, "rate": 500.0},
@@ -264,26 +261,9 @@ class LiveCell:
         for each in vars(self.heard).values():
             each.clear()
 
-    # What was lost to other programs.
-
-    @contextmanager
-    def lost(self) -> Iterator[Callable[[], float]]:
-        """Function that tells how long, since the `with`, the cell's processes waited for a core, s.
-
-        Where a computer has other things to do, times are judged without what it did them in: the longest that a thread
-        waited, of each process, for what one does waits for what the other does.
-        """
-        before = {process.pid: _waited(process.pid) for process in self.processes.values()}
-
-        def tell() -> float:
-            total = 0.0
-            for process in self.processes.values():
-                then = before.get(process.pid, {})
-                now = _waited(process.pid)
-                total += max((waited - then.get(thread, 0.0) for thread, waited in now.items()), default=0.0)
-            return total
-
-        yield tell
+    def lost(self) -> AbstractContextManager[Callable[[], Lost]]:
+        """Function that tells what other programs took of the time since the `with`."""
+        return lost_time(lambda: [process.pid for process in self.processes.values()])
 
     def _listen(self) -> None:
         heard, node, wire = self.heard, self.cell.node, self.wire
@@ -310,21 +290,3 @@ class LiveCell:
         ):
             topic = wire.topic(key)
             node.create_subscription(kind, topic.name, callback, profile(topic), raw=raw)
-
-
-def check(what: str, duration_ns: int, within: float, lost: float) -> None:
-    """Hold a time against what is stated, s, beside which counts what processes waited for a core."""
-    duration = duration_ns * 1e-9
-    print(f"{what} after {duration:.3f} s, stated {within:g} s, {lost:.2f} s lost to other programs")
-    allowed = within + min(lost, MOST_LOST * within)
-    assert duration < allowed, f"{what} after {duration:.3f} s; stated {within:g} s, {lost:.2f} s lost to others"
-
-
-def _waited(pid: int) -> dict[str, float]:
-    """Time that each thread of a process waited for a core, s; nothing where the process has ended."""
-    found = {}
-    with suppress(OSError):
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            with suppress(OSError, IndexError):
-                found[task.name] = int((task / "schedstat").read_text().split()[1]) * 1e-9
-    return found

@@ -12,7 +12,8 @@ from sensor_msgs.msg import Imu, JointState
 
 from faults.documenting import Row, shows
 from faults.live import stranger
-from faults.live.cell import DISCOVERY, SAID_WITHIN, SETTLING_NS, check
+from faults.live.cell import DISCOVERY, SAID_WITHIN, SETTLING_NS
+from faults.live.other_programs import check
 from rotary_error_monitor.nodes import messages
 
 TRUST = 2.0
@@ -123,7 +124,7 @@ def test_a_second_publisher_of_what_moves_the_axes(live, key):
     with live.lost() as lost:
         live.wait_until_all_is_well(end_ns)
         live.wait_for_word(name, end_ns, "", least=0)
-        assert (live.clock() - end_ns) * 1e-9 < 2 * TRUST + DISCOVERY + lost()
+        assert (live.clock() - end_ns) * 1e-9 < lost().allowed(2 * TRUST + DISCOVERY)
     live.heard.corrections[:] = [each for each in live.heard.corrections if any(each[1].values())]
     live.judge(begin_ns + SETTLING_NS)
 
@@ -153,7 +154,7 @@ def test_a_publisher_that_is_not_heard(live, chance, how):
         name = f"error_estimator: publishers of {topic.name}"
         words = "not heard: ERROR: Best effort publisher" if how == "best effort" else "which is not heard"
         speak_until(live, say, lambda: live.has_said(name, begin_ns, words, "/stranger"), "a word of it")
-        assert (live.clock() - begin_ns) * 1e-9 < SAID_WITHIN + DISCOVERY + lost()
+        assert (live.clock() - begin_ns) * 1e-9 < lost().allowed(SAID_WITHIN + DISCOVERY)
         for _ in range(20):
             say()
             live.let_run(0.025)

@@ -7,7 +7,8 @@ import signal
 import pytest
 
 from faults.documenting import Row, shows
-from faults.live.cell import DISCOVERY, NAMES, RIGHT_WITHIN, SAID_WITHIN, check
+from faults.live.cell import DISCOVERY, NAMES, RIGHT_WITHIN, SAID_WITHIN
+from faults.live.other_programs import check
 
 TURN = 8.0
 """Longest time in which the mock stage makes a turn, s: it may stand for 3 s between two at 3 rad/s or more."""

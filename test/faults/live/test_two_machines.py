@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from faults.documenting import Row, shows
-from faults.live.cell import NAMES, RIGHT_WITHIN, LiveCell, check
+from faults.live.cell import NAMES, RIGHT_WITHIN, LiveCell
+from faults.live.other_programs import check
 
 
 @shows(
