@@ -429,6 +429,7 @@ def test_two_effects_on_the_same_channel_are_believed(stage_problem):
         ("unbalance", lambda state: 0.03 * (state.warming - state.warming.mean()), "grows with temperature"),
         ("mirror_flatness", lambda state: 0.2 * np.cos(state.theta), "neighbouring orders"),
         ("reversal_backlash", lambda state: -np.exp(-np.abs(state.omega) / 0.05), "softer at low speed"),
+        ("spindle_tilt", lambda state: 0.3 * np.hypot(*state.force.T) / 100.0, "grows with the force on the shaft"),
     ],
 )
 def test_a_departure_is_told(name, modulation, words, stage_problem):

@@ -1,4 +1,4 @@
-"""What the signature of a stage's effect may be modulated with: temperature, time, motion, place, its own size."""
+"""What the signature of a stage's effect may be modulated with: temperature, time, motion, load, place, its own size."""
 
 from __future__ import annotations
 
@@ -67,6 +67,7 @@ class StageModulations:
             "speed": lambda c: f"{grows(c)} with speed by {percent(c / unit('speed'))} per rad/s",
             "square of speed": lambda c: f"{grows(c)} with the square of speed",
             "velocity": lambda c: f"{grows(c)} with velocity by {percent(c / unit('velocity'))} per rad/s",
+            "load": lambda c: f"{grows(c)} with the force on the shaft by {percent(100 * c / unit('load'))} per 100 N",
         }
         rows = [
             Modulation(name.replace("square of ", "").replace("velocity", "speed"), norm(name, found[name]), say, True)
@@ -121,6 +122,7 @@ class StageModulations:
             "speed": speed,
             "square of speed": np.square(speed),
             "velocity": state.omega,
+            "load": np.hypot(*state.force.T),
             **soft,
         }
 
