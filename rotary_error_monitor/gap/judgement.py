@@ -165,7 +165,7 @@ def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarm
         return []
     own = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
     seen = {frozenset(cause.key for cause in step.fit.causes)}
-    rivals = [posterior for causes in _rivals(step, False) for posterior in _pruned(problem, step, causes, seen)]
+    rivals = [posterior for causes in _rivals(step) for posterior in _pruned(problem, step, causes, seen)]
     found = [replace(own, fit=departing.without_data()), *(other for other in rivals if other.settled)]
     return [posterior for posterior in found if posterior.likelier]
 
@@ -201,8 +201,7 @@ def _posteriors(problem: Problem, step: Step, seen: set[frozenset[Key]]) -> Iter
     """
     found = list(_pruned(problem, step, step.fit.causes, seen))
     yield from found
-    explained = any(posterior.settled and posterior.likelier for posterior in found)
-    for causes in _rivals(step, explained) if any(posterior.near for posterior in found) else ():
+    for causes in _rivals(step) if any(posterior.near for posterior in found) else ():
         yield from _pruned(problem, step, causes, seen)
 
 
@@ -285,12 +284,8 @@ def _entering(problem: Problem, step: Step, fit: Fit) -> list[Finding]:
     ]
 
 
-def _rivals(step: Step, explained: bool) -> Iterator[tuple[Cause, ...]]:
-    """Sets with one cause replaced that the recording does not tell from the step's in their textbook forms.
-
-    Where those of the step do not explain everything, a cause may also explain less than they by what a departure can
-    be.
-    """
+def _rivals(step: Step) -> Iterator[tuple[Cause, ...]]:
+    """Sets with one cause replaced that, as they may depart, could explain as much as the step's."""
     table = step.table
     members = tuple(i for i in (table.position(c.key) for c in step.fit.causes) if i is not None)
     full, scatter = table.evaluate(members), dispersion(step.fit)
@@ -299,7 +294,7 @@ def _rivals(step: Step, explained: bool) -> Iterator[tuple[Cause, ...]]:
         own = full.reduction - table.evaluate((*members[:k], *members[k + 1 :])).reduction
         for hypothesis in table.replacements(members, k, table.free(members)):
             alike = scatter * chi_square_quantile(REJECTED, max(abs(full.dof - hypothesis.dof), 1))
-            if full.reduction - hypothesis.reduction < max(alike, 0.0 if explained else LARGEST_POWER * own):
+            if full.reduction - hypothesis.reduction < max(alike, LARGEST_POWER * own):
                 near.append(hypothesis)
     for hypothesis in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
         yield table.causes(hypothesis)

@@ -137,6 +137,21 @@ def test_a_second_cause_that_a_departure_may_be_is_not_sure(growth, least, most)
         assert bool(told.fit.departures) == (growth != 0 and "alike" not in causes), seed
 
 
+def test_what_its_departure_makes_likelier_is_named_not_what_its_textbook_form_resembles():
+    """An effect that is nearly the other at its largest: as a whole it explains more, as it departs less."""
+    for seed in range(8):
+        draw = np.random.default_rng(seed)
+        first, *more = draw.normal(size=(5, COUNT, 1))
+        resembling = first * (1 + SHARE * WARMTH) + 0.01 * draw.normal(size=(COUNT, 1))
+        problem = DepartingProblem({"x": 20 * first * (1 + 2 * SHARE * WARMTH) + draw.normal(size=(COUNT, 1))}, {})
+        others = {f"more {i}": {"x": column} for i, column in enumerate(more)}
+        problem.offer({"first": {"x": first}, "resembling": {"x": resembling}, **others})
+        selection = select_causes(problem, most=1)
+        told = judge(problem, selection)
+        assert [c.effect.name for c in selection.steps[1].fit.causes] == ["resembling"]
+        assert told.verdict is Verdict.EXPLAINED and [c.effect.name for c in told.fit.causes] == ["first"], seed
+
+
 def hidden(seed, size):
     """An effect of some standard deviations of an uncertain parameter that does the same; beside it others by chance.
 

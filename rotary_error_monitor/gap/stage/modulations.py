@@ -1,4 +1,4 @@
-"""What the signature of a stage's effect may be modulated with: temperature, time, motion, load, place, its own size."""
+"""What the signature of a stage's effect may be modulated with: temperature, time, motion, load, place, its size."""
 
 from __future__ import annotations
 
