@@ -23,17 +23,6 @@ from rotary_error_monitor.gap.problem import FIRST_ORDER, Array, Candidate, Colu
 from rotary_error_monitor.gap.steps import Selection, Step
 from rotary_error_monitor.twin.finite import UnpredictableError
 
-MOST_EXCHANGES = 2
-"""How often causes are replaced at one size before it is taken as it is."""
-
-NEARLY_THE_SAME = 20.0
-"""Difference in log evidence on the table up to which a replacement is fitted exactly."""
-
-NEARLY_ALL = 1e-2
-"""Part of what the causes explain that may be left for rivals to be tried: two that look alike differ by little."""
-
-MOST_RIVALS = 2
-
 NOTICEABLE = 1.0
 """Sum of squares by which predictions must differ for the order in which causes act to be looked at."""
 
@@ -77,7 +66,7 @@ def select_causes(
         grown = search.grow(steps[-1], len(steps))
         if grown is None:
             break
-        steps.append(search.eliminate(search.exchange(grown)))
+        steps.append(search.eliminate(grown))
     return Selection(tuple(steps), tuple(search.dropped))
 
 
@@ -93,7 +82,7 @@ class _Search:
         self._promising: list[tuple[str, str, bytes]] = []
         self.dropped: dict[tuple[str, str], None] = {}
 
-    def assess(self, fit: Fit, hypothesis: Hypothesis | None, power_before: float | None = None) -> Step:
+    def assess(self, fit: Fit, hypothesis: Hypothesis | None) -> Step:
         """Test what a fit leaves."""
         findings = find_left(self._problem, fit)
         suspicious = bool(findings) and findings[0].log_p_value < self._log_alarm(findings)
@@ -109,7 +98,6 @@ class _Search:
         larger = table.singles(included)
         self._keep_promising(table, larger)
         base = table.evaluate(included)
-        added = 0.0 if power_before is None else max(power_before - fit.squares, 0.0)
         powers = {**dict.fromkeys(fit.rest, 0.0), **summed(powers_of(self._problem, fit))}
         best, chance = self._entering(table, larger, base, powers)
         return Step(
@@ -122,7 +110,6 @@ class _Search:
             chance,
             float(np.log(self._level)),
             powers,
-            added,
         )
 
     def can_grow(self, step: Step) -> bool:
@@ -133,23 +120,18 @@ class _Search:
         """The best set of one more effect; None where there is none that the twin can predict."""
         while self.can_grow(step):
             best = self._best(step, size)
-            fit = self._fit_or_drop(step, best, step.fit)
+            fit = self._fit_or_drop(step, best)
             if fit is not None:
                 # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the
                 # causes.
-                return self.assess(fit, best, step.fit.squares)
+                return self.assess(fit, best)
         return None
 
-    def _fit_or_drop(
-        self, step: Step, hypothesis: Hypothesis, near: Fit | None = None, in_order: bool = True
-    ) -> Fit | None:
-        """A set fitted, from a near fit if any; where the twin cannot predict it, its new members are dropped."""
+    def _fit_or_drop(self, step: Step, hypothesis: Hypothesis) -> Fit | None:
+        """A set fitted, from the fit of a step; where the twin cannot predict it, its new members are dropped."""
         table, members = step.table, self._members(step)
         try:
-            causes = table.causes(hypothesis)
-            if near is not None:
-                causes = fit_causes(self._problem, causes, near).causes
-            return self._fit_in_order(causes) if in_order else fit_causes(self._problem, causes)
+            return self._fit_in_order(fit_causes(self._problem, table.causes(hypothesis), step.fit).causes)
         except UnpredictableError:
             for member in set(hypothesis.members) - set(members) or hypothesis.members:
                 table.drop(member)
@@ -192,55 +174,6 @@ class _Search:
     def _log_alarm(self, findings: Sequence[Finding]) -> float:
         return float(np.log(self._level / max(len(findings), 1)))
 
-    def exchange(self, step: Step) -> Step:
-        """The step with a cause replaced where that is better now that causes and noise are known exactly."""
-        left: list[set[tuple[str, str]]] = []
-        for _ in range(MOST_EXCHANGES):
-            members = self._members(step)
-            full = step.table.evaluate(members)
-            if full.log_evidence <= step.table.evaluate(members[:-1]).log_evidence:
-                break  # chosen because it stands out, not by its evidence
-            better = step.table.exchange(full)
-            wanted = {step.table.candidates[i].key for i in better.members}
-            if set(better.members) == set(members) or better.log_evidence < full.log_evidence + 1.0 or wanted in left:
-                break
-            left.append({cause.key for cause in step.fit.causes})
-            fit = self._fit_or_drop(step, better)
-            if fit is None or fit.squares + _cost(better, full) >= step.fit.squares:
-                break
-            step = self.assess(fit, better, step.fit.squares + step.added)
-        return self._rivals(step) if step.settled or self._nearly(step) else step
-
-    def _nearly(self, step: Step) -> bool:
-        """Whether so little is left that a near rival could account for it."""
-        left = step.fit.squares - float(step.fit.blocks.count.sum())
-        return left < NEARLY_ALL * step.added
-
-    def _rivals(self, step: Step) -> Step:
-        """The step with a cause replaced by one that looked nearly the same, if it does better when fitted exactly.
-
-        On the table two effects can look the same although the twin's uncertain parameters act differently beside each:
-        those are computed for the chosen causes only.
-        """
-        table, members = step.table, self._members(step)
-        full = table.evaluate(members)
-        near = [
-            hypothesis
-            for k in range(len(members))
-            for hypothesis in table.replacements(members, k, table.free(members))
-            if hypothesis.log_evidence > full.log_evidence - NEARLY_THE_SAME
-        ]
-        best, lowest = step, step.fit.squares - 2.0
-        for hypothesis in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
-            fit = self._fit_or_drop(step, hypothesis, step.fit, in_order=False)
-            if fit is None:
-                continue
-            # What is likelier on the table, but was not chosen, has no credit for that.
-            price = max(_cost(hypothesis, full), 2 * (full.log_evidence - hypothesis.log_evidence), 0.0)
-            if fit.squares + price < lowest:
-                best, lowest = self.assess(fit, hypothesis, step.fit.squares + step.added), fit.squares + price - 2.0
-        return best
-
     def _members(self, step: Step) -> tuple[int, ...]:
         found = (step.table.position(cause.key) for cause in step.fit.causes)
         return tuple(i for i in found if i is not None)
@@ -255,7 +188,7 @@ class _Search:
             lost = dataclasses.replace(full, reduction=reduction, dof=dof)
             if lost.log_p_value - table.log_prior(members[k]) > step.log_alarm_entering:
                 fit = fit_causes(self._problem, table.causes(fewer))
-                return self.assess(fit, fewer, step.fit.squares + step.added)
+                return self.assess(fit, fewer)
         return step
 
     def _entering(
@@ -343,11 +276,3 @@ class _Search:
         candidate = dataclasses.replace(known, start=cause.values)
         columns = self._problem.signature(cause, candidate.linear, fit.causes)
         return candidate, columns, cause.values[candidate.linear]
-
-
-def _cost(other: Hypothesis, chosen: Hypothesis) -> float:
-    """What another set costs beyond the chosen one in degrees of freedom and places, in squares of white rows.
-
-    That is known from the table; what a set explains is known only when it is fitted exactly.
-    """
-    return 2 * (chosen.log_evidence - other.log_evidence) + other.reduction - chosen.reduction

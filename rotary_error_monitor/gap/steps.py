@@ -24,7 +24,6 @@ class Step:
         log_p_entering: logarithm of its chance under noise, over its share of the false-alarm rate.
         log_alarm_entering: logarithm of the level below which that counts.
         powers: squares of what the causes do, by channel.
-        added: chi-square that the latest step took away.
     """
 
     fit: Fit
@@ -36,7 +35,6 @@ class Step:
     log_p_entering: float
     log_alarm_entering: float
     powers: Powers
-    added: float
 
     @property
     def structured(self) -> bool:

@@ -21,13 +21,24 @@ from rotary_error_monitor.gap import judgement, posterior
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
 from rotary_error_monitor.gap.machine import problem as machine
-from rotary_error_monitor.gap.selection import _Search
 from rotary_error_monitor.gap.stage import problem as stage
 
 WHOLE = "nothing"
 """Name of the method with all its parts."""
 
-KINDS = ("temperature", "time", "direction", "speed", "low speed", "place", "orders", "harmonic", "size", "course")
+KINDS = (
+    "temperature",
+    "time",
+    "direction",
+    "speed",
+    "load",
+    "low speed",
+    "place",
+    "orders",
+    "harmonic",
+    "size",
+    "course",
+)
 """Kinds of departure; those of each axis and of each order, which are several to the method, are one here."""
 
 PROBLEMS = (stage.StageProblem, machine.MachineProblem)
@@ -88,10 +99,9 @@ def _no_uncertainty(stack: ExitStack) -> None:
 
 
 def _no_rivals(stack: ExitStack) -> None:
-    """Sets stay as they grew: nothing is exchanged on the table, when fitted, or when departures are weighed."""
+    """Sets stay as they grew: nothing is exchanged on the table, or when departures are weighed."""
     stack.enter_context(patch.object(HypothesisTable, "exchange", lambda self, start: start))
-    stack.enter_context(patch.object(_Search, "exchange", lambda self, step: step))
-    stack.enter_context(patch.object(judgement, "_rivals", lambda step, explained: iter(())))
+    stack.enter_context(patch.object(judgement, "_rivals", lambda step: iter(())))
 
 
 PARTS: dict[str, Callable[[ExitStack], None]] = {
