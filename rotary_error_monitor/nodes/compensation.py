@@ -100,8 +100,10 @@ class Compensation(ManagedNode):
             self._joints.refuse(doubt)
 
     def _receive_temperature(self, message: Temperature) -> None:
-        stamp_ns = messages.ns_from_stamp(message.header.stamp)
-        self._compensator.push_temperature(message.temperature, min(stamp_ns or self.now_ns(), self.now_ns()))
+        stamp_ns, now_ns = messages.ns_from_stamp(message.header.stamp), self.now_ns()
+        if self._arrivals[self._joints.what].was_set_back(self._compensator.thermometer.last_ns, now_ns):
+            self._begin_anew()
+        self._compensator.push_temperature(message.temperature, min(stamp_ns or now_ns, now_ns))
 
     def _check_arrival(self, watch: StreamWatch, stamp_ns: int, now_ns: int) -> None:
         """Refuse what is stamped in the future; where the clock was set back, begin anew.
@@ -114,10 +116,13 @@ class Compensation(ManagedNode):
             watch.refuse(refusal)
             raise InputError(refusal)
         if check.was_set_back(watch.last_ns, now_ns):
-            self.get_logger().warning("the clock was set back: all that was stamped later is forgotten")
-            self._compensator.forget_time()
-            for each in self._watches.values():
-                each.last_ns = None
+            self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self.get_logger().warning("the clock was set back: all that was stamped later is forgotten")
+        self._compensator.forget_time()
+        for each in self._watches.values():
+            each.last_ns = None
 
     def _compensate(self) -> None:
         """Send what is fresh of what came together; what waited too long for its other half is dropped."""

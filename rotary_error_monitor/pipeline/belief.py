@@ -24,6 +24,9 @@ further fault of a head would not show; a description that has not been held aga
 one of the mirror, or not since the heads may have lost their zero."""
 
 
+_LONG_AGO = -(2**62)
+"""Number of a window before all others."""
+
 REFUSED = 0.1
 """Part of the samples in a window whose refusal counts against their stream."""
 
@@ -163,6 +166,19 @@ class Belief:
             judge.reset()
         self._pending = self._heard = None
         self._zero_open = False
+        self.verdict = self._conclude()
+
+    def forget_time(self) -> None:
+        """The clock was set back: what happened in the time since the last window is not known; doubts stay.
+
+        No step is told from what was before, and the heads may have lost their zero, as after a silence.
+        """
+        self.heads.forget_time()
+        for _, judge in self._judges_of_the_rotation():
+            judge.retract(doubt=False)
+        self._pending = None
+        self._zero_open, self._heard = self._heard is not None, None
+        self._began = dict.fromkeys(self._began, _LONG_AGO)
         self.verdict = self._conclude()
 
     @property

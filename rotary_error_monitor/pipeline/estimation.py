@@ -242,6 +242,7 @@ class Estimator:
             for stream in self._streams.values():
                 stream.clear()
             self._begin()
+            self.belief.forget_time()
             self.status.restarts += 1
 
     def _allow_for_blocks(self, duration_ns: int) -> None:

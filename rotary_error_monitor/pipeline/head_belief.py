@@ -281,6 +281,13 @@ class HeadBelief:
         self._step = 0.0
         self._untried = TRIES
 
+    def forget_time(self) -> None:
+        """The clock was set back: how much time has passed since the last window is not known; doubts stay."""
+        for each in (self._agreement, self._beyond, self._history):
+            each.clear()
+        self._agreeing = 0.0
+        self._place = self._last_theta = None
+
     def _layout(self, names: Sequence[str]) -> HeadLayout:
         azimuths = tuple(self._heads[name] for name in names)
         if azimuths not in self._layouts:

@@ -157,7 +157,7 @@ class CommandBelief:
         if doubt:
             self.doubt, self._before = "", None
         self._agreeing = 0.0
-        self._last = None
+        self._last = self._compared = None
         self._squares.clear()
         self._pairs.clear()
 

@@ -47,6 +47,15 @@ class Thermometer:
         """Believe the next temperature wherever it is in its range."""
         self._last, self.doubt = None, ""
 
+    def forget_time(self) -> None:
+        """The clock was set back: how much time has passed since the last temperature is not known."""
+        self.reset()
+
+    @property
+    def last_ns(self) -> int | None:
+        """Timestamp (ns) of the last temperature that was believed."""
+        return None if self._last is None else self._last[0]
+
     @property
     def has_spoken(self) -> bool:
         """Whether a temperature was believed yet."""

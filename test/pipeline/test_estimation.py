@@ -249,6 +249,61 @@ def test_after_a_pause_of_any_length_the_rotation_is_told_as_before(pause):
     np.testing.assert_array_equal(result.column("theta")[second], before.column("theta")[shared])
 
 
+@pytest.mark.parametrize("jump", [0.0, 0.4, 0.9, 1.7], ids=lambda jump: f"{jump:g} s missed")
+@pytest.mark.parametrize("back", [0.2, 3.0, 7200.0, 86_400.0], ids=lambda back: f"{back:g} s back")
+def test_after_the_clock_was_set_back_nothing_is_doubted_and_all_is_told_at_once(back, jump):
+    """The rotor has moved on meanwhile, or what is played again begins elsewhere: that is no step of an instrument."""
+    estimator, draw = Estimator(STAGE, EstimatorSettings(check_turns=0.0)), np.random.default_rng(1)
+
+    def noisy(name, t):
+        exact = values(name, t)
+        return exact + {"command": 0.0, "autocollimator": 5e-7}.get(name, 3e-7) * draw.normal(size=exact.shape)
+
+    for name, block in in_order(streams(every={"rate": 1000.0, "block": 0.01, "duration": 2.0})):
+        measured = noisy(name, (block.times_ns - START) * 1e-9)
+        before = block_from_samples(block.times_ns, block.names[1:], measured)
+        estimator.push(name, before, int(block.times_ns[-1]) + 2_000_000)
+    assert not dict(estimator.belief.reasons)
+    out = []
+    for name, block in in_order(streams(every={"rate": 1000.0, "block": 0.01, "duration": 1.0})):
+        times = block.times_ns - round(back * 1e9) + 2_000_000_000
+        later = block_from_samples(times, block.names[1:], noisy(name, (block.times_ns - START) * 1e-9 + 2.0 + jump))
+        out += estimator.push(name, later, int(times[-1]) + 2_000_000)
+        assert not dict(estimator.belief.reasons)
+    assert estimator.status.restarts == 1
+    told = joined(out)
+    late = told.times_ns > told.times_ns[0] + 200_000_000
+    assert (told.column("observable")[late] == told.column("observable").max()).all()
+    assert told.column("observable").max() == 0b111011
+    theta, exc, eyc, eac, ebc = true_motion((told.times_ns[late] + round(back * 1e9) - START) * 1e-9 + jump)
+    for name, true in (("exc", exc), ("eyc", eyc), ("eac", eac), ("ebc", ebc)):
+        off = np.abs(told.column(name)[late] - true) / np.sqrt(told.column(f"var_{name}")[late])
+        assert off.max() < 6.0 and told.column(f"var_{name}")[late].max() < 2e-6**2
+
+
+@pytest.mark.parametrize("command", [True, False], ids=["with command", "without command"])
+def test_after_the_clock_was_set_back_the_zero_of_the_heads_is_settled_anew(command):
+    """By the command at once, without it by a turn; a silence is seen although the clock shows less than before."""
+    estimator = Estimator(STAGE)
+    every = {"rate": 1000.0, "block": 0.01, "duration": 2.6}
+    given = {} if command else {"command": None}
+    for name, block in in_order(streams(every=every, **given)):
+        estimator.push(name, block, int(block.times_ns[-1]) + 2_000_000)
+    assert estimator.belief.verified == 1.0 and not estimator.belief.verdict.has("unverified")
+    silent = {f"head_{letter}": every | {"duration": 1.6, "drop": [(0.6, 1.2)]} for letter in AZIMUTHS}
+    unverified = {"at first": [], "before the silence": [], "after": [], "at last": []}
+    for name, block in in_order(streams(every=every | {"duration": 1.6}, **silent, **given)):
+        later = block_from_samples(block.times_ns - 3600 * 10**9, block.names[1:], block.rows[:, 1:])
+        estimator.push(name, later, int(later.times_ns[-1]) + 2_000_000)
+        passed = (block.times_ns[-1] - START) * 1e-9
+        when = "at first" if passed < 0.3 else "before the silence" if passed < 0.6 else "after"
+        unverified["at last" if passed > 1.55 else when].append(estimator.belief.verdict.has("unverified"))
+    assert any(unverified["at first"])
+    assert any(unverified["before the silence"]) != command
+    assert any(unverified["after"])
+    assert all(unverified["at last"]) != command
+
+
 def test_a_missing_autocollimator_leaves_tilt_unobservable_and_zero():
     result = run(in_order(streams(autocollimator=None)))[1]
     found = error_motion_from_block(result)

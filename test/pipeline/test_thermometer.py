@@ -77,3 +77,14 @@ def test_reset_believes_the_next_one():
     assert not thermometer.push(S, 25.0)
     thermometer.reset()
     assert thermometer.push(2 * S, 25.0)
+
+
+def test_after_the_clock_was_set_back_the_next_temperature_counts():
+    """How much time passed is unknown; without forgetting it would never be believed again."""
+    thermometer = Thermometer(MACHINE)
+    thermometer.push(100_000 * S, 20.0)
+    thermometer.forget_time()
+    assert thermometer.last_ns is None and not thermometer.has_spoken
+    assert thermometer.push(50 * S, 23.0)
+    assert thermometer.last_ns == 50 * S and thermometer.trouble(51 * S) == ""
+    assert not thermometer.push(51 * S, 31.0)
