@@ -169,15 +169,14 @@ class Belief:
         self.verdict = self._conclude()
 
     def forget_time(self) -> None:
-        """The clock was set back: what happened in the time since the last window is not known; doubts stay.
+        """The clock was set back: no step is told from what was before, for how long ago that was is not known.
 
-        No step is told from what was before, and the heads may have lost their zero, as after a silence.
+        Doubts stay, and so does what a turn has shown: the heads count on while a clock is set.
         """
         self.heads.forget_time()
         for _, judge in self._judges_of_the_rotation():
             judge.retract(doubt=False)
-        self._pending = None
-        self._zero_open, self._heard = self._heard is not None, None
+        self._pending = self._heard = None
         self._began = dict.fromkeys(self._began, _LONG_AGO)
         self.verdict = self._conclude()
 
