@@ -98,9 +98,7 @@ class HypothesisTable:
         sizes = np.concatenate([[0], np.cumsum([len(scale) for scale in scales])]).astype(np.intp)
         self._places = [np.arange(a, b, dtype=np.intp) for a, b in itertools.pairwise(sizes)]
         self._owner = np.repeat(np.arange(len(scales)), [len(scale) for scale in scales])
-        total = self.blocks.total()
-        self._whole = total.gram[self.nuisances :, self.nuisances :]
-        self.normal: Normal = total.without(self.nuisances)
+        self.normal: Normal = self.blocks.total().without(self.nuisances)
         self._dropped: set[int] = set()
         self.effects = len({candidate.effect.name for candidate in self.candidates})
 
@@ -120,12 +118,6 @@ class HypothesisTable:
     def position(self, key: tuple[str, str]) -> int | None:
         """Position of a candidate by name and location."""
         return next((i for i, candidate in enumerate(self.candidates) if candidate.key == key), None)
-
-    def part_left(self, hypothesis: Hypothesis) -> float:
-        """Part of the squares of what a set does that uncertain parameters of the twin cannot do as well."""
-        index, amplitudes = self.columns_of(hypothesis.members), hypothesis.amplitudes
-        whole = amplitudes @ self._whole[np.ix_(index, index)] @ amplitudes
-        return float(amplitudes @ self.normal.gram[np.ix_(index, index)] @ amplitudes / whole) if whole > 0 else 1.0
 
     def evaluate(self, members: Sequence[int]) -> Hypothesis:
         """Evidence of a set of candidates together."""

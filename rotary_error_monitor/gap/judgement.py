@@ -34,9 +34,8 @@ from rotary_error_monitor.twin.finite import UnpredictableError
 MOST_RIVALS = 2
 """Causes in the place of one that looks the same, whose departures are looked at as well: each costs a fit."""
 
-HIDDEN = 0.5
-"""Part of a cause's power: where uncertain parameters leave less of it, they rather than the cause have its textbook
-form."""
+MOST_ALONE = 6
+"""Effects that are looked at alone where no set is believed: each costs a fit."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +85,10 @@ def judge(
         step, best = _likeliest(tried)
         if best.likelier:
             return _believed(step, best, [posterior for other, posterior in tried if other is step])
-    hidden = _hidden(problem, null)
+    alone = _passed_by(problem, null)
     # What the search passed by is believed only if it leaves nothing, and none of the others is likelier.
-    if hidden and hidden[0].settled and hidden[0].likelier:
-        return _believed(null, hidden[0], hidden)
+    if alone and alone[0].settled and alone[0].likelier:
+        return _believed(null, alone[0], alone)
     unknown = 1 - max((posterior.probability for _, posterior in tried), default=0.0)
     return Judgement(Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), unknown, doubts=doubts)
 
@@ -110,21 +109,21 @@ def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judge
     return Judgement(Verdict.EXPLAINED, chosen, chosen.fit, (), unknown, needless=needless)
 
 
-def _hidden(problem: Problem, null: Step) -> list[Posterior]:
-    """Single causes with their departures, the likeliest first, if one is there that uncertain parameters may hide.
+def _passed_by(problem: Problem, null: Step) -> list[Posterior]:
+    """Single causes with their departures that the search may have passed by, the likeliest first.
 
-    They may have taken the textbook form of a cause; of that only the departure shows, which others then seem to
-    explain better. Those are weighed beside it.
+    Uncertain parameters of the twin, if it has any, may have taken the textbook form of a cause, so that only its
+    departure shows, which others then seem to explain better; and beside them an effect that is far from linear is told
+    from others by its own fit only.
     """
+    if not len(null.fit.nuisance_values):
+        return []
     table, best = null.table, dict[str, Hypothesis]()
     for hypothesis in sorted(table.singles(), key=lambda hypothesis: -hypothesis.log_evidence):
         if hypothesis.log_evidence > 0:
             best.setdefault(table.candidates[hypothesis.members[0]].effect.name, hypothesis)
-    hidden = [hypothesis for hypothesis in best.values() if table.part_left(hypothesis) < HIDDEN]
-    found = [posterior for hypothesis in hidden for posterior in _alone(problem, null, hypothesis)]
-    if any(posterior.settled and posterior.likelier for posterior in found):
-        others = (hypothesis for hypothesis in best.values() if hypothesis not in hidden)
-        found += [posterior for hypothesis in others for posterior in _alone(problem, null, hypothesis)]
+    alone = list(best.values())[:MOST_ALONE]
+    found = [posterior for hypothesis in alone for posterior in _alone(problem, null, hypothesis)]
     return sorted(found, key=lambda posterior: -_log_weight(null, posterior))
 
 

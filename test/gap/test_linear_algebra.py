@@ -9,7 +9,6 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2, multivariate_normal
 
-from rotary_error_monitor.gap import selection
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
 from rotary_error_monitor.gap.normal import combine, own_rest, stack, subtract
@@ -94,22 +93,6 @@ def test_many_sets_are_weighed_as_each_alone(linear):
         np.testing.assert_allclose(hypothesis.amplitudes, best, rtol=1e-9)
         assert hypothesis.reduction == pytest.approx(float(best @ moment[own]))
         assert hypothesis.log_evidence == pytest.approx(hypotheses.evaluate(members).log_evidence)
-
-
-@pytest.mark.parametrize(("worse", "kept"), [(1.0, {("first", "")}), (2.0, {("third", "")})])
-def test_an_exchange_stays_only_if_it_explains_more(linear, monkeypatch, worse, kept):
-    """On the table `first` does better than `third`, which is nearly the same; fitted exactly it may not."""
-    search = selection._Search(linear, 0.01)
-    null = search.assess(fit_causes(linear, ()), None)
-    third = next(c for c in linear.candidates({}, ()) if c.key == ("third", ""))
-    stage = search.assess(fit_causes(linear, [third.cause(np.zeros(1))]), None, null.fit.squares)
-
-    def fitted(*args):
-        fit = fit_causes(*args)
-        return replace(fit, rest={channel: worse * rows for channel, rows in fit.rest.items()})
-
-    monkeypatch.setattr(selection, "fit_causes", fitted)
-    assert {cause.key for cause in search.exchange(stage).fit.causes} == kept
 
 
 def test_nuisances_are_integrated_out(linear, rng):
