@@ -159,7 +159,7 @@ class Compensator:
     def forget_time(self) -> None:
         """The clock was set back: forget all that was stamped before."""
         self.joints.clear()
-        self.thermometer.forget_time()
+        self.thermometer.reset()
         self._corrector.forget_time()
         self.holding.forget_time()
         self._checks.forget()

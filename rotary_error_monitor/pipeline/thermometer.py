@@ -47,10 +47,6 @@ class Thermometer:
         """Believe the next temperature wherever it is in its range."""
         self._last, self.doubt = None, ""
 
-    def forget_time(self) -> None:
-        """The clock was set back: how much time has passed since the last temperature is not known."""
-        self.reset()
-
     @property
     def last_ns(self) -> int | None:
         """Timestamp (ns) of the last temperature that was believed."""

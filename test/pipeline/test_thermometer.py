@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.thermometer import BEYOND, FAST, NOT_FINITE, Thermometer
 
 MACHINE = load_machine("xyzac_trt")
@@ -80,11 +81,14 @@ def test_reset_believes_the_next_one():
 
 
 def test_after_the_clock_was_set_back_the_next_temperature_counts():
-    """How much time passed is unknown; without forgetting it would never be believed again."""
-    thermometer = Thermometer(MACHINE)
-    thermometer.push(100_000 * S, 20.0)
-    thermometer.forget_time()
+    """How much time passed is unknown; without forgetting, another temperature would never be believed again."""
+    compensator = Compensator(MACHINE)
+    thermometer = compensator.thermometer
+    compensator.push_temperature(20.0, 100_000 * S)
+    assert thermometer.last_ns == 100_000 * S
+    compensator.forget_time()
     assert thermometer.last_ns is None and not thermometer.has_spoken
-    assert thermometer.push(50 * S, 23.0)
+    compensator.push_temperature(23.0, 50 * S)
     assert thermometer.last_ns == 50 * S and thermometer.trouble(51 * S) == ""
-    assert not thermometer.push(51 * S, 31.0)
+    compensator.push_temperature(31.0, 51 * S)
+    assert thermometer.last_ns == 50 * S and "not believed" in thermometer.trouble(51 * S)
