@@ -65,7 +65,6 @@ setup(
         "test": [
             "pytest>=8,<10",
             "pytest-cov>=5,<8",
-            "pytest-rerunfailures>=14,<17",
             "hypothesis>=6.100,<7",
             "pytransform3d>=3.5,<4",
             "scikit-learn>=1.5,<2",

@@ -16,10 +16,6 @@ hypothesis.settings.load_profile("shared computer")
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job, and all it starts, would ignore it
 
-LIVE = ("controller", "clock", "live", "network", "nodes", "scenario", "security", "testing")
-"""Folders of tests that run processes against the clock. What else a shared computer does may fail one of them; a fault
-of the package fails each try. That one try is enough has not been shown yet."""
-
 CASES = Path(__file__).parents[2] / "shared" / "cases"
 
 
@@ -41,20 +37,6 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     folders = case_folders(*marker.args)[: marker.kwargs.get("most")]
     absent = pytest.param(None, id="absent", marks=pytest.mark.skip(reason=f"no cases in {CASES / marker.args[0]}"))
     metafunc.parametrize("case", [pytest.param(folder, id=folder.name) for folder in folders] or [absent])
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Tests against the clock get one more try, where pytest-rerunfailures is installed."""
-    for item in items if config.pluginmanager.hasplugin("rerunfailures") else ():
-        if item.path.parent.name in LIVE:
-            item.add_marker(pytest.mark.flaky(reruns=1))
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """What failed at its first try is told, though a further one passed."""
-    for report in terminalreporter.stats.get("rerun", ()):
-        terminalreporter.section(f"failed at first: {report.nodeid}")
-        terminalreporter.line(report.longreprtext)
 
 
 @pytest.fixture(autouse=True)

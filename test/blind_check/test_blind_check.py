@@ -176,7 +176,7 @@ def test_the_plan_of_the_special_groups():
 
 @pytest.mark.parametrize("group", ["variant", "loud", "mimic", "noise"])
 def test_the_solver_is_given_bag_and_twin_and_never_the_truth(group, tmp_path):
-    for plan in plan_cases(8, 4, ("stage", "machine"), (False,), (group,)):
+    for plan in plan_cases(8, 2, ("stage", "machine"), (False,), (group,)):
         case = make_case(plan)
         write_case(case, tmp_path / plan.name)
         assert sorted(path.name for path in (tmp_path / plan.name).iterdir()) == ["bag", "twin.yaml"]
