@@ -42,6 +42,8 @@ class Thermometer:
         self.refused: Counter[str] = Counter()
         self.doubt = ""
         self._last: tuple[int, float] | None = None
+        self._heard_ns = 0
+        self._silent = 0.0  # s, since the last one that was believed
 
     def reset(self) -> None:
         """Believe the next temperature wherever it is in its range."""
@@ -59,10 +61,14 @@ class Thermometer:
 
     def push(self, stamp_ns: int, temperature: float) -> bool:
         """Take in a temperature (°C) measured at `stamp_ns`, timestamp (ns); give whether it is believed."""
+        if self._last is not None:
+            since = (stamp_ns - self._heard_ns) * 1e-9
+            self._silent += since if since > self._limits.temperature_age else 0.0
+        self._heard_ns = stamp_ns
         self.doubt = self._judge(stamp_ns, temperature)
         if self.doubt:
             return False
-        self._last = stamp_ns, temperature
+        self._last, self._silent = (stamp_ns, temperature), 0.0
         return True
 
     def at(self, time_ns: int) -> Warmth:
@@ -93,8 +99,8 @@ class Thermometer:
         if self._last is not None:
             last_ns, last = self._last
             elapsed = (stamp_ns - last_ns) * 1e-9
-            # a jump does not become true by lasting
-            passed = min(max(elapsed, 0.0), self._limits.temperature_age)
+            # A jump does not become true by lasting, but in a silence nobody saw the machine warm.
+            passed = max(min(max(elapsed, 0.0), self._limits.temperature_age), self._silent)
             allowed = self._limits.temperature_rate * passed + JITTER
             if abs(temperature - last) > allowed:
                 return self._refuse(FAST, f"{temperature - last:+.3g} K within {elapsed:.3g} s is {FAST}")

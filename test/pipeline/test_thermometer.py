@@ -57,6 +57,26 @@ def test_a_sensor_that_falls_silent_leaves_more_and_more_doubt():
     assert thermometer.at(3600 * S).temperature == 21.0
 
 
+@pytest.mark.parametrize("first", [23.0, math.nan, 45.0])
+def test_what_a_machine_may_have_warmed_by_in_a_silence_is_believed_after_it(first):
+    thermometer = Thermometer(MACHINE)
+    thermometer.push(0, 20.0)
+    assert thermometer.push(60 * S, first) == (first == 23.0)
+    assert thermometer.push(61 * S, 23.0), "3 K within a minute is no more than the limit of 0.25 K/s"
+    assert thermometer.at(61 * S).deviation == 0.0
+    assert not thermometer.push(62 * S, 26.0)
+
+
+def test_a_jump_does_not_become_true_by_lasting_before_or_after_a_silence():
+    thermometer = Thermometer(MACHINE)
+    thermometer.push(0, 20.0)
+    for second in range(1, 100):
+        assert not thermometer.push(second * S, 24.0)
+    assert not thermometer.push(110 * S, 24.0), "the machine was unseen for 11 s of the 110"
+    for second in range(111, 200):
+        assert not thermometer.push(second * S, 24.0)
+
+
 def test_without_a_sensor_the_reference_stands_in():
     thermometer = Thermometer(MACHINE)
     assert not thermometer.has_spoken
