@@ -21,7 +21,7 @@ from rotary_error_monitor.machine.kinematics import MachineModel, stand, turns
 from rotary_error_monitor.machine.transforms import Array, chain, compose, cross, inverse, rotate, rotation_vector
 
 
-class Poses(NamedTuple):
+class CheckedPoses(NamedTuple):
     """Checked input, poses last: positions and direction (m, n), temperature (n,), monitored (6, n)."""
 
     positions: Array
@@ -139,7 +139,7 @@ def check_poses(
     direction: ArrayLike | None = None,
     temperature: ArrayLike | None = None,
     monitored: ArrayLike | None = None,
-) -> Poses:
+) -> CheckedPoses:
     """The input as arrays with poses last.
 
     Raises:
@@ -152,7 +152,7 @@ def check_poses(
     count = len(q)
     if monitored is not None:
         _monitored_axis(model)
-    return Poses(
+    return CheckedPoses(
         _columns("positions", q, (count, axes)),
         None if direction is None else _columns("direction", direction, (count, axes)),
         None if temperature is None else _columns("temperature", temperature, (count,)),
@@ -160,7 +160,7 @@ def check_poses(
     )
 
 
-def actual_errors(model: MachineModel, poses: Poses) -> Array:
+def actual_errors(model: MachineModel, poses: CheckedPoses) -> Array:
     """(6, m, n) error components of all axes in the frames of the moved bodies, the monitored ones live."""
     errors = model.components.at(poses.positions, poses.direction, poses.temperature)
     if poses.monitored is not None:

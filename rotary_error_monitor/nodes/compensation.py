@@ -31,6 +31,7 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 NAME = "compensation"
 _WATCH_PERIOD = 0.05
+_TEMPERATURE = "temperature"
 _NUMBERS = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
@@ -69,7 +70,8 @@ class Compensation(ManagedNode):
             self.listen_to_blocks(motion, self._receive_motion)
         joints, limit = self.wire.topic("machine_joint_states"), self.setting("joint_age_limit")
         self._watches["joint states"] = self._joints = StreamWatch(joints.name, limit, limit, now_ns)
-        self._arrivals = {watch.what: ArrivalCheck(round(60 * NANOSECONDS)) for watch in self._watches.values()}
+        streams = [_TEMPERATURE, *(watch.what for watch in self._watches.values())]
+        self._arrivals = {what: ArrivalCheck(round(60 * NANOSECONDS)) for what in streams}
         self.listen_to(joints, self._receive_joints)
         self.listen_to(self.wire.topic("machine_temperature"), self._receive_temperature)
         self.after_messages(self._compensate)
@@ -101,7 +103,7 @@ class Compensation(ManagedNode):
 
     def _receive_temperature(self, message: Temperature) -> None:
         stamp_ns, now_ns = messages.ns_from_stamp(message.header.stamp), self.now_ns()
-        if self._arrivals[self._joints.what].was_set_back(self._compensator.thermometer.last_ns, now_ns):
+        if self._arrivals[_TEMPERATURE].was_set_back(self._compensator.thermometer.last_ns, now_ns):
             self._begin_anew()
         self._compensator.push_temperature(message.temperature, min(stamp_ns or now_ns, now_ns))
 

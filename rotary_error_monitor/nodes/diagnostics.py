@@ -1,7 +1,8 @@
-"""What a node says about its health on `/diagnostics` (REP 107), and the watch over a stream behind most of it."""
+"""What a node says about its health on `/diagnostics` (REP 107), and the watches behind it: over streams and time."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -11,6 +12,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+
+STANDSTILL = 0.8
+"""s of real time, a little less than a report takes: a simulation that is alive moves its clock many times in it."""
 
 
 class Level(IntEnum):
@@ -51,6 +55,23 @@ def diagnostic_array(stamp: Time, node: str, hardware: str, conditions: Iterable
 
 def _text(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+class ClockWatch:
+    """Whether simulated time moves."""
+
+    def __init__(self) -> None:
+        self._moved = (0, 0.0)
+
+    def trouble(self, now_ns: int) -> str:
+        """What is wrong with `/clock`, which says `now_ns`, as far as successive calls tell; empty where nothing is."""
+        now = time.monotonic()
+        if now_ns != self._moved[0]:
+            self._moved = now_ns, now
+        if now_ns == 0:
+            return "but nothing has come on /clock: time stands still"
+        still = now - self._moved[1]
+        return f"and nothing new has come on /clock for {still:.1f} s: time stands still" if still > STANDSTILL else ""
 
 
 class StreamWatch:

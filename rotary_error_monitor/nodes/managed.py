@@ -30,7 +30,7 @@ from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import Topic, Wire, load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages, parameters
-from rotary_error_monitor.nodes.diagnostics import Condition, Level, diagnostic_array
+from rotary_error_monitor.nodes.diagnostics import ClockWatch, Condition, Level, diagnostic_array
 from rotary_error_monitor.nodes.parameters import Setting, cell_settings
 from rotary_error_monitor.nodes.protection import SECURITY, judge_node, security_conditions
 from rotary_error_monitor.nodes.publishers import Listening
@@ -40,7 +40,6 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 
 AUTOSTART = Setting("autostart", True, "configure and activate at start; false waits for a life cycle manager")
 _DIAGNOSTICS_PERIOD = 1.0
-_STANDSTILL = 0.8  # s, a little less than a report takes: a simulation that is alive moves its clock many times in it
 _TELL_PERIOD = 0.2  # s; what comes and goes many times a second shall not flood anybody
 _SIM_TIME = "use_sim_time"
 
@@ -92,7 +91,7 @@ class ManagedNode(LifecycleNode):
         self._listening = Listening(self)
         self._told: tuple[object, float] = (None, 0.0)
         self._entities: list[Callable[[], object]] = []
-        self._moved = (0, 0.0)
+        self._clock_watch = ClockWatch()
         self._worker = Worker(self.context, self.now_ns, self._fail)
         self.busy = threading.RLock()  # callbacks of the worker and of the executor take turns
         self._configured = False
@@ -385,22 +384,12 @@ class ManagedNode(LifecycleNode):
         return diagnostic_array(messages.stamp_from_ns(now_ns), name, self.hardware, conditions)
 
     def _life(self, now_ns: int) -> Condition:
-        if self._simulated and now_ns == 0:
-            reason = f"{_SIM_TIME} is set, but nothing has come on /clock: time stands still"
-            return Condition("state", Level.ERROR, reason)
-        if (still := self._standstill(now_ns)) > _STANDSTILL:
-            reason = f"{_SIM_TIME} is set, and nothing new has come on /clock for {still:.1f} s: time stands still"
-            return Condition("state", Level.ERROR, reason)
+        halted = self._clock_watch.trouble(now_ns) if self._simulated else ""
+        if halted:
+            return Condition("state", Level.ERROR, f"{_SIM_TIME} is set, {halted}")
         if not self.active:
             return Condition("state", Level.WARN, "inactive")
         return Condition("state", Level.OK, "active")
-
-    def _standstill(self, now_ns: int) -> float:
-        """How long simulated time has not moved, s of real time, as far as successive reports tell."""
-        now = time.monotonic()
-        if not self._simulated or now_ns != self._moved[0]:
-            self._moved = now_ns, now
-        return now - self._moved[1]
 
     def is_shared(self, topic: str) -> bool:
         """Whether several publishers speak on a topic that this node listens to."""

@@ -28,7 +28,7 @@ from rotary_error_monitor.pipeline.holding import Holding
 from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances, doubts_of
 from rotary_error_monitor.pipeline.joints import AxisPositions, JointTrack, unpack_directions
 from rotary_error_monitor.pipeline.live_components import Carrier
-from rotary_error_monitor.pipeline.poses import Poses
+from rotary_error_monitor.pipeline.poses import TimedPoses
 from rotary_error_monitor.pipeline.thermometer import Thermometer
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
@@ -269,7 +269,7 @@ class Compensator:
         positions[:, self._monitored] = checked.commanded[chosen]
         warmth = self.thermometer.at(int(ticks[-1]))
         found = self._corrector.compensate(
-            Poses(
+            TimedPoses(
                 ticks[chosen],
                 positions,
                 axes.directions[chosen],
@@ -334,7 +334,7 @@ class Compensator:
         self._note_flow(found, int(ticks[-1]), ())
         return found
 
-    def _described_poses(self, ticks: NDArray[np.int64]) -> Poses | None:
+    def _described_poses(self, ticks: NDArray[np.int64]) -> TimedPoses | None:
         """Poses at the times of joint states, without error motion; None before the direction of travel is known."""
         if self._decisions is None:
             # of its own time a joint state needs no extrapolation, but one before it tells the direction
@@ -347,7 +347,7 @@ class Compensator:
             return None
         unknown = np.full((6, 6), 0.0 if self._monitored is None else np.nan)
         deviation = np.array([self.thermometer.at(int(tick)).deviation for tick in ticks[known]])
-        return Poses(
+        return TimedPoses(
             ticks[known],
             axes.positions[known],
             axes.directions[known],

@@ -16,7 +16,7 @@ from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.machine.limits import CorrectionState, Level, axis_limits, initial_state, limit_corrections
 from rotary_error_monitor.pipeline.joints import pack_directions
 from rotary_error_monitor.pipeline.offset_spread import OffsetSpread
-from rotary_error_monitor.pipeline.poses import Poses
+from rotary_error_monitor.pipeline.poses import TimedPoses
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 COLUMNS = ("x", "y", "z", "a", "b", "c", "joint_age", "directions", "temperature")
@@ -142,12 +142,12 @@ class Corrector:
         self._asked = None
         self.state = replace(self.state, time_ns=None)
 
-    def distance(self, poses: Poses) -> NDArray[np.float64]:
+    def distance(self, poses: TimedPoses) -> NDArray[np.float64]:
         """(n,) how far the tool would be moved, m, were the correction that holds replaced by that of the poses."""
         away = self._wanted(poses).corrections - np.array(self.state.applied)
         return np.asarray(np.linalg.norm(away[:, self._linear], axis=1))
 
-    def compensate(self, poses: Poses, *, described: bool = False, apply: bool = True) -> Compensation:
+    def compensate(self, poses: TimedPoses, *, described: bool = False, apply: bool = True) -> Compensation:
         """Offsets of all poses, and corrections of those that begin a correction period.
 
         Args:
@@ -164,7 +164,9 @@ class Corrector:
         corrections = self._correct(poses.at(chosen), offset[chosen], wanted, described=described, apply=apply)
         return Compensation(blocks, corrections)
 
-    def _solve(self, poses: Poses, chosen: NDArray[np.int64]) -> tuple[NDArray[np.float64], AxisCorrections | None]:
+    def _solve(
+        self, poses: TimedPoses, chosen: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], AxisCorrections | None]:
         """(n, 6) offsets of all poses and the corrections of the chosen ones."""
         if len(chosen) and len(poses.stamps) <= FEW_POSES:
             # The search gives the offsets as well, bit for bit: one pass over the machine less.
@@ -172,7 +174,7 @@ class Corrector:
             return wanted.offset, wanted.at(chosen)
         return poses.offsets(self._model), self._wanted(poses.at(chosen)) if len(chosen) else None
 
-    def _wanted(self, poses: Poses) -> AxisCorrections:
+    def _wanted(self, poses: TimedPoses) -> AxisCorrections:
         return solve_axis_corrections(
             self._model,
             poses.positions,
@@ -190,7 +192,7 @@ class Corrector:
         return first
 
     def _correct(
-        self, poses: Poses, offset: NDArray[np.float64], wanted: AxisCorrections, *, described: bool, apply: bool
+        self, poses: TimedPoses, offset: NDArray[np.float64], wanted: AxisCorrections, *, described: bool, apply: bool
     ) -> tuple[Correction, ...]:
         """Corrections that may be applied: none where they are not believed or an error limit has latched."""
         stamps = poses.stamps
@@ -257,7 +259,7 @@ class Corrector:
 
     def _report(
         self,
-        poses: Poses,
+        poses: TimedPoses,
         corrections: NDArray[np.float64],
         offset: NDArray[np.float64],
         spread: NDArray[np.float64],

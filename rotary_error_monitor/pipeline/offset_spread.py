@@ -15,7 +15,7 @@ from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.machine.error_model import described_components, predict_tool_offset, propagate_covariance
 from rotary_error_monitor.machine.kinematics import MachineModel
 from rotary_error_monitor.pipeline.description_spread import DescriptionSpread
-from rotary_error_monitor.pipeline.poses import Poses
+from rotary_error_monitor.pipeline.poses import TimedPoses
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class OffsetSpread:
         self._reversal = np.array([axis.reversal for axis in machine.axes])
         self._warms = any(axis.expansion != 0.0 for axis in machine.axes)
 
-    def at(self, poses: Poses, offset: Array) -> Spread:
+    def at(self, poses: TimedPoses, offset: Array) -> Spread:
         """Covariance of the (n, 6) offset of poses."""
         covariance = poses.covariance(np.arange(len(poses.stamps)))
         if len(poses.stamps) == 0:
@@ -60,7 +60,7 @@ class OffsetSpread:
         covariance = covariance + squares[: len(lasting)].sum(axis=0)
         return Spread(covariance, covariance + squares[len(lasting) :].sum(axis=0))
 
-    def _of_components(self, poses: Poses, covariance: Array) -> Array:
+    def _of_components(self, poses: TimedPoses, covariance: Array) -> Array:
         """(n, 6, 6) from the live components, and from the described ones that stand in where none is observable."""
         described = described_components(
             self._model, poses.positions, direction=poses.directions, temperature=poses.temperature
@@ -70,7 +70,7 @@ class OffsetSpread:
                 self._description.learn(time, live, said)
         return propagate_covariance(self._model, poses.positions, covariance, self._description.deviations)
 
-    def _effects(self, poses: Poses, offset: Array, changed: list[_Changed]) -> Array:
+    def _effects(self, poses: TimedPoses, offset: Array, changed: list[_Changed]) -> Array:
         """(k, n, 6) what each change of the poses makes of the offset, times its scale."""
         if not changed:
             return np.zeros((0, *offset.shape))
@@ -86,11 +86,11 @@ class OffsetSpread:
         scales = np.array([each.scale for each in changed])
         return np.asarray((offsets.reshape(k, *offset.shape) - offset) * scales[:, :, None])
 
-    def _warmed(self, poses: Poses) -> Iterator[_Changed]:
+    def _warmed(self, poses: TimedPoses) -> Iterator[_Changed]:
         if self._warms and (poses.temperature_deviation > 0.0).any():
             yield _Changed(replace(poses, temperature=poses.temperature + 1.0), poses.temperature_deviation)
 
-    def _moved_since(self, poses: Poses) -> Iterator[_Changed]:
+    def _moved_since(self, poses: TimedPoses) -> Iterator[_Changed]:
         """For each axis that may have accelerated since its joint state.
 
         What it has gone unseen is rectangular, as an unknown within bounds is (JCGM 100:2008, 4.3.7).
@@ -101,7 +101,7 @@ class OffsetSpread:
             moved[:, axis] += farthest[:, axis] / math.sqrt(3.0)
             yield _Changed(replace(poses, positions=moved), np.ones(len(moved)))
 
-    def _turned_since(self, poses: Poses) -> Iterator[_Changed]:
+    def _turned_since(self, poses: TimedPoses) -> Iterator[_Changed]:
         """For each axis that may have turned back since its joint state."""
         for axis in np.flatnonzero((poses.turned * self._reversal).any(axis=0)):
             directions = poses.directions.copy()
@@ -112,5 +112,5 @@ class OffsetSpread:
 class _Changed(NamedTuple):
     """Poses with one input changed, and the (n,) standard uncertainties of that input in units of the change."""
 
-    poses: Poses
+    poses: TimedPoses
     scale: Array

@@ -13,7 +13,7 @@ from rotary_error_monitor.machine.kinematics import MachineModel
 
 
 @dataclass(frozen=True)
-class Poses:
+class TimedPoses:
     """Poses at n ticks, as the machine model takes them.
 
     Attributes:
@@ -36,9 +36,9 @@ class Poses:
     live: NDArray[np.float64] | None
     covariance: Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
-    def at(self, chosen: NDArray[np.int64]) -> Poses:
+    def at(self, chosen: NDArray[np.int64]) -> TimedPoses:
         """Some of the poses."""
-        return Poses(
+        return TimedPoses(
             self.stamps[chosen],
             self.positions[chosen],
             self.directions[chosen],

@@ -16,7 +16,7 @@ Single samples far out (spikes) and samples around lost blocks take no part.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,7 @@ from scipy.special import gamma
 
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, LVDT
+from rotary_error_monitor.twin.head_grid import align_heads
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 from rotary_error_monitor.twin.whitening import Whitener, drift_predictor, predictor, segments_of
 
@@ -58,44 +59,6 @@ class Jitter:
         exponent = self.shape * np.log(np.maximum(frequency, 1e-9) / self.bandwidth)
         power = np.exp(np.minimum(exponent, 6.4))
         return np.asarray(self.std**2 / area * np.exp(-power), np.float64)
-
-
-@dataclass(frozen=True)
-class HeadGrid:
-    """Heads side by side: samples of all heads that belong together stand in one row.
-
-    Attributes:
-        heads: names of the streams.
-        rows: for each head, the row (n,) of each of its samples.
-        present: (m, heads) whether a head has a sample there.
-        time: (m,) s, of the row.
-        period: s.
-    """
-
-    heads: tuple[str, ...]
-    rows: Mapping[str, NDArray[np.intp]]
-    present: NDArray[np.bool_]
-    time: Array
-    period: float
-
-
-def align_heads(recording: StageRecording) -> HeadGrid:
-    """Rows of samples that belong together: nearest in time, one period apart."""
-    streams = {name: recording.streams[name] for name in recording.heads}
-    period = float(np.median([stream.period for stream in streams.values()]))
-    first = min(stream.time[0] for stream in streams.values())
-    phases = np.concatenate([(stream.time - first) / period for stream in streams.values()])
-    # Mean on the circle: the phase at which rows stand in the middle of the samples that belong together.
-    middle = float(np.angle(np.mean(np.exp(2j * np.pi * phases)))) / (2 * np.pi)
-    rows = {n: np.rint((s.time - first) / period - middle).astype(np.intp) for n, s in streams.items()}
-    lowest = min(int(r[0]) for r in rows.values())
-    count = max(int(r[-1]) for r in rows.values()) - lowest + 1
-    present = np.zeros((count, len(streams)), bool)
-    for i, name in enumerate(streams):
-        rows[name] -= lowest
-        present[rows[name], i] = True
-    time = first + (middle + np.arange(count) + lowest) * period
-    return HeadGrid(tuple(streams), rows, present, time, period)
 
 
 def noise_std(stage: StageDescription) -> dict[str, float]:
@@ -222,12 +185,6 @@ class StageNoise:
         if channel == COMMAND or channel in self.grid.heads:
             return self.grid.time
         return self._streams[channel.partition(".")[0]].time
-
-    def channels_of(self, stream: str) -> tuple[str, ...]:
-        """Channels whose rows depend on a stream."""
-        if stream in self.grid.heads:
-            return (COMMAND, *self.grid.heads)
-        return tuple(f"{stream}.{axis}" for axis in ("x", "y"))
 
     def whiten(self, signals: Mapping[str, Array]) -> dict[str, Array]:
         """White rows (m, p) of each channel from signals (n, k, p) of some streams.
@@ -400,8 +357,3 @@ def _bridge(rows: Array, missing: NDArray[np.bool_]) -> Array:
     bridged = rows.copy(order="K")
     bridged[bad] = (1 - share) * rows[left] + share * rows[right]
     return bridged
-
-
-def spans_of(channels: Sequence[str]) -> dict[str, int]:
-    """Position of each channel."""
-    return {name: i for i, name in enumerate(channels)}

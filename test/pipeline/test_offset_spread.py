@@ -10,7 +10,7 @@ from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.machine import kinematics
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.pipeline.offset_spread import OffsetSpread
-from rotary_error_monitor.pipeline.poses import Poses
+from rotary_error_monitor.pipeline.poses import TimedPoses
 
 MACHINE = load_machine("xyzac_trt")
 MODEL = arrange_machine(MACHINE)
@@ -20,7 +20,7 @@ AXES = len(MACHINE.letters)
 def poses(count=4, age=0.0, turned=0.0, warmth=0.0):
     generator = np.random.default_rng(5)
     live = generator.normal(0.0, 1e-6, (count, 6))
-    return Poses(
+    return TimedPoses(
         np.arange(count) * 10_000_000,
         generator.uniform(-0.2, 0.2, (count, AXES)),
         np.ones((count, AXES)),
