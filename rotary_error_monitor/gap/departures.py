@@ -64,6 +64,7 @@ class Departures:
         words: (q,) of each column, for its relative change of the cause.
         changes: (q,) relative change of the cause as a whole by one standard deviation of each.
         columns: white rows (m, q).
+        effects: (q,) known effect that does what one standard deviation of each does, where there is one; empty: none.
     """
 
     cause: int
@@ -71,6 +72,7 @@ class Departures:
     words: tuple[Words, ...]
     changes: Array
     columns: Columns
+    effects: tuple[Cause | None, ...] = ()
 
     def chosen(self, places: Sequence[int]) -> Departures:
         """Some of the columns."""
@@ -81,6 +83,7 @@ class Departures:
             tuple(self.words[i] for i in places),
             self.changes[index],
             columns_at(self.columns, index),
+            tuple(self.effects[i] for i in places) if self.effects else (),
         )
 
 
@@ -104,13 +107,33 @@ class FittedDepartures:
         moved = self.values if chosen is None else np.where(chosen, self.values, 0.0)
         return float(np.sqrt(max(float(moved @ self.products @ moved), 0.0)))
 
+    def effects(self) -> tuple[Cause, ...]:
+        """Those that are known effects, such as neighbouring orders, with their sizes: a twin can hold them."""
+        found: dict[tuple[str, str], Cause] = {}
+        for cause, value in zip(self.departures.effects, self.values, strict=False):
+            if cause is not None:
+                linear = cause.effect.indices(Role.LINEAR)
+                values = cause.values.copy()
+                values[linear] *= value
+                if cause.key in found:
+                    values[linear] += found[cause.key].values[linear]
+                found[cause.key] = cause.with_values(values)
+        return tuple(found.values())
+
 
 @dataclass(frozen=True)
 class Departure:
-    """A departure as it is told: `pattern` in words, `share` of the cause's own gap (root mean square)."""
+    """A departure as it is told.
+
+    Attributes:
+        pattern: in words.
+        share: of the cause's own gap (root mean square).
+        held: whether it is known effects, which a twin can hold.
+    """
 
     pattern: str
     share: float
+    held: bool = False
 
 
 def amplitude_sizes(cause: Cause) -> Array:
@@ -175,7 +198,8 @@ def describe(fitted: FittedDepartures) -> tuple[Departure, ...]:
             size[words] = size.get(words, 0.0) + float(values[i]) ** 2 * float(fitted.products[i, i])
             change[words] = change.get(words, 0.0) + float(values[i] * departures.changes[i])
         largest = max(size, key=lambda words: size[words])
-        told.append(Departure(largest(change[largest]), fitted.share(own)))
+        held = bool(departures.effects) and all(departures.effects[i] is not None for i in np.flatnonzero(own))
+        told.append(Departure(largest(change[largest]), fitted.share(own), held))
     return tuple(sorted(told, key=lambda row: -row.share))
 
 
@@ -230,6 +254,17 @@ class Departing(Protocol):
 
     def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
         """Ways in which each cause, as fitted, may depart."""
+
+
+@runtime_checkable
+class LeavingOut(Protocol):
+    """A problem that leaves outliers out, which it tells by how far they are from what is known of the others."""
+
+    def learn_outliers(self, causes: Sequence[Cause], departing: Rows) -> bool:
+        """Look for outliers again beside causes and white rows (m, 1) that their departures take, by channel.
+
+        Whether the rows have changed by it.
+        """
 
 
 def grows(change: float) -> str:

@@ -28,12 +28,17 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class FoundCause:
-    """An effect added to the model, and how it departs from its textbook form, the largest departure first."""
+    """An effect added to the model, and how it departs from its textbook form, the largest departure first.
+
+    Attributes:
+        beside: departures that are known effects, such as that at a neighbouring order: a twin can hold them.
+    """
 
     cause: Cause
     probability: float
     parameters: Mapping[str, Estimate]
     departures: tuple[Departure, ...] = ()
+    beside: tuple[Cause, ...] = ()
 
     @property
     def at_bounds(self) -> Mapping[str, float]:
@@ -47,7 +52,7 @@ class FoundCause:
             "location": self.cause.location,
             "probability": self.probability,
             "parameters": {name: _estimate(value) for name, value in self.parameters.items()},
-            "departures": [dataclasses.asdict(departure) for departure in self.departures],
+            "departures": [{"pattern": told.pattern, "share": told.share} for told in self.departures],
             **({"at_bounds": dict(self.at_bounds)} if self.at_bounds else {}),
         }
 
@@ -198,12 +203,14 @@ def _found(place: int, fit: Fit, alternatives: Alternatives) -> FoundCause:
     cause = fit.causes[place]
     departing = [own for own in departures_of(fit) if own.departures.cause == place]
     told = (row for own in departing for row in describe(own))
+    beside = (effect for own in departing for effect in own.effects())
     covariance = fit.covariances[place] + _definition(cause, sum(own.share() for own in departing))
     return FoundCause(
         cause,
         alternatives.probability(cause.key),
         cause.effect.report(cause.values, covariance),
         tuple(told),
+        tuple(beside),
     )
 
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.alternatives import Key
-from rotary_error_monitor.gap.departures import LARGEST_POWER, Departing
+from rotary_error_monitor.gap.departures import LARGEST_POWER, Departing, LeavingOut
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import UNNEEDED, chance_of_no_better, dispersion, held_out_squares, predicts
 from rotary_error_monitor.gap.hypotheses import Hypothesis
+from rotary_error_monitor.gap.normal import combine, width_of
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.p_values import chi_square_quantile, log_chi_square_tail
 from rotary_error_monitor.gap.posterior import (
@@ -33,6 +34,9 @@ from rotary_error_monitor.twin.finite import UnpredictableError
 
 MOST_RIVALS = 2
 """Causes in the place of one that looks the same, whose departures are looked at as well: each costs a fit."""
+
+MOST_ROUNDS = 3
+"""Times that outliers are looked for beside departures: as a rule the second finds no others."""
 
 MOST_ALONE = 6
 """Effects that are looked at alone where no set is believed: each costs a fit."""
@@ -79,8 +83,11 @@ def judge(
     progress("departures")
     if chosen.settled and not doubts:
         return _judge_settled(problem, chosen, false_alarms)
-    seen: set[frozenset[Key]] = set()
-    tried = [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step, seen)]
+    tried, learnt = _tried(problem, selection), False
+    for _ in range(MOST_ROUNDS):
+        if not _learns_outliers(problem, [posterior for _, posterior in tried]):
+            break
+        tried, learnt = _tried(problem, selection), True
     if tried:
         step, best = _likeliest(tried)
         if best.likelier:
@@ -90,7 +97,32 @@ def judge(
     if alone and alone[0].settled and alone[0].likelier:
         return _believed(null, alone[0], alone)
     unknown = 1 - max((posterior.probability for _, posterior in tried), default=0.0)
-    return Judgement(Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), unknown, doubts=doubts)
+    fit, findings = null.fit, null.findings
+    if learnt:
+        fit = fit_causes(problem, ())
+        findings = tuple(find_left(problem, fit))
+    return Judgement(Verdict.UNKNOWN, null, fit, _alarming(findings, null), unknown, doubts=doubts)
+
+
+def _tried(problem: Problem, selection: Selection) -> list[tuple[Step, Posterior]]:
+    """All sets of the search, and those that may look the same, weighed; each with the step that it is of."""
+    seen: set[frozenset[Key]] = set()
+    return [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step, seen)]
+
+
+def _learns_outliers(problem: Problem, tried: Sequence[Posterior]) -> bool:
+    """Whether other rows are outliers beside the causes as they depart than beside their textbook forms.
+
+    What a departure does is left by the textbook form, and outliers hide in it. Of the sets the one counts that
+    describes the recording best, whether it is believed or not.
+    """
+    departing = [posterior.fit for posterior in tried if posterior.fit.departures]
+    if not departing or not isinstance(problem, LeavingOut):
+        return False
+    best = max(departing, key=marginal_likelihood)
+    columns = [departures.columns for departures in best.departures]
+    values = np.split(best.departure_values, np.cumsum([width_of(rows) for rows in columns])[:-1])
+    return problem.learn_outliers(best.causes, combine(problem, columns, values))
 
 
 def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judgement:

@@ -22,8 +22,8 @@ from rotary_error_monitor.gap.departures import (
 )
 from rotary_error_monitor.gap.problem import Array, Rows
 
-COURSES = 4
-"""Slow courses over the poses in which an effect may wander: poses of one part of a programme are few."""
+COURSES = 40
+"""Orders up to which the course of an effect that wanders over the poses is a sum of cosines."""
 
 Say = Callable[[float, float], str]
 """Words for a relative change of the cause by one standard deviation of a quantity, and that in its own unit."""
@@ -50,7 +50,7 @@ def _modulations_by(quantities: Mapping[str, Quantity], each: bool) -> list[Modu
 
 def _slow_courses(passed: Array) -> list[Modulation]:
     """Slow cosines over the part of the recording (n,) that has passed at each pose, 0 to 1."""
-    waves = (np.sqrt(2) * np.cos(np.pi * order * passed) for order in range(2, COURSES + 1))
+    waves = (np.sqrt(2) * 2 / order * np.cos(np.pi * order * passed) for order in range(2, COURSES + 1))
     return [Modulation("course", wave, wanders) for wave in waves]
 
 

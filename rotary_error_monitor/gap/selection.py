@@ -36,10 +36,6 @@ BADLY_DISTORTED = 3e-2
 SHORTLIST = 12
 """Candidates from which every pair is weighed with every other candidate."""
 
-RATE_USED = 0.2
-"""Part of the false-alarm rate that the tests share: used whole, chance would pass that bound in every other series of
-recordings; so, in one series of 300 out of 300."""
-
 
 def select_causes(
     problem: Problem,
@@ -75,7 +71,7 @@ class _Search:
 
     def __init__(self, problem: Problem, false_alarms: float) -> None:
         self._problem = problem
-        self._level = RATE_USED * false_alarms / 2  # one half for structure, one for known effects
+        self._level = false_alarms / 2  # one half for structure, one for known effects
         self._known: dict[tuple[str, str, bytes], Candidate] = {}
         self._columns: dict[tuple[str, str, bytes], Columns] = {}
         self._learnt = False

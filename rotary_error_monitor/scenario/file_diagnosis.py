@@ -10,7 +10,7 @@ from pathlib import Path
 import yaml
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
+from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, diagnose
 from rotary_error_monitor.gap.loading import TwinFile, improved_twin, load_problem, load_twin
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import DiagnosableProblem
@@ -73,5 +73,16 @@ class FileDiagnosis:
         if painter is not None:
             write_report(problem, diagnosis, self.output, f"{self.recording} beside {self.twin}", painter)
         if self.improved is not None and diagnosis.causes:
-            improved = improved_twin(twin, [found.cause for found in diagnosis.causes])
-            self.improved.write_text(yaml.safe_dump(improved, sort_keys=False), encoding="utf-8")
+            self.improved.write_text(_improved(twin, diagnosis.causes), encoding="utf-8")
+
+
+def _improved(twin: TwinFile, causes: Sequence[FoundCause]) -> str:
+    """The twin with the causes and those of their departures that it can hold; the others stand in comments."""
+    content = improved_twin(twin, [cause for found in causes for cause in (found.cause, *found.beside)])
+    lacking = [
+        f"# not in this twin: {' at '.join(filter(None, found.cause.key))} {row.pattern} ({row.share:.1%} of it)\n"
+        for found in causes
+        for row in found.departures
+        if not row.held
+    ]
+    return "".join(lacking) + yaml.safe_dump(content, sort_keys=False)

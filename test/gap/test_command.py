@@ -69,6 +69,24 @@ def test_an_effect_without_a_parameter_of_its_own_is_kept_in_the_twin(tmp_path):
     assert run(folder, tmp_path / "out2", "--no-report") == 0
 
 
+def test_a_departure_that_no_twin_can_hold_stands_beside_it_in_words(tmp_path):
+    told = 0
+    for seed in range(1, 6):
+        folder, improved = tmp_path / f"case{seed}", tmp_path / f"improved{seed}.yaml"
+        write_case(make_machine_case(draw_machine(seed), seed, "variant", ["squareness"], (900.0, 1500.0)), folder)
+        run(folder, tmp_path / "out", "--no-report", "--write-twin", str(improved))
+        causes = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["causes"]
+        lines = improved.read_text().splitlines() if causes else []
+        assert [line for line in lines if line.startswith("#")] == [
+            f"# not in this twin: {found['effect']} at {found['location']} {row['pattern']} ({row['share']:.1%} of it)"
+            for found in causes
+            for row in found["departures"]
+        ]
+        told += sum(len(found["departures"]) for found in causes)
+        assert not causes or "machine" in yaml.safe_load(improved.read_text())
+    assert told >= 3
+
+
 def test_a_users_effect_takes_part(stage_case, tmp_path):
     own = tmp_path / "mine.py"
     own.write_text(

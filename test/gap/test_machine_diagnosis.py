@@ -186,3 +186,26 @@ def test_a_departure_is_told(name, modulation, words, machine_problem):
 
 def standard(values):
     return (values - values.mean()) / values.std()
+
+
+@pytest.mark.parametrize("name", ["axis_scale", "pivot_offset", "squareness"])
+def test_outliers_do_not_hide_in_a_departure(name, machine_problem):
+    """What a cause does in one direction only is far from smooth; poses at which the probe errs are told beside it."""
+    right = []
+    for seed in range(71, 76):
+        plain, truth = machine_problem(seed, "single", [name], (900.0, 1500.0))
+        (fault,) = truth.faults
+        true = effect_named(name, EFFECTS)
+        cause = Cause(true, fault.location or "", true.values_from(fault.parameters))
+        recording, draw = plain.recording, np.random.default_rng(seed)
+        moved = predict_probe(plain.machine, recording, (cause,)) - predict_probe(plain.machine, recording)
+        probe = recording.probe + 0.25 * recording.direction[:, :1] * moved
+        wrong = draw.choice(len(probe), 5, replace=False)
+        probe[wrong] += 30 * PROBE_STD * draw.choice([-1.0, 1.0], (5, 3))
+        problem = MachineProblem(plain.machine, replace(recording, probe=probe), EFFECTS)
+        diagnosis = diagnose(problem)
+        named = [found.cause.key for found in diagnosis.causes]
+        alone = diagnosis.verdict is Verdict.EXPLAINED and named == [cause.key]
+        left_out = set(np.flatnonzero(~problem.kept))
+        right.append(alone and left_out >= set(wrong) and len(left_out) <= 2 * len(wrong))
+    assert sum(right) >= 4, right

@@ -164,9 +164,16 @@ class MachineProblem:
 
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
         """Look for outliers again with the causes taken out; whether the rows have changed by it."""
-        if not causes:
-            return False
+        return bool(causes) and self.learn_outliers(causes, {})
+
+    def learn_outliers(self, causes: Sequence[Cause], departing: Rows) -> bool:
+        """The same with what their departures take of the rows taken out as well.
+
+        Of poses that were left out before that is not known: they come back if the causes alone explain them.
+        """
         white = (self.recording.probe - self._prediction(causes)) / self.probe_std
+        if departing:
+            white -= np.concatenate([departing[channel] for channel in CHANNELS], axis=1)
         kept = self._inliers(white)
         if np.array_equal(kept, self.kept):
             return False

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
 from rotary_error_monitor.gap.problem import Array, Rows, Share
+from rotary_error_monitor.gap.telling_apart import advise_best, distance
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 if TYPE_CHECKING:
@@ -17,7 +19,6 @@ if TYPE_CHECKING:
 
 TOPIC = "/machine/tool_probe"
 TELLING = 0.1
-DECISIVE = 5.0
 POSES = 120
 
 
@@ -60,30 +61,20 @@ def _describe(problem: MachineProblem, values: Array, power: float) -> str:
             table = np.stack([scaled, scaled**2, scaled**3], axis=1)
         else:
             table = np.stack([wave(k * position) for k in (1, 2) for wave in (np.cos, np.sin)], axis=1)
-        parts.append((_gain(table, values) / excess, f"pose, axis {letter}"))
+        parts.append((explained_by(table, values) / excess, f"pose, axis {letter}"))
         direction = problem.recording.direction[:, column : column + 1]
-        parts.append((_gain(direction, values) / excess, f"direction of {letter}"))
+        parts.append((explained_by(direction, values) / excess, f"direction of {letter}"))
     warming = problem.recording.temperature - problem.machine.reference_temperature
     if np.ptp(warming) > 0:
         linear = [i for i, axis in enumerate(problem.machine.axes) if axis.kind == "linear"]
         parts.append(
             (
-                _gain(warming[:, None] * problem.recording.positions[:, linear], values) / excess,
+                explained_by(warming[:, None] * problem.recording.positions[:, linear], values) / excess,
                 "temperature x position",
             )
         )
-    parts.append((float(np.mean(values)) ** 2 * len(values) / excess, "constant"))
-    named = sorted((part for part in parts if part[0] > TELLING), reverse=True)[:4]
-    return "; ".join(f"{name} ({min(part, 1.0):.0%})" for part, name in named) or "no simple dependence"
-
-
-def _gain(table: Array, values: Array) -> float:
-    centred = table - table.mean(axis=0)
-    kept = centred[:, np.abs(centred).max(axis=0) > 1e-12]
-    if kept.shape[1] == 0:
-        return 0.0
-    fitted, *_ = np.linalg.lstsq(kept, values, rcond=None)
-    return float(np.sum(np.square(kept @ fitted)))
+    parts.append((explained_by_constant(values) / excess, "constant"))
+    return name_dependences(parts, TELLING)
 
 
 def machine_advice(problem: MachineProblem, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
@@ -94,12 +85,7 @@ def machine_advice(problem: MachineProblem, keys: Sequence[tuple[str, str]], cau
         (min(_distance(problem, first, rival, planned) for rival in rivals), words)
         for words, planned in _experiments(problem)
     ]
-    best, words = max(scored)
-    if best < DECISIVE:
-        return (
-            f"no poses that were tried tell them apart: the best ones ({words}) would by {best:.1f} standard deviations"
-        )
-    return f"{words}: expected to tell them apart by {best:.0f} standard deviations"
+    return advise_best(scored, "no poses that were tried tell them apart: the best ones")
 
 
 def _experiments(problem: MachineProblem) -> list[tuple[str, MachineRecording]]:
@@ -145,6 +131,4 @@ def _distance(problem: MachineProblem, first: Cause, rival: Cause, planned: Mach
         values = rival.values.copy()
         values[index] += rival.effect.scales()[index]
         columns.append(shown(rival.with_values(values)))
-    table, wanted = np.stack(columns, axis=1), shown(first)
-    fitted, *_ = np.linalg.lstsq(table, wanted, rcond=None)
-    return float(np.linalg.norm(wanted - table @ fitted))
+    return distance(shown(first), np.stack(columns, axis=1))

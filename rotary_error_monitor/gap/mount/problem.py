@@ -33,6 +33,9 @@ ANOTHER_MOUNT = np.radians(3.0)
 SAME_NOISE = 0.05
 """Relative change of the noise that is not worth looking at all rows again."""
 
+MOST_EVALUATIONS = 100
+"""Evaluations of a fit of the geometry: 15 do as a rule, and beside a cause of no sensible size it has no end."""
+
 _STEP = 1e-2
 """Step of numerical derivatives in usual sizes, some µrad: mounts are linear over it to one part in 10^5."""
 
@@ -226,7 +229,8 @@ class MountProblem:
             white = self.twin.error(geometry, causes) / self.std[:, None] * self.kept
             return np.concatenate([white.ravel(), moved])
 
-        found = least_squares(misfit, self._found_without / uncertainty, x_scale="jac", method="lm")
+        start = self._found_without / uncertainty
+        found = least_squares(misfit, start, x_scale="jac", method="lm", max_nfev=MOST_EVALUATIONS)
         if not causes:
             self._found_without = found.x * uncertainty
         return self.mount.geometry.plus(tuple(float(value) for value in found.x * uncertainty))

@@ -10,8 +10,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.gap.dependence import explained_by, name_dependences
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Finding, Rows, Share
+from rotary_error_monitor.gap.telling_apart import advise_best
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.mount import MountRecording, MountTwin
 
@@ -23,7 +25,6 @@ WAYS = {"hour": "/mount/pointing.hour_angle", "declination": "/mount/pointing.de
 """Channels of rows as the diagnosis names them: on the sky, along the way of each axis."""
 
 TELLING = 0.05
-DECISIVE = 5.0
 ORDERS = 4
 
 
@@ -117,14 +118,10 @@ def _describe(problem: MountProblem, values: Array, power: float) -> str:
     """Groups of quantities on which one way's part of the gap depends, with what each explains alone."""
     if power <= 0:
         return "noise"
-    parts = []
-    for group, rows in _shapes(problem.recording, problem.twin.seen[2]).items():
-        table = np.stack([shape for _, shape in rows], axis=1)
-        table = table - table.mean(axis=0)
-        fitted, *_ = np.linalg.lstsq(table, values, rcond=None)
-        parts.append((float(np.mean(np.square(table @ fitted))) / power, group))
-    named = sorted((part for part in parts if part[0] > TELLING), reverse=True)[:4]
-    return "; ".join(f"{name} ({min(part, 1.0):.0%})" for part, name in named) or "no simple dependence"
+    groups = _shapes(problem.recording, problem.twin.seen[2]).items()
+    tables = {group: np.stack([shape for _, shape in rows], axis=1) for group, rows in groups}
+    excess = power * len(values)
+    return name_dependences(((explained_by(table, values) / excess, name) for name, table in tables.items()), TELLING)
 
 
 def mount_views(problem: MountProblem, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
@@ -198,12 +195,7 @@ def mount_advice(problem: MountProblem, keys: Sequence[tuple[str, str]], causes:
         (min(_distance(problem, first, rival, planned) for rival in rivals), words)
         for words, planned in _experiments(problem.recording)
     ]
-    best, words = max(scored)
-    if best < DECISIVE:
-        return (
-            f"no pointings that were tried tell them apart: the best ({words}) would by {best:.1f} standard deviations"
-        )
-    return f"{words}: expected to tell them apart by {best:.0f} standard deviations"
+    return advise_best(scored, "no pointings that were tried tell them apart: the best")
 
 
 def _experiments(recording: MountRecording) -> list[tuple[str, MountRecording]]:

@@ -17,6 +17,7 @@ from rotary_error_monitor.description.stage import Lvdt, StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.rotor import LVDT
 from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.gap.telling_apart import advise_best, distance
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin
 
 if TYPE_CHECKING:
@@ -29,9 +30,6 @@ SAMPLES = 2000
 
 PROBE = Lvdt(height=0.1, noise=5e-8)
 """What a stage without an LVDT could be measured with."""
-
-DECISIVE = 5.0
-"""Distance, in standard deviations, from which a measurement is worth the work."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +53,9 @@ def advise(problem: StageProblem, keys: Sequence[Key], causes: Sequence[Cause]) 
         new = _Measurement(problem, experiment.inputs, experiment.stage, experiment.with_lvdt)
         wanted = np.concatenate([known[0], new.shown(first)])
         tables = [np.concatenate([seen, new.columns(r)]) for seen, r in zip(known[1], rivals, strict=True)]
-        scored.append((min(_distance(wanted, table) for table in tables), experiment))
-    best, experiment = max(scored, key=lambda pair: pair[0])
-    if best < DECISIVE:
-        return (
-            "no other speed, direction, load, temperature, sensor or head position that was tried tells them apart: "
-            f"the best one ({experiment.words}) would by {best:.1f} standard deviations"
-        )
-    return f"{experiment.words}: expected to tell them apart by {best:.0f} standard deviations"
+        scored.append((min(distance(wanted, table) for table in tables), experiment.words))
+    others = "no other speed, direction, load, temperature, sensor or head position that was tried tells them apart"
+    return advise_best(scored, f"{others}: the best one")
 
 
 def _experiments(problem: StageProblem) -> Iterable[Experiment]:
@@ -107,12 +100,6 @@ def _at_zero(problem: StageProblem, key: Key) -> Cause:
     effect = next(e for e in problem.effects if e.name == key[0])
     known = problem.known_start(key)
     return Cause(effect, key[1], effect.start(key[1]) if known is None else known)
-
-
-def _distance(wanted: Array, table: Array) -> float:
-    """Standard deviations between what one effect shows and the nearest that the columns of another can do."""
-    fitted, *_ = np.linalg.lstsq(table, wanted, rcond=None)
-    return float(np.linalg.norm(wanted - table @ fitted))
 
 
 class _Measurement:

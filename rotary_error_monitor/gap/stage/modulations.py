@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -153,6 +153,17 @@ def neighbouring(cause: Cause) -> list[Cause]:
     near = {*range(order - NEIGHBOURS, order + NEIGHBOURS + 1), 2 * order} - {order}
     places = [order_location(k) for k in sorted(near) if 1 <= k <= effect.orders]
     return [Cause(effect, place, effect.start(place)) for place in places]
+
+
+def one_by_one(causes: Sequence[Cause], sizes: Array) -> list[Cause]:
+    """Each cause, which has no size, once for each of its amplitudes (p,), with that one alone."""
+    found = []
+    for cause in causes:
+        for index, size in zip(cause.effect.indices(Role.LINEAR), sizes, strict=True):
+            values = cause.values.copy()
+            values[index] = size
+            found.append(cause.with_values(values))
+    return found
 
 
 def linear_values(cause: Cause) -> tuple[list[int], Array]:

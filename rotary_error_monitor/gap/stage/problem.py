@@ -21,7 +21,13 @@ from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.distortion import distortions
 from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
-from rotary_error_monitor.gap.stage.modulations import StageModulations, linear_values, neighbouring, next_order
+from rotary_error_monitor.gap.stage.modulations import (
+    StageModulations,
+    linear_values,
+    neighbouring,
+    next_order,
+    one_by_one,
+)
 from rotary_error_monitor.gap.stage.nuisances import Nuisances
 from rotary_error_monitor.gap.stage.offset import offset_figures
 from rotary_error_monitor.gap.stage.search import StageSearch
@@ -192,13 +198,14 @@ class StageProblem:
             stacked[name] = np.concatenate([modulated(signature, amplitudes, sizes, modulations), *beside], axis=2)
             labels = spread_out(modulations, amplitudes, sizes)
         kinds, words, changes = labels
-        orders = [neighbour.location for neighbour in neighbours for _ in linear]
+        orders = one_by_one(neighbours, SHARE * sizes)
         return Departures(
             place,
-            (*kinds, *orders),
-            (*words, *(partial(next_order, order) for order in orders)),
+            (*kinds, *(order.location for order in orders)),
+            (*words, *(partial(next_order, order.location) for order in orders)),
             np.append(changes, np.zeros(len(orders))),
             self._white(stacked),
+            (*(None for _ in kinds), *orders),
         )
 
     def nuisance(self, causes: Sequence[Cause]) -> Columns:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, RotorState
+from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
 from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Array, Share
 from rotary_error_monitor.twin.recording import stage_topic
@@ -157,26 +158,16 @@ def describe(values: Array, state: RotorState, power: float) -> str:
     if power <= 0:
         return "noise"
     excess = power * len(values)
-    parts = []
-    for name, table in _dependences(state).items():
-        explained = _gain(table, values) / excess
-        if explained > TELLING:
-            parts.append((explained, name))
-    orders = _orders(values, state, excess)
-    if orders:
-        parts.append(orders)
-    place = _place(values, state, excess)
-    if place:
-        parts.append(place)
-    parts.sort(reverse=True)
-    return "; ".join(f"{name} ({min(explained, 1.0):.0%})" for explained, name in parts[:4]) or "no simple dependence"
+    parts = [(explained_by(table, values) / excess, name) for name, table in _dependences(state).items()]
+    parts.append((explained_by_constant(values) / excess, "constant"))
+    parts += filter(None, (_orders(values, state, excess), _place(values, state, excess)))
+    return name_dependences(parts, TELLING)
 
 
 def _dependences(state: RotorState) -> dict[str, Array]:
     """Tables of what a signal may go with, by the words for it."""
-    count = len(state.time)
     late = (state.time - state.time.mean()) / max(float(np.ptp(state.time)), 1e-9)
-    found = {"time": np.stack([late, late**2, late**3], axis=1), "constant": np.ones((count, 1))}
+    found = {"time": np.stack([late, late**2, late**3], axis=1)}
     top = float(np.max(np.abs(state.omega), initial=0.0))
     if top > 0:
         speed = state.omega / top
@@ -188,16 +179,6 @@ def _dependences(state: RotorState) -> dict[str, Array]:
     if np.ptp(state.warming) > 0:
         found["temperature"] = state.warming[:, None] / float(np.max(np.abs(state.warming)))
     return found
-
-
-def _gain(table: Array, values: Array) -> float:
-    """Power that columns explain beside a constant."""
-    centred = table - table.mean(axis=0) if table.shape[1] > 1 or np.ptp(table) > 0 else table
-    kept = centred[:, np.abs(centred).max(axis=0) > 1e-12]
-    if kept.shape[1] == 0:
-        return 0.0
-    fitted, *_ = np.linalg.lstsq(kept, values, rcond=None)
-    return float(np.sum(np.square(kept @ fitted)))
 
 
 def _orders(values: Array, state: RotorState, excess: float) -> tuple[float, str] | None:

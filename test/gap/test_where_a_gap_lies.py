@@ -1,4 +1,4 @@
-"""Where a gap lands: what an effect that the description lacks does to the published error motion, in closed form."""
+"""Where a gap lies: what an effect that the description lacks does to the published error motion, in closed form."""
 
 from __future__ import annotations
 
