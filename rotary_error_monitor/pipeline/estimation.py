@@ -138,6 +138,7 @@ class Estimator:
         }
         self._arrivals = {name: ArrivalCheck(self._settings.max_age_ns) for name in self._streams}
         self._bits = {name: 1 << i for i, name in enumerate(self._streams)}
+        self._head_bits = sum(self._bits[name] for name in self._heads)
         self._repetition = None if decisions is None else Repetition(decisions, self._bits)
         self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
         period_ns, limit = self._settings.period_ns, self._settings.disagreement_limit
@@ -314,6 +315,7 @@ class Estimator:
             # what a live run decided stands: the bag may begin later than the stream did
             heard = stream.is_whole(ticks, settings.period_ns, after_patience=self._repetition is None)
             there += np.where(resampled[name].valid & heard, self._bits[name], 0)
+        there &= np.where(ticks < self._all_heads_begun_ns(), ~self._head_bits, -1)
         blocks, begin = [], 0
         while begin < count:
             index = np.arange(begin, count)
@@ -324,6 +326,18 @@ class Estimator:
             if self.belief.turns:
                 self._take_out_turns(self.belief.turns, resampled)
         return blocks
+
+    def _all_heads_begun_ns(self) -> int:
+        """Timestamp (ns) before which a head that was awaited had not begun: until then nothing tells a wrong one.
+
+        A replay repeats what a live run decided: the bag may begin later than the stream did.
+        """
+        if self._repetition is not None:
+            return 0
+        heads = (self._streams[name] for name in self._heads)
+        # a value at a tick rests on samples to both of its sides
+        begun = [s.begin_ns + 2 * max(self._settings.period_ns, round(s.spacing_ns)) for s in heads if s.begin_ns]
+        return max(begun, default=0)
 
     def _take_out_turns(self, turns: int, resampled: Mapping[str, Resampled]) -> None:
         """Count the heads' turns as the command does, from now on."""

@@ -41,6 +41,7 @@ class SampleStream:
         patience_ns: how long a silence makes the stream absent, ns.
         admission: which samples are believed, and how many were not.
         block_duration_ns: time from first to last sample of the latest block.
+        begin_ns: timestamp (ns) of the first sample of all; None before it.
         lost: gaps, counted in blocks of the size that came before.
     """
 
@@ -50,6 +51,7 @@ class SampleStream:
         self.lost = 0
         self._gaps: list[Gap] = []
         self.block_duration_ns = 0
+        self.begin_ns: int | None = None
         self.patience_ns = patience_ns
         self._expected_ns: int | None = None
         self._times = np.empty(0, np.int64)
@@ -103,6 +105,8 @@ class SampleStream:
         if len(times) == 0:
             return 0
         self._note_gap(newest, int(times[0]))
+        if self.begin_ns is None:
+            self.begin_ns = int(times[0])
         if len(times) > 1:
             self._spacing_ns = (int(times[-1]) - int(times[0])) / (len(times) - 1)
         self._block_samples = len(times)
@@ -122,7 +126,7 @@ class SampleStream:
         self.admission.forget()
         self._times, self._values = self._times[:0], self._values[:0]
         self._gaps.clear()
-        self._expected_ns = None
+        self._expected_ns = self.begin_ns = None
 
     def trim(self, before_ns: int, margin: int = 3) -> None:
         """Forget samples stamped before `before_ns`, but the last `margin` of them."""

@@ -203,10 +203,7 @@ def test_heads_that_contradict_one_another_from_the_start_publish_nothing(cell, 
     send_blocks(cell, plant, 1_000_000_000, change)
     status = cell.wait_for_status("error_estimator: estimate", "nothing tells which is wrong")
     assert status.level == b"\x02"
-    # Up to the first sample of head a the three others, which agree, may tell an instant, and tell it rightly.
-    check_against_truth(estimates, plant)
-    assert all(messages.block_from_message(each).column("streams").astype(int)[0] & 1 == 0 for each in estimates)
-    assert sum(len(messages.block_from_message(each).rows) for each in estimates) <= 2
+    assert estimates == []
     assert cell.call(Trigger, "/error_estimator/reset").message.startswith("believed again: heads")
 
 

@@ -364,6 +364,25 @@ def test_heads_that_contradict_one_another_for_no_known_reason_publish_nothing()
     assert "the heads contradict one another by 4" in dict(estimator.belief.reasons)["heads"]
 
 
+@given(
+    begins=st.lists(st.floats(0.0, 0.09), min_size=4, max_size=4),
+    wrong=st.sampled_from("abcd"),
+    size=st.floats(2e-4, 1.0),
+)
+@settings(deadline=None, max_examples=25)
+def test_before_all_heads_that_are_awaited_have_begun_none_of_them_is_believed(begins, wrong, size):
+    """Three heads contradict nothing: where one of them is wrong, only the fourth tells."""
+    heads = [f"head_{letter}" for letter in AZIMUTHS]
+    changes = {head: {"drop": [(0.0, begin)], "duration": 0.2} for head, begin in zip(heads, begins, strict=True)}
+    estimator = Estimator(STAGE)
+    for name, block in in_order(streams(**changes)):
+        off = [0.0, size if name == f"head_{wrong}" else 0.0]
+        shifted = SampleBlock(block.stamp_ns, block.names, block.rows + off) if name in heads else block
+        for made in estimator.push(name, shifted):
+            used = made.column("streams").astype(int)
+            assert not np.any(used >> heads.index(f"head_{wrong}") & 1), "a bearing cannot move that far"
+
+
 def test_samples_that_are_not_finite_or_late_are_refused_and_counted():
     everything = streams()
     broken = everything["head_a"][20].rows.copy()
