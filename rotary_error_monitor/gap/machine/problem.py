@@ -7,14 +7,16 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.machine import Axis, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among
-from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect, positioning_error
+from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
+from rotary_error_monitor.gap.machine.drift import learn_drift
 from rotary_error_monitor.gap.machine.modulations import machine_departures
+from rotary_error_monitor.gap.machine.smooth import SmoothMachine
 from rotary_error_monitor.gap.machine.where import machine_advice, machine_where
-from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail
+from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.finite import UnpredictableError
@@ -25,11 +27,6 @@ PROBE_STD = 1.5e-6
 
 CHANNELS = ("x", "y", "z")
 FOLDS = 6
-OUTLIER = 5.0
-"""A pose further than this many standard deviations from every smooth machine is an outlier of the tracker."""
-
-MOST_OUTLIERS = 0.1
-
 SMALL = 1e-3
 """Departure, m, that any machine may have by the way in which it was set up."""
 
@@ -39,14 +36,11 @@ OTHERS = 10.0
 PERIODS = (2e-3, 0.5)
 """Shortest and longest period of a cyclic error that is searched, m."""
 
-_LEVER = 1e-5
-"""Size of an error component, m or rad, by which its lever at a pose is found: above rounding, below curvature."""
+SAME_DRIFT = 0.2
+"""Part by which the size of a drift may be another: that of one learnt from a recording is no better known."""
 
 _STEP = 0.1
 """Step of numerical derivatives in usual sizes, µm or µrad: the machine is linear in its errors to one part in 10^5."""
-
-MOST_STEPS, SETTLED = 12, 1e-3
-"""Steps of a robust fit, and the change of a weight from which on another one changes nothing."""
 
 _SHAPE_STEP = 1e-8
 """Relative step of derivatives with respect to a period: small beside one turn in all turns over the travel."""
@@ -81,9 +75,10 @@ class MachineProblem:
         self._starts: dict[tuple[str, str], Array] = {}
         self._plain: Array | None = None
         self._moved: Array | None = None
-        self._structure_table = self._smooth_machine()
+        self._smooth = SmoothMachine(machine, recording, probe_std)
         self.kept: NDArray[np.bool_] = np.ones(len(self.index), bool)
-        self.kept = self._find_outliers()
+        self.drift: Array = np.zeros((len(self.index), 0))
+        self.learn_outliers((), {})
         edges = np.linspace(0, len(self.index), 4 * FOLDS + 1)
         labels = (np.arange(4 * FOLDS) // 4).astype(np.intp)
         self._conditions = Conditions(edges - 0.5, labels, tuple(f"poses {i + 1}/{FOLDS}" for i in range(FOLDS)))
@@ -132,13 +127,19 @@ class MachineProblem:
 
         Causes are micrometres on a machine of metres: what a parameter does beside them is the same.
         """
-        if not self._shifts:
-            return {}
+        courses = np.zeros((*self.recording.probe.shape, 3 * self.drift.shape[1]))
+        for i, drift in enumerate(np.split(self.probe_std * np.tile(self.drift, 3), 3, axis=1)):
+            courses[:, i, i * drift.shape[1] : (i + 1) * drift.shape[1]] = drift
+        moved = np.concatenate([self._moved_by_uncertainty(), courses], axis=2)
+        return self._rows(moved) if moved.shape[2] else {}
+
+    def _moved_by_uncertainty(self) -> Array:
+        """(n, 3, u) change of the prediction by one standard uncertainty of each parameter, m."""
         if self._moved is None:
             base = self._prediction(())
             moved = [predict_probe(shift.machine, self.recording) - base for shift in self._shifts]
-            self._moved = np.stack(moved, axis=2)
-        return self._rows(self._moved)
+            self._moved = np.stack(moved, axis=2) if moved else np.zeros((*base.shape, 0))
+        return self._moved
 
     def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
         """Every effect at every place; harmonics of rotary axes of every order, the best period of each linear axis."""
@@ -151,33 +152,28 @@ class MachineProblem:
         white = np.concatenate([rest[channel][:, 0] for channel in CHANNELS])
         count = 3 * int(self.kept.sum())
         power = float(white @ white)
-        findings = [
-            Finding("probe", "power", log_chi_square_tail(power, count), max(0.0, power - count), "pose: scatter")
-        ]
-        for axis, names, table in self._structure_table:
-            kept = table * np.tile(self.kept, 3)[:, None]
-            gains = np.square(kept.T @ white) / np.maximum(np.sum(np.square(kept), axis=0), 1e-300)
-            best = int(np.argmax(gains))
-            chance = min(0.0, log_chi_square_tail(float(gains[best]), 1) + float(np.log(len(names))))
-            findings.append(Finding("probe", f"axis {axis}", chance, max(0.0, float(gains[best]) - 1), names[best]))
-        return findings
+        scatter = Finding("probe", "power", log_chi_square_tail(power, count), max(0.0, power - count), "pose: scatter")
+        return [scatter, *self._smooth.findings(white, self.kept)]
 
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
-        """Look for outliers again with the causes taken out; whether the rows have changed by it."""
+        """Look for outliers and for a drift of the probe again; whether the rows or their noise have changed by it."""
         return bool(causes) and self.learn_outliers(causes, {})
 
     def learn_outliers(self, causes: Sequence[Cause], departing: Rows) -> bool:
-        """The same with what their departures take of the rows taken out as well.
+        """The same with what departures of the causes take of the rows taken out as well.
 
         Of poses that were left out before that is not known: they come back if the causes alone explain them.
         """
         white = (self.recording.probe - self._prediction(causes)) / self.probe_std
         if departing:
             white -= np.concatenate([departing[channel] for channel in CHANNELS], axis=1)
-        kept = self._inliers(white)
-        if np.array_equal(kept, self.kept):
+        kept = self._smooth.inliers(white)
+        moved = self._moved_by_uncertainty() / self.probe_std
+        uncertain = moved.transpose(1, 0, 2).reshape(3 * len(white), -1)
+        drift = learn_drift(white.T.ravel(), kept, uncertain, self._smooth.columns)
+        if np.array_equal(kept, self.kept) and _alike(drift, self.drift):
             return False
-        self.kept = kept
+        self.kept, self.drift = kept, drift
         return True
 
     def check_plausible(self) -> None:
@@ -233,9 +229,14 @@ class MachineProblem:
         noisy = scatter > 1 + 5 / np.sqrt(2 * max(count, 1))
         return (
             *self.recording.remarks,
+            *self._drifting(),
             *([f"{lost} poses are outliers of the probe and were left out"] if lost else []),
             *([f"probe: what is left scatters {scatter:.2f} times as much as the probe's noise"] if noisy else []),
         )
+
+    def _drifting(self) -> list[str]:
+        size = 1e6 * self.probe_std * float(np.sqrt(np.mean(np.sum(np.square(self.drift), axis=1))))
+        return [f"probe: drifts by {size:.2g} µm (root mean square) beside its noise"] if size else []
 
     def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
         """Residuals of the probe's components over each axis, before and after the causes, in µm."""
@@ -311,66 +312,10 @@ class MachineProblem:
         start[effect.slices()["period"]] = 1 / best
         return start, max(int(span * (1 / PERIODS[0] - 1 / PERIODS[1])), 1)
 
-    def _smooth_machine(self) -> list[tuple[str, list[str], Array]]:
-        """For each axis, white columns (3 n, p) of smooth errors: powers, harmonics, reversal, warmth.
 
-        To first order a component's effect is its value times where that axis stands at the pose: one prediction for
-        each component gives that lever, and every shape is a multiple of it.
-        """
-        base = self._prediction(())
-        warming = self.recording.temperature - self.machine.reference_temperature
-        tables = []
-        for column, axis in enumerate(self.machine.axes):
-            position, direction = self.recording.positions[:, column], self.recording.direction[:, column]
-            shapes = _shapes(position, axis)
-            names, columns = [], []
-            for about in "XYZABC":
-                component = f"E{about}{axis.letter}"
-                lever = predict_probe(self.machine.with_error(component, poly=(_LEVER,)), self.recording) - base
-                own = component == positioning_error(self.machine, axis.letter)
-                found = {**shapes, "direction": direction, "temperature": warming * position} if own else shapes
-                for words, shape in found.items():
-                    names.append(f"pose: {component}, {words} of {axis.letter}")
-                    columns.append((lever * shape[:, None]).T.ravel() / self.probe_std)
-            tables.append((axis.letter, names, np.stack(columns, axis=1)))
-        return tables
-
-    def _find_outliers(self) -> NDArray[np.bool_]:
-        white = (self.recording.probe - self._prediction(())) / self.probe_std
-        return self._inliers(white)
-
-    def _inliers(self, white: Array) -> NDArray[np.bool_]:
-        """Poses that a smooth machine can explain, by a fit that gives distant poses little weight.
-
-        Every smooth error of every axis takes part, lightly held, so that an effect, however large, is no outlier.
-        """
-        table = np.concatenate([columns for _, _, columns in self._structure_table], axis=1)
-        table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-12) * np.sqrt(len(table))
-        rows = white.T.ravel()
-        weight = np.ones(len(self.index))
-        for _ in range(MOST_STEPS):
-            tripled = np.tile(weight, 3)
-            gram = table.T @ (tripled[:, None] * table) + np.eye(table.shape[1])
-            left = rows - table @ np.linalg.solve(gram, table.T @ (tripled * rows))
-            distance = np.sqrt(np.mean(np.square(left.reshape(3, -1)), axis=0))
-            spread = max(1.0, float(np.median(distance)) / np.sqrt(chi_square_median(3) / 3))
-            # Weights of Student's t, three degrees of freedom: a distant pose counts with the inverse of its square.
-            before, weight = weight, np.minimum(4.0 / (3.0 + np.square(distance / spread)), 1.0)
-            if np.max(np.abs(weight - before)) < SETTLED:
-                break
-        outlying: NDArray[np.bool_] = np.asarray(distance > OUTLIER * spread, bool)
-        if outlying.mean() > MOST_OUTLIERS:
-            outlying &= distance >= np.quantile(distance, 1 - MOST_OUTLIERS)
-        return ~outlying
-
-
-def _shapes(position: Array, axis: Axis) -> dict[str, Array]:
-    """Smooth functions of an axis's position, by their names: powers of a linear one, harmonics of a rotary one."""
-    if axis.kind == LINEAR:
-        scaled = (2 * position - sum(axis.travel)) / np.ptp(axis.travel)
-        return {f"power {k}": scaled**k for k in range(6)}
-    waves = {f"order {k}, {wave.__name__}": wave(k * position) for k in range(1, 5) for wave in (np.cos, np.sin)}
-    return {"order 0": np.ones(len(position)), **waves}
+def _alike(drift: Array, other: Array) -> bool:
+    """Whether two drifts are the same to a part that changes nothing."""
+    return drift.shape == other.shape and np.allclose(drift, other, rtol=SAME_DRIFT, atol=0.0)
 
 
 def find_frequency(position: Array, signal: Array, lowest: float, highest: float) -> float:

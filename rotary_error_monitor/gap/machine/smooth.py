@@ -1,0 +1,108 @@
+"""Smooth errors that any machine may have: what is left is tested against them, and outliers are told beside them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.machine import Axis, MachineDescription
+from rotary_error_monitor.effects.machine_effect import LINEAR, positioning_error
+from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail
+from rotary_error_monitor.gap.problem import Array, Finding
+from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
+
+OUTLIER = 5.0
+"""A pose further than this many standard deviations from every smooth machine is an outlier of the tracker."""
+
+MOST_OUTLIERS = 0.1
+
+MOST_STEPS, SETTLED = 12, 1e-3
+"""Steps of a robust fit, and the change of a weight from which on another one changes nothing."""
+
+_LEVER = 1e-5
+"""Size of an error component, m or rad, by which its lever at a pose is found: above rounding, below curvature."""
+
+
+class SmoothMachine:
+    """Every smooth error that the axes of a machine can have, at the poses of a recording.
+
+    Args:
+        machine: the description.
+        recording: the poses.
+        probe_std: standard deviation of one component of the probe, m.
+    """
+
+    def __init__(self, machine: MachineDescription, recording: MachineRecording, probe_std: float) -> None:
+        self._tables = _tables(machine, recording, probe_std)
+        table = np.concatenate([columns for _, _, columns in self._tables], axis=1)
+        self.columns = table / np.maximum(np.linalg.norm(table, axis=0), 1e-12) * np.sqrt(len(table))
+        """White columns (3 n, p), components one after the other, each with a mean square of one."""
+
+    def findings(self, white: Array, kept: NDArray[np.bool_]) -> list[Finding]:
+        """The smooth error of each axis that white rows (3 n,), zero where not `kept` (n,), show most of."""
+        findings = []
+        for axis, names, table in self._tables:
+            own = table * np.tile(kept, 3)[:, None]
+            gains = np.square(own.T @ white) / np.maximum(np.sum(np.square(own), axis=0), 1e-300)
+            best = int(np.argmax(gains))
+            chance = min(0.0, log_chi_square_tail(float(gains[best]), 1) + float(np.log(len(names))))
+            findings.append(Finding("probe", f"axis {axis}", chance, max(0.0, float(gains[best]) - 1), names[best]))
+        return findings
+
+    def inliers(self, white: Array) -> NDArray[np.bool_]:
+        """Poses (n,) whose white rows (n, 3) a smooth machine can explain, by a fit that hardly weighs distant ones.
+
+        Every smooth error of every axis takes part, lightly held, so that an effect, however large, is no outlier.
+        """
+        table, rows = self.columns, white.T.ravel()
+        weight = np.ones(len(white))
+        for _ in range(MOST_STEPS):
+            tripled = np.tile(weight, 3)
+            gram = table.T @ (tripled[:, None] * table) + np.eye(table.shape[1])
+            left = rows - table @ np.linalg.solve(gram, table.T @ (tripled * rows))
+            distance = np.sqrt(np.mean(np.square(left.reshape(3, -1)), axis=0))
+            spread = max(1.0, float(np.median(distance)) / np.sqrt(chi_square_median(3) / 3))
+            # Weights of Student's t, three degrees of freedom: a distant pose counts with the inverse of its square.
+            before, weight = weight, np.minimum(4.0 / (3.0 + np.square(distance / spread)), 1.0)
+            if np.max(np.abs(weight - before)) < SETTLED:
+                break
+        outlying: NDArray[np.bool_] = np.asarray(distance > OUTLIER * spread, bool)
+        if outlying.mean() > MOST_OUTLIERS:
+            outlying &= distance >= np.quantile(distance, 1 - MOST_OUTLIERS)
+        return ~outlying
+
+
+def _tables(
+    machine: MachineDescription, recording: MachineRecording, probe_std: float
+) -> list[tuple[str, list[str], Array]]:
+    """For each axis, names and white columns (3 n, p) of smooth errors: powers, harmonics, reversal, warmth.
+
+    To first order a component's effect is its value times where that axis stands at the pose: one prediction for
+    each component gives that lever, and every shape is a multiple of it.
+    """
+    base = predict_probe(machine, recording)
+    warming = recording.temperature - machine.reference_temperature
+    tables = []
+    for column, axis in enumerate(machine.axes):
+        position, direction = recording.positions[:, column], recording.direction[:, column]
+        shapes = _shapes(position, axis)
+        names, columns = [], []
+        for about in "XYZABC":
+            component = f"E{about}{axis.letter}"
+            lever = predict_probe(machine.with_error(component, poly=(_LEVER,)), recording) - base
+            own = component == positioning_error(machine, axis.letter)
+            found = {**shapes, "direction": direction, "temperature": warming * position} if own else shapes
+            for words, shape in found.items():
+                names.append(f"pose: {component}, {words} of {axis.letter}")
+                columns.append((lever * shape[:, None]).T.ravel() / probe_std)
+        tables.append((axis.letter, names, np.stack(columns, axis=1)))
+    return tables
+
+
+def _shapes(position: Array, axis: Axis) -> dict[str, Array]:
+    """Smooth functions of an axis's position, by their names: powers of a linear one, harmonics of a rotary one."""
+    if axis.kind == LINEAR:
+        scaled = (2 * position - sum(axis.travel)) / np.ptp(axis.travel)
+        return {f"power {k}": scaled**k for k in range(6)}
+    waves = {f"order {k}, {wave.__name__}": wave(k * position) for k in range(1, 5) for wave in (np.cos, np.sin)}
+    return {"order 0": np.ones(len(position)), **waves}
