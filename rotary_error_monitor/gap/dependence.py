@@ -9,8 +9,10 @@ import numpy as np
 from rotary_error_monitor.gap.problem import Array
 
 MOST_NAMED = 4
+"""Dependences that one sentence names: more nobody reads, and each explains a tenth of the signal or more."""
 
 _NO_COLUMN = 1e-12
+"""A column that varies by less is constant but for rounding: angles, directions and parts of a travel are of size 1."""
 
 
 def explained_by(table: Array, values: Array) -> float:

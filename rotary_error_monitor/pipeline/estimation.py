@@ -334,10 +334,12 @@ class Estimator:
         """
         if self._repetition is not None:
             return 0
-        heads = (self._streams[name] for name in self._heads)
-        # a value at a tick rests on samples to both of its sides
-        begun = [s.begin_ns + 2 * max(self._settings.period_ns, round(s.spacing_ns)) for s in heads if s.begin_ns]
-        return max(begun, default=0)
+        begun = [0]
+        for name in self._heads:
+            stream = self._streams[name]
+            if stream.begin_ns is not None:  # a value at a tick rests on samples to both of its sides
+                begun.append(stream.begin_ns + 2 * max(self._settings.period_ns, round(stream.spacing_ns)))
+        return max(begun)
 
     def _take_out_turns(self, turns: int, resampled: Mapping[str, Resampled]) -> None:
         """Count the heads' turns as the command does, from now on."""

@@ -41,7 +41,7 @@ class SampleStream:
         patience_ns: how long a silence makes the stream absent, ns.
         admission: which samples are believed, and how many were not.
         block_duration_ns: time from first to last sample of the latest block.
-        begin_ns: timestamp (ns) of the first sample of all; None before it.
+        begin_ns: timestamp (ns) of the first sample of all; None before it, and where nobody waited for it any more.
         lost: gaps, counted in blocks of the size that came before.
     """
 
@@ -105,8 +105,6 @@ class SampleStream:
         if len(times) == 0:
             return 0
         self._note_gap(newest, int(times[0]))
-        if self.begin_ns is None:
-            self.begin_ns = int(times[0])
         if len(times) > 1:
             self._spacing_ns = (int(times[-1]) - int(times[0])) / (len(times) - 1)
         self._block_samples = len(times)
@@ -184,6 +182,8 @@ class SampleStream:
         lost = newest is not None and self._spacing_ns > 0 and first - newest > 2.5 * self._spacing_ns
         if lost:
             self.lost += max(1, round((first - last) / self._spacing_ns / self._block_samples))
+        if newest is None and not is_long:
+            self.begin_ns = first
         if lost or is_long or newest is None:
             usable = first + self.patience_ns if is_long else first
             self._gaps.append(Gap(last, first, usable, round(2 * self._spacing_ns)))

@@ -32,7 +32,7 @@ _CLONE_NEWNET = 0x40000000  # linux/sched.h
 _TUNSETIFF = 0x400454CA  # linux/if_tun.h
 _IFF_TAP_NO_PI = 0x0002 | 0x1000
 _SIOCGIFFLAGS, _SIOCSIFFLAGS, _SIOCSIFADDR, _SIOCSIFNETMASK = 0x8913, 0x8914, 0x8916, 0x891C  # linux/sockios.h
-_IFF_UP = 1
+_IFF_UP, _IFF_RUNNING = 0x01, 0x40
 
 _LARGEST_FRAME = 65536
 
@@ -117,7 +117,11 @@ class Relay:
 
 
 def open_device(process: int, address: str) -> int:
-    """TAP device with an address in the network namespace of a process, and the loopback up: its file descriptor."""
+    """TAP device with an address in the network namespace of a process, and the loopback up: its file descriptor.
+
+    Linux may say a second later only that it runs (`link_watch.c`), and until then a DDS participant that begins takes
+    it for absent, for good.
+    """
     with Path(f"/proc/{process}/ns/net").open(encoding="ascii") as namespace:
         if ctypes.CDLL(None, use_errno=True).setns(namespace.fileno(), _CLONE_NEWNET) != 0:
             raise OSError(ctypes.get_errno(), f"cannot enter the network of process {process}")
@@ -128,9 +132,15 @@ def open_device(process: int, address: str) -> int:
             number = socket.inet_aton(value)
             fcntl.ioctl(asked, order, struct.pack("16sH2x4s16x", DEVICE, socket.AF_INET, number))
         for name in (DEVICE, b"lo"):
-            (flags,) = struct.unpack("16xH", fcntl.ioctl(asked, _SIOCGIFFLAGS, struct.pack("16sH14x", name, 0))[:18])
-            fcntl.ioctl(asked, _SIOCSIFFLAGS, struct.pack("16sH14x", name, flags | _IFF_UP))
+            fcntl.ioctl(asked, _SIOCSIFFLAGS, struct.pack("16sH14x", name, _flags(asked, name) | _IFF_UP))
+        while not _flags(asked, DEVICE) & _IFF_RUNNING:
+            time.sleep(0.01)
     return device
+
+
+def _flags(asked: socket.socket, name: bytes) -> int:
+    (flags,) = struct.unpack("16xH", fcntl.ioctl(asked, _SIOCGIFFLAGS, struct.pack("16sH14x", name, 0))[:18])
+    return int(flags)
 
 
 def main() -> None:

@@ -89,7 +89,8 @@ def _run(far: tuple[str, ...], bag: Path) -> Witness:
         cell.wait_until(lambda: course.whole_since_ns > cut_ns and course.is_whole_for(AGAIN), "estimates as before")
         whole_again_ns = course.whole_since_ns
         judged_ns = joined_ns + round((RECOVERED + 1.0) * NANOSECONDS)
-        cell.wait_until(lambda: running.corrects() and course.newest_ns > judged_ns, "corrections as before")
+        cell.wait_until(lambda: course.newest_ns > judged_ns, "enough estimates to judge")
+        cell.wait_until(running.corrects, "corrections as before")
         running.stop()
         said = {node: running.said(node) for node in SAYINGS}
     loss = lost / (passed + lost)

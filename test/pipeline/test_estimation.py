@@ -205,6 +205,15 @@ def test_a_head_that_comes_back_counts_again_after_the_patience():
     assert used[t < 0.149].all()
 
 
+def test_a_head_that_joins_when_nobody_waits_for_it_any_more_leaves_no_hole():
+    late = {"head_d": {"drop": ((0.0, 0.3),)}}
+    result = run(in_order(streams(**late)))[1]
+    assert set(np.diff(result.times_ns)) == {1_000_000}
+    used = result.column("streams").astype(int) & 0b1000 > 0
+    assert not used[0]
+    assert used[-1]
+
+
 def test_a_head_that_comes_back_with_another_zero_is_left_out_at_once():
     """The other streams were judged at a wrong rotation for a moment: that is forgotten with the head."""
     everything = streams(every={"rate": 1000.0, "duration": 1.0}, head_d={"drop": ((0.15, 0.3),)})

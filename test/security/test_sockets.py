@@ -6,7 +6,6 @@ The other computer is a network namespace; where the system does not let these b
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -16,6 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from network.hosts import two_hosts, why_not
+from network.relay import ADDRESSES
 
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.testing.domains import own_domain
@@ -115,30 +116,14 @@ def test_what_listens(environment, open_to_all):
 
 @pytest.fixture(scope="module")
 def hosts() -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Commands that run something on each of two computers with a wire between them."""
-    ip = shutil.which("ip")
-    names = [f"rem{os.getpid()}{end}" for end in "ab"]
-    wires = [f"w{os.getpid()}{end}" for end in "ab"]
-    if ip is None or subprocess.run([ip, "netns", "add", names[0]], capture_output=True).returncode:
-        pytest.skip("needs network namespaces, which this system does not let be made")
-    try:
-        steps = [["netns", "add", names[1]]]
-        steps += [
-            ["link", "add", wires[0], "netns", names[0], "type", "veth", "peer", "name", wires[1], "netns", names[1]]
-        ]
-        for number, (name, wire) in enumerate(zip(names, wires, strict=True), 1):
-            steps += [["-n", name, "addr", "add", f"192.0.2.{number}/24", "dev", wire]]
-            steps += [["-n", name, "link", "set", device, "up"] for device in ("lo", wire)]
-        for step in steps:
-            if subprocess.run([ip, *step], capture_output=True).returncode:
-                pytest.skip(f"needs network namespaces; this system does not allow: ip {' '.join(step)}")
-        yield (ip, "netns", "exec", names[0]), (ip, "netns", "exec", names[1])
-    finally:
-        for name in names:
-            subprocess.run([ip, "netns", "del", name], capture_output=True)
+    """What stands before a command that shall run on each of two computers with a cable between them."""
+    if why_not():
+        pytest.skip(why_not())
+    with two_hosts() as cable:
+        yield cable.hosts[0].command, cable.hosts[1].command
 
 
-STRANGER = {**SUBNET, "ROS_STATIC_PEERS": "192.0.2.1", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+STRANGER = {**SUBNET, "ROS_STATIC_PEERS": ADDRESSES[0], "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
 
 
 def test_another_computer_reaches_a_node_that_discovers_the_subnet(hosts):

@@ -17,7 +17,7 @@ FALLS = (0.5, 1.0)
 
 SIZES = np.geomspace(0.1, 4.0, 24)
 """Root mean squares of a drift that are tried, in standard deviations of the white noise. A drift is an instrument's
-noise as long as it is of the size of that: it has a half-normal prior of standard deviation 1."""
+noise as long as it is of the size of that: it has a half-normal prior of the stated standard deviation."""
 
 
 def learn_drift(white: Array, kept: NDArray[np.bool_], uncertain: Array, others: Array) -> Array:
@@ -37,7 +37,7 @@ def learn_drift(white: Array, kept: NDArray[np.bool_], uncertain: Array, others:
     """
     waves, count = _cosines(len(kept)), int(kept.sum())
     best, drift = 0.0, np.zeros((len(kept), 0))
-    if count < waves.shape[1]:
+    if count < 2 * waves.shape[1]:
         return drift
     data = _Data(white, kept, uncertain)
     courses = data.whitened(_in_all(waves))
@@ -48,7 +48,7 @@ def learn_drift(white: Array, kept: NDArray[np.bool_], uncertain: Array, others:
         density = _log_evidence(gram, moment, np.tile(shape, 3), SIZES) - 0.5 * np.square(data.level * SIZES)
         if density.max() > best:
             best, drift = float(density.max()), waves * (data.level * SIZES[density.argmax()] * shape)
-    if best <= np.log(count):
+    if best <= np.log(count):  # Schwarz's criterion for its size and the law by which it falls
         return drift[:, :0]
     begins = np.flatnonzero(kept)[2:-1, None]
     steps = [_in_all(step[:, None]) for step in (np.arange(len(kept)) >= begins).astype(np.float64)]

@@ -15,6 +15,8 @@ OUTLIER = 5.0
 """A pose further than this many standard deviations from every smooth machine is an outlier of the tracker."""
 
 MOST_OUTLIERS = 0.1
+"""Part of the poses that may be outliers: of a tracker that fails more often nothing can be told, and what seems to lie
+far out at more poses is an error of the machine that is not smooth."""
 
 MOST_STEPS, SETTLED = 12, 1e-3
 """Steps of a robust fit, and the change of a weight from which on another one changes nothing."""
