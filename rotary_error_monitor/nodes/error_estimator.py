@@ -214,9 +214,9 @@ class ErrorEstimator(ManagedNode):
         yield Level.WARN, f"not observable: {', '.join(hidden)}" if hidden and not silent else ""
         if belief.heads.lost:
             yield Level.WARN, "redundancy is lost: a further fault of a head would show only as a step"
-        if belief.verdict.head_scale > _TOLD_SCALE:
-            scale = belief.verdict.head_scale
-            yield Level.WARN, f"the heads contradict one another: their uncertainty is raised {scale:.1f} times"
+        if belief.heads.contradicted > _TOLD_SCALE:
+            raised = belief.heads.contradicted
+            yield Level.WARN, f"the heads contradict one another: their uncertainty is raised {raised:.1f} times"
         for what, size in belief.unresolved:
             yield (
                 Level.WARN,

@@ -148,10 +148,11 @@ class RowMaker:
             rows[:, COLUMN[f"var_e{name}c"]] = ring.covariance[:, 1 + axis, 1 + axis]
             observable |= 1 << axis
             seen[:, index[f"centre_{name}"]] = ring.centre[:, axis]
-            seen[:, index[f"described_{name}"]] = described[:, axis]
         # what of the displacement is predicted, as far as these heads see it
-        predicted = (ring.centre - radial + described) @ layout.view[1]
+        described = described @ layout.view[1]
+        predicted = (ring.centre - radial) @ layout.view[1] + described
         seen[:, [index["surplus_x"], index["surplus_y"]]] = ring.seen - predicted
+        seen[:, [index["described_x"], index["described_y"]]] = described
         rows[:, COLUMN["cov_exc_eyc"]] = ring.covariance[:, 1, 2]
         rows[:, COLUMN["observable"]] = observable
         seen[:, index["theta"]] = ring.theta

@@ -26,9 +26,9 @@ COLUMNS = (
     "ecc",  # rotation minus command, rad, within half a turn
     "centre_x",  # of the ring, m
     "centre_y",
-    "surplus_x",  # centre less all that the description predicts of it, m
+    "surplus_x",  # centre less all that the description predicts of it, m, as far as the heads see it
     "surplus_y",
-    "described_x",  # error motion that the description predicts, m
+    "described_x",  # error motion that the description predicts, m, as far as the heads see it
     "described_y",
     "radial_variance",  # m²
     "tilt",  # whether there is a tilt

@@ -55,7 +55,10 @@ class HeadBelief:
     Attributes:
         doubted: why a head is left out, by its name.
         contradiction: why none is believed; empty while they are.
-        scale: by which stated standard deviations are to be multiplied.
+        contradicted: by how much they contradict one another beyond what they state: by which their standard deviations
+            are raised at least.
+        scale: by which stated standard deviations are to be multiplied, for the stamps as well: what two opposed heads
+            make of theirs contradicts no other head.
         contradicting: whether the heads contradicted one another in the last window, beyond what is borne.
         redundant: whether a further fault of a head would show.
         reach: where the part of the radial error motion that is not described can be at the next ticks, where only that
@@ -80,7 +83,7 @@ class HeadBelief:
         self._described = HeadLayout(tuple(heads.values())).redundancy
         self.doubted: dict[str, str] = {}
         self.contradiction = ""
-        self.scale = self._tolerance = 1.0
+        self.scale = self.contradicted = self._tolerance = 1.0
         self.redundant = self._described > 0
         self.reach = EVERYWHERE
         self.contradicting = False
@@ -97,7 +100,7 @@ class HeadBelief:
         """Believe all heads again."""
         self.doubted.clear()
         self.contradiction = ""
-        self.scale = self._tolerance = 1.0
+        self.scale = self.contradicted = self._tolerance = 1.0
         self._agreeing = 0.0
         self._forget()
 
@@ -135,7 +138,8 @@ class HeadBelief:
         found, most = window["believed_agreement"], self.most**2
         self._agreement.append(min(found, most))
         freedom = max(1.0, window.ticks * window["head_samples"]) * layout.redundancy
-        self.scale = math.sqrt(max(1.0, *self._excesses(freedom)))
+        self.contradicted = math.sqrt(max(1.0, *self._excesses(freedom)))
+        self.scale = max(self.contradicted, self._tolerance)
         # what is borne changes with the speed: each window has its own
         self._beyond.append((found >= most, found >= (WEAK * self._tolerance) ** 2, found))
         persistent, lasting = (sum(each) >= PERSISTENT for each in list(zip(*self._beyond, strict=True))[:2])
@@ -219,7 +223,7 @@ class HeadBelief:
 
         A step of a head lasts, so it is over only where the ring is again where it was at this angle before.
         """
-        self.scale = self._tolerance
+        self.scale, self.contradicted = self._tolerance, 1.0
         place, theta = window.pair("surplus"), window["theta"]
         moved = 0.0 if self._last_theta is None else theta - self._last_theta
         self._last_theta = theta

@@ -16,6 +16,7 @@ from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.belief import DOUBTS, Verdict
 from rotary_error_monitor.pipeline.error_motion_rows import COLUMN
 from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
+from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 _UNCERTAIN = ("head_scale", "tilt_scale", "lag", "unresolved", "unresolved_tilt")
@@ -102,7 +103,7 @@ class Publication:
 
     def __init__(self, stage: StageDescription, bits: Mapping[str, int]) -> None:
         """Publication for `stage`, with the `bits` of its streams."""
-        self._radius = stage.encoder.disc_radius
+        self._radius, self._most = stage.encoder.disc_radius, stage.limits.radial
         self._bits = bits
         self._assembly = _assembly_variance(stage)
         # The smallest fault that shows is the internal reliability of geodesy (Baarda 1968): without redundancy a step
@@ -132,11 +133,13 @@ class Publication:
         near = believed.within("radial", seen["surplus_x"], seen["surplus_y"])
         self._raise_uncertainty(rows, disagreement, redundancy, believed)
         doubts = {name: believed.has(name) for name in DOUBTS}
+        motion = np.hypot(seen["surplus_x"] + seen["described_x"], seen["surplus_y"] + seen["described_y"])
+        ring = doubts["ring"] | (motion > self._most + SIGMAS * np.sqrt(seen["radial_variance"]))
         tilt = streams & self._bits["autocollimator"] == 0
         command = streams & self._bits["command"] == 0
         observable = rows[:, COLUMN["observable"]].astype(np.int64)
         for which, bits, names in (
-            (doubts["ring"], 0b11, ("exc", "eyc", "var_exc", "var_eyc", "cov_exc_eyc", "cov_exc_ecc", "cov_eyc_ecc")),
+            (ring, 0b11, ("exc", "eyc", "var_exc", "var_eyc", "cov_exc_eyc", "cov_exc_ecc", "cov_eyc_ecc")),
             (tilt, 0b11000, ("eac", "ebc", "var_eac", "var_ebc")),
             (command, 0b100000, ("ecc", "var_ecc", "cov_exc_ecc", "cov_eyc_ecc")),
         ):
@@ -165,10 +168,13 @@ class Publication:
         for name in ("var_exc", "var_eyc", "cov_exc_eyc", "var_ecc", "cov_exc_ecc", "cov_eyc_ecc"):
             rows[:, COLUMN[name]] *= heads
         bits = rows[:, COLUMN["observable"]].astype(np.int64)
+        unproven = np.where(believed.has("unverified"), self._unproven["radial"], 0.0)
         step = np.where(redundancy == 0, self._unseen, 0.0)
+        # a head that is off shows as rotation as well as displacement where no other contradicts it
+        head = np.where(redundancy == 0, unproven, 0.0)
         # Of a vector that turns with the rotor, each component has half of the square.
         radial = self._assembly["radial"] + 0.5 * believed.unresolved**2
-        radial += np.where(believed.has("unverified"), self._unproven["radial"], 0.0)
+        radial += unproven
         tilt = self._assembly["tilt"] + 0.5 * believed.unresolved_tilt**2
         tilt += np.where(believed.has("unverified_tilt"), self._unproven["tilt"], 0.0)
         for bit, name, added in (
@@ -176,7 +182,7 @@ class Publication:
             (1, "var_eyc", step + radial),
             (3, "var_eac", tilt),
             (4, "var_ebc", tilt),
-            (5, "var_ecc", step / self._radius**2 + believed.lag**2 + self._rounding),
+            (5, "var_ecc", (step + head) / self._radius**2 + believed.lag**2 + self._rounding),
         ):
             if name in ("var_eac", "var_ebc"):
                 rows[:, COLUMN[name]] *= believed.tilt_scale**2

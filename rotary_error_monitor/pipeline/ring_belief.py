@@ -65,10 +65,12 @@ class RingBelief:
 
     def judge(self, window: Window) -> None:
         """Take in a window of believed heads."""
-        if not (window.has("heads") and window.has("radial")):
+        if not window.has("heads"):
             self._agreeing = 0.0
             return
-        wrong = self._beyond(window) or self._misread(window) or self._too_quiet(window)
+        wrong = self._beyond(window)
+        if not wrong and window.has("radial"):
+            wrong = self._misread(window) or self._too_quiet(window)
         if wrong:
             self.doubt, self._agreeing = wrong, 0.0
         elif self.doubt:

@@ -102,10 +102,9 @@ class TiltBelief:
 
     def _is_stuck(self, window: Window) -> str:
         """Equal readings for longer than chance allows, or while the mirror must have moved them."""
-        if self._last is None or window.pair("tilt") != self._last.pair("tilt"):
+        if self._last is None or self._still is None or window.pair("tilt") != self._last.pair("tilt"):
             self._still = window
             return ""
-        assert self._still is not None
         run = window.number - self._still.number + 1
         readings = run * window.ticks * window["tilt_samples"]
         moved = max(

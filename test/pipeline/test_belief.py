@@ -1,0 +1,95 @@
+"""What is believed of the inputs where nothing else tells: limits of the stage, stamps, and readings that repeat."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pipeline.test_estimation import AZIMUTHS, SPEED, STAGE, START, in_order, run, streams, true_motion
+
+from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
+from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, Window
+from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
+from rotary_error_monitor.signals.blocks import SampleBlock
+
+
+def heads_only(*letters):
+    """The stage with some of its heads."""
+    return replace(STAGE, encoder=replace(STAGE.encoder, azimuths={each: AZIMUTHS[each] for each in letters}))
+
+
+def changed(found, name, change):
+    """The streams with the blocks of one changed."""
+    return found | {name: [change(block) for block in found[name]]}
+
+
+def late(seconds):
+    """Stamps are later than the samples by so much."""
+    return lambda block: SampleBlock(block.stamp_ns + round(seconds * 1e9), block.names, block.rows)
+
+
+def window(number, reading, *, there=True):
+    mean = [0.0] * len(COLUMNS)
+    for name in ("heads", "command", "radial", "head_samples", "tilt_samples"):
+        mean[INDEX[name]] = 1.0
+    mean[INDEX["tilt"]] = float(there)
+    mean[INDEX["tilt_x"]] = mean[INDEX["tilt_surplus_x"]] = reading
+    return Window(number, 0.01, 10, tuple(mean), np.zeros(2), 63, True)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 2), st.integers(1, 3)), max_size=60))
+def test_a_tilt_that_comes_goes_and_repeats_is_judged(course):
+    """Readings of few steps repeat by chance, also behind a silence."""
+    belief, number = TiltBelief(STAGE), 0
+    for there, reading, passed in course:
+        number += passed
+        belief.judge(window(number, 1e-7 * reading, there=there))
+    for each in range(200):
+        belief.judge(window(number + 1 + each, 5e-7))
+    assert belief.doubt.startswith("stuck")
+
+
+@pytest.mark.parametrize("seconds", [0.01, -0.01])
+def test_a_head_of_two_whose_stamps_are_off_makes_no_radial_error_motion(seconds):
+    """It looks like a motion of half of what the rotor turns meanwhile: far more than this stage can do."""
+    stage = heads_only("a", "b")
+    found = changed({name: each for name, each in streams().items() if name[-1] not in "cd"}, "head_b", late(seconds))
+    apart = SPEED * abs(seconds) * stage.encoder.disc_radius / 2
+    assert apart > 10 * stage.limits.radial
+    _, result = run(in_order(found), stage=stage)
+    motion = error_motion_from_block(result)
+    said = motion.observable[:, 1] & (result.times_ns > START + 100_000_000)
+    assert not said.any()
+
+
+@pytest.mark.parametrize("letters", ["abc", "abcd"])
+@pytest.mark.parametrize("factor", [1.001, 3.0, 57.3, 3438.0, 206264.8])
+def test_no_tick_shows_more_than_the_stage_can_do(factor, letters):
+    """Also where the heads have not been judged yet, or agree by chance: all of them count in another unit."""
+    stage = heads_only(*letters)
+    estimator, seen = Estimator(stage), []
+    for name, block in in_order(streams()):
+        if name[-1] in letters or not name.startswith("head"):
+            scale = factor if name.startswith("head") else 1.0
+            scaled = SampleBlock(block.stamp_ns, block.names, block.rows * [1.0, *[scale] * (len(block.names) - 1)])
+            for each in map(error_motion_from_block, estimator.push(name, scaled)):
+                seen += np.hypot(*np.where(each.observable, each.components, 0.0)[:, :2].T).tolist()
+    assert max(seen, default=0.0) <= stage.limits.radial * 1.1
+
+
+def test_what_the_stamps_of_opposed_heads_may_be_off_by_is_stated():
+    """It contradicts no other head: c late and d early by 3 µs shift the ring's centre by R ω 3 µs."""
+    off = 3e-6
+    found = changed(changed(streams(), "head_c", late(off)), "head_d", late(-off))
+    _, result = run(in_order(found), settings=EstimatorSettings(check_turns=0.0))
+    motion = error_motion_from_block(result)
+    t = (result.times_ns - START) * 1e-9
+    judged = t > 0.1
+    truth = np.column_stack(true_motion(t)[1:3])
+    error = np.abs(motion.components[:, :2] - truth)[judged].max(axis=0)
+    assert error.max() == pytest.approx(STAGE.encoder.disc_radius * SPEED * off, rel=0.05)
+    deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))[judged, :2]
+    assert (error <= 6 * deviation).all()
+    assert (deviation <= 2 * STAGE.encoder.disc_radius * SPEED * off).all()
