@@ -10,7 +10,7 @@ import pytest
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.stage import TIMINGS, load_stage
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.lvdt_comparison import compare_with_lvdt
 from rotary_error_monitor.replay import replay_bag
@@ -22,7 +22,8 @@ PERIOD = 1_000_000
 def test_radial_error_motion_follows_the_lvdt(case):
     """Undisturbed stages made by another program: RMS at most 0.10 µm, maximum 0.5 µm (Lou et al. reach 2 µm)."""
     stage = load_stage(case / "twin.yaml")
-    stage = replace(stage, uncertainty={"encoder.eccentricity": 0.0, "mirror.tilt": 0.0})  # that program's own, exact
+    exact = ("encoder.eccentricity", "mirror.tilt", *TIMINGS)  # that program's own
+    stage = replace(stage, uncertainty=dict.fromkeys(exact, 0.0))
     result = replay_bag(case / "bag", stage)
     (blocks,) = BagReader(case / "bag").read_blocks(["/stage/lvdt/samples"]).values()
     times = np.concatenate([block.times_ns for block in blocks])

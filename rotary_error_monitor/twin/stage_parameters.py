@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.stage import TIMINGS, AngularHarmonic, PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT
 from rotary_error_monitor.errors import InputError
 
@@ -49,7 +49,7 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
     """
     found: list[UncertainParameter] = []
     for name, uncertainty in stage.uncertainty.items():
-        if uncertainty == 0.0:
+        if uncertainty == 0.0 or name in TIMINGS:  # stamps are no number of the twin: effects of latency explain them
             continue
         section_name, _, key = name.partition(".")
         section = getattr(stage, section_name, None)

@@ -183,15 +183,19 @@ def test_only_the_calibrated_lines_change_and_what_they_were_is_kept(tmp_path: P
 
 
 def test_the_uncertainty_that_was_found_is_that_of_the_description(tmp_path: Path, stage: Path) -> None:
-    assert load_stage(stage).uncertainty == {}
+    before = load_stage(stage).uncertainty
     assert run(simulated(tmp_path), "--stage", stage) == 0
     notes, found = section_of(stage)["calibration"], load_stage(stage).uncertainty
+    assert before.items() <= found.items()
+    assert not before.keys() & {"encoder.eccentricity", "encoder.graduation"}
     assert found["encoder.eccentricity"] == notes["encoder"]["uncertainty"] > 0.0
     assert found["encoder.graduation"] == notes["encoder"]["figures"]["graduation_uncertainty"] > 0.0
     assert found["mirror.tilt"] == notes["mirror"]["uncertainty"] > 0.0
     assert found["mirror.flatness"] == notes["mirror"]["figures"]["flatness_uncertainty"] > 0.0
     text = stage.read_text(encoding="utf-8")
-    stage.write_text(text.replace("stage:\n", "stage:\n  uncertainty: {mirror.tilt: 1.0e-5}\n", 1), encoding="utf-8")
+    stage.write_text(
+        text.replace("    encoder.timing:", "    mirror.tilt: 1.0e-5\n    encoder.timing:", 1), encoding="utf-8"
+    )
     assert load_stage(stage).uncertainty == {**found, "mirror.tilt": 1e-5}, "what is stated counts before"
 
 

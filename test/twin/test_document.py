@@ -8,7 +8,7 @@ import yaml
 
 from rotary_error_monitor.description import schema
 from rotary_error_monitor.description.machine import load_machine, machine_from_mapping
-from rotary_error_monitor.description.stage import load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage import TIMINGS, load_stage, stage_from_mapping
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -83,3 +83,11 @@ def test_an_uncertainty_of_nothing_is_an_error():
     content["uncertainty"] = {"encoder.wobble": 1e-6}
     with pytest.raises(InputError, match=r"encoder\.wobble"):
         uncertain_parameters(stage_from_mapping(content))
+
+
+def test_stamps_may_be_uncertain_and_move_no_number():
+    """The default states it of its stamps; a twin with or without them is the same twin."""
+    stage = load_stage()
+    assert set(stage.uncertainty) == set(TIMINGS)
+    assert uncertain_parameters(stage) == ()
+    assert stage_from_mapping(stage_mapping(stage)).uncertainty == stage.uncertainty

@@ -6,12 +6,14 @@ proposal is then weighed by its exact signature, and pays for the number of plac
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.effects.effect import AnyEffect, order_location
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Rows
@@ -98,10 +100,14 @@ class StageSearch:
     def _described_orders(self) -> set[int]:
         """Orders that the twin describes with some uncertainty: an effect of the same order hides in its parameters."""
         stage = self._problem.stage
-        if not stage.uncertainty:
-            return set()
-        planar = (*stage.spindle.radial, *stage.spindle.tilt, *stage.mirror.flatness)
-        return {row.order for row in planar} | {row.order for row in stage.encoder.graduation} - {0}
+        described: dict[str, Sequence[AngularHarmonic | PlanarHarmonic]] = {
+            "spindle.radial": stage.spindle.radial,
+            "spindle.tilt": stage.spindle.tilt,
+            "mirror.flatness": stage.mirror.flatness,
+            "encoder.graduation": stage.encoder.graduation,
+        }
+        uncertain = (rows for name, rows in described.items() if stage.uncertainty.get(name))
+        return {row.order for rows in uncertain for row in rows} - {0}
 
     def _steps(self, effect: AnyEffect, rest: Rows) -> list[Candidate]:
         found = []
