@@ -88,6 +88,8 @@ class HeadBelief:
         self.reach = EVERYWHERE
         self.contradicting = False
         self._agreeing = 0.0
+        self._agreement: deque[float] = deque(maxlen=LONG)
+        self._lasting = 1.0
         self._believed: tuple[str, ...] = ()
         self._layouts: dict[tuple[float, ...], HeadLayout] = {}
         self._untried = TRIES
@@ -102,6 +104,7 @@ class HeadBelief:
         self.contradiction = ""
         self.scale = self.contradicted = self._tolerance = 1.0
         self._agreeing = 0.0
+        self._settle()
         self._forget()
 
     @property
@@ -138,7 +141,8 @@ class HeadBelief:
         found, most = window["believed_agreement"], self.most**2
         self._agreement.append(min(found, most))
         freedom = max(1.0, window.ticks * window["head_samples"]) * layout.redundancy
-        self.contradicted = math.sqrt(max(1.0, *self._excesses(freedom)))
+        excesses = tuple(self._excesses(freedom))
+        self.contradicted, self._lasting = math.sqrt(max(1.0, *excesses)), math.sqrt(max(1.0, excesses[-1]))
         self.scale = max(self.contradicted, self._tolerance)
         # what is borne changes with the speed: each window has its own
         self._beyond.append((found >= most, found >= (WEAK * self._tolerance) ** 2, found))
@@ -176,6 +180,7 @@ class HeadBelief:
                 name = self._believed[found.head]
                 self.doubted[name] = self._describe(found.fault)
                 self._agreeing = 0.0
+                self._settle()
                 return True
         return False
 
@@ -221,9 +226,11 @@ class HeadBelief:
     def _judge_steps(self, window: Window) -> None:
         """Without redundancy: a step that no bearing makes; how well the stamps fit must be taken on trust.
 
-        A step of a head lasts, so it is over only where the ring is again where it was at this angle before.
+        A step of a head lasts, so it is over only where the ring is again where it was at this angle before. What
+        lasted of a contradiction that heads showed which are gone may be in those that are left.
         """
-        self.scale, self.contradicted = self._tolerance, 1.0
+        self.contradicted = self._lasting
+        self.scale = max(self.contradicted, self._tolerance)
         place, theta = window.pair("surplus"), window["theta"]
         moved = 0.0 if self._last_theta is None else theta - self._last_theta
         self._last_theta = theta
@@ -275,8 +282,13 @@ class HeadBelief:
         motion = (window["theta"], ecc, math.atan(x / self._radius), math.atan(y / self._radius))
         self._history.append((motion, window.parity[: layout.redundancy].copy()))
 
+    def _settle(self) -> None:
+        """What the heads contradicted one another by so far is accounted for."""
+        self._agreement.clear()
+        self._lasting = 1.0
+
     def _forget(self) -> None:
-        self._agreement: deque[float] = deque(maxlen=LONG)
+        """What was remembered of other heads tells nothing about these, but for how far they contradict one another."""
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
         self._history: deque[tuple[tuple[float, ...], NDArray[np.float64]]] = deque(maxlen=MEMORY)
         self._turn = TurnMemory()

@@ -30,6 +30,16 @@ def late(seconds):
     return lambda block: SampleBlock(block.stamp_ns + round(seconds * 1e9), block.names, block.rows)
 
 
+def spread(block, off, noise, gen):
+    """Readings are off by so much, and noisy."""
+    readings = block.rows[:, 1:]
+    return SampleBlock(
+        block.stamp_ns,
+        block.names,
+        np.column_stack([block.rows[:, 0], readings + off + gen.normal(0.0, noise, readings.shape)]),
+    )
+
+
 def window(number, reading, *, there=True):
     mean = [0.0] * len(COLUMNS)
     for name in ("heads", "command", "radial", "head_samples", "tilt_samples"):
@@ -93,3 +103,29 @@ def test_what_the_stamps_of_opposed_heads_may_be_off_by_is_stated():
     deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))[judged, :2]
     assert (error <= 6 * deviation).all()
     assert (deviation <= 2 * STAGE.encoder.disc_radius * SPEED * off).all()
+
+
+@pytest.mark.parametrize("bias", [5e-6, 1e-5, 2e-5, 4e-5])
+@pytest.mark.parametrize("gone", [(0.3, 0.38), (0.3, 9.0)], ids=["for a moment", "for good"])
+def test_a_contradiction_outlives_the_head_that_showed_it(gone, bias):
+    """Head c is off and nothing tells that it is c; without d nothing shows it, and it weighs more."""
+    noise = 1e-5
+    stage = replace(
+        STAGE,
+        encoder=replace(STAGE.encoder, noise=noise),
+        stated_limits={"radial_rate": 2e-5},
+        uncertainty={"encoder.timing": 0.0},
+    )
+    found, gen = streams(head_d={"drop": [gone]}), np.random.default_rng(1)
+    for name in ("head_a", "head_b", "head_c", "head_d"):
+        off = bias if name == "head_c" else 0.0
+        found = changed(found, name, lambda each, off=off: spread(each, off, noise, gen))
+    _, result = run(in_order(found), stage=stage, settings=EstimatorSettings(check_turns=0.0))
+    motion = error_motion_from_block(result)
+    t = (result.times_ns - START) * 1e-9
+    judged = (t > 0.1) & motion.observable[:, 1]
+    assert judged[(t > 0.3) & (t < 0.38)].any()
+    truth = np.column_stack(true_motion(t)[1:3])
+    deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))[:, :2]
+    wrong = np.abs(motion.components[:, :2] - truth) > 6 * deviation
+    assert wrong[judged].mean() <= 0.002
