@@ -130,6 +130,24 @@ def test_numbers_do_not_depend_on_the_blocks(cuts: list[int], size: float, seed:
     assert np.all(np.abs(np.diff(whole.corrections, axis=0)) <= LIMITS.rate * 1e-3 * (1 + 1e-9))
 
 
+@given(
+    start=st.tuples(st.floats(-2e-3, 2e-3), st.floats(-2e-3, 2e-3)),
+    size=st.floats(0.0, 0.95),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_what_is_in_effect_beyond_a_lowered_limit_goes_back_at_the_rate_limit(
+    start: tuple[float, float], size: float, seed: int
+) -> None:
+    wanted = size * LIMITS.error * np.random.default_rng(seed).uniform(-1.0, 1.0, (3000, 2))
+    limited = limit_corrections(LIMITS, CorrectionState(start, time_ns=0), times(3000, MS), wanted)
+    steps = np.diff(limited.corrections, axis=0, prepend=np.array([start]))
+    assert np.all(np.abs(steps) <= LIMITS.rate * 1e-3 * (1 + 1e-9))
+    growth = np.diff(np.abs(limited.corrections), axis=0, prepend=np.abs([start]))
+    beyond = np.abs(limited.corrections) > LIMITS.error
+    assert np.all(growth[beyond] <= 0.0)
+    assert not beyond[-1].any()
+
+
 def test_limits_by_kind_of_axis() -> None:
     limits = axis_limits(load_machine("xyzac_trt"), linear=(1e-4, 2e-4, 1e-3), rotary=(3e-4, 4e-4, 2e-3))
     assert limits.letters == ("X", "Y", "Z", "A", "C")

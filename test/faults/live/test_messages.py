@@ -213,7 +213,8 @@ def test_parameters_at_run_time(live):
         fault="a correction passes its error limit",
         seen="by the compensation, at the tick; said at once, as error, with axis and size",
         done="it latches and holds until `~/reset` is called, and again where the reset comes too early",
-        published="no correction beyond the limit, none while it is latched; offsets go on",
+        published="no correction beyond the limit, none while it is latched; offsets go on; what was in effect beyond "
+        "a limit that is lowered goes back at the rate limit",
         recovery="at the rate limit from the last correction, within 1 s of the reset",
     )
 )
@@ -224,6 +225,7 @@ def test_a_limit_is_reached_latched_and_reset(live):
     sizes = [max(abs(values[axis]) for axis in "XYZ") for _, values in live.heard.corrections]
     limit = 0.5 * (min(sizes) + max(sizes))  # the machine moves on: it is passed again soon
     live.kill("compensation")
+    in_effect = live.heard.corrections[-1]
     live.start("compensation", **{"linear.warning": 0.5 * limit, "linear.error": limit})
     begin_ns = live.active_ns("compensation")
     said = live.wait_for_word("compensation: correction", begin_ns, "error limit latched until ~/reset is called")
@@ -241,9 +243,10 @@ def test_a_limit_is_reached_latched_and_reset(live):
         return live.corrected_ns(asked_ns) is not None
 
     live.wait(is_released, "corrections after a reset")
-    beyond = [stamp for stamp, values in live.heard.corrections if stamp > begin_ns and
-              max(abs(values[axis]) for axis in "XYZ") > limit]  # fmt: skip
-    assert not beyond
+    given = [in_effect, *((stamp, values) for stamp, values in live.heard.corrections if stamp > begin_ns)]
+    growing = [(stamp, axis) for (_, before), (stamp, values) in itertools.pairwise(given) for axis in "XYZ"
+               if abs(values[axis]) > max(limit, abs(before[axis]))]  # fmt: skip
+    assert not growing
     live.judge(begin_ns)
     live.kill("compensation")
     live.start("compensation")
