@@ -101,7 +101,7 @@ policy: setup ## write the SROS2 policy anew from the wire contract
 soak: setup ## a million blocks, 10,000 turns, and nodes on simulated time: nothing lost, no memory kept (half an hour)
 	$(BIN)/python -m pytest -s -q test/soak -o python_files='soak_*.py' --no-header
 
-faults: setup ## faults put into recordings of random stages, FAULT_SEEDS (20) of each: what is published wrong
+faults: setup ## faults put into recordings of random stages, FAULT_SEEDS (20) of each, from FAULT_FIRST (1) on: what is published wrong
 	$(BIN)/python -m pytest -s -q test/faults -o python_files='sweep_*.py' --no-header
 
 faults-doc: setup ## write doc/faults.md anew from the tests

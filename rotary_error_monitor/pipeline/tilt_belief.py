@@ -20,6 +20,10 @@ SIGMAS = 6.0
 STAYED = 0.3
 """Part of a step, or else of the largest tilt, within which a signal that was doubted counts as back where it was."""
 
+REMEMBERED = 10.0
+"""How long a step that came back counts as what the instrument may do again, s. What goes out before it shows, two
+windows, is less than a fivehundredth of that."""
+
 
 class TiltBelief:
     """Judges the tilt, window by window.
@@ -31,7 +35,8 @@ class TiltBelief:
 
     Attributes:
         doubt: why the tilt is not believed; empty while it is.
-        scale: by which stated standard deviations are to be multiplied: noise is measured, not taken on trust.
+        scale: by which stated standard deviations are to be multiplied: noise is measured, not taken on trust, and a
+            reading that repeats is off by what it should have moved, if it is stuck.
         reach: where the part of the tilt that is not described can be at the next ticks.
         figure: of the tilt over the rotation.
     """
@@ -50,10 +55,11 @@ class TiltBelief:
     def reset(self) -> None:
         """Believe the tilt again."""
         self.doubt = ""
-        self.scale = 1.0
+        self.scale = self._noise_scale = 1.0
+        self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
         self.figure.forget()
-        self._agreeing = self._size = self._near = 0.0
+        self._agreeing = self._size = self._near = self._farthest = 0.0
         self._squares: deque[float] = deque(maxlen=LONG)
         self._recent: deque[tuple[float, float]] = deque(maxlen=SHORT)
         self._before: tuple[float, float] | None = None
@@ -71,6 +77,7 @@ class TiltBelief:
     def judge(self, window: Window) -> None:
         """Take in a window; the tilt counts only where the heads tell the rotation."""
         self.reach = self._anywhere
+        self.scale = self._noise_scale
         if not (window.has("tilt") and window.has("heads")):
             self._still = None
             self._agreeing = 0.0
@@ -83,17 +90,22 @@ class TiltBelief:
             self._before = self._mean_before()
             self._recent.clear()
             self._near = STAYED * self._size if step else STAYED * self._limits.tilt
+            self._farthest = 0.0
         if wrong:
             # a step back is no new fault, but a reason to wait
             self.doubt = self.doubt if self.doubt and step else wrong
             self._agreeing = 0.0
-        elif self.doubt:
+        if self.doubt and self._before is not None:
+            self._farthest = max(self._farthest, _distance(window.pair("tilt_surplus"), self._before))
+        if self.doubt and not wrong:
             self._agreeing = self._agreeing + window.duration if self._is_back(window) else 0.0
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
+                self._excursion = (window.number, self._farthest)
         if not self.doubt:
             self._recent.append(window.pair("tilt_surplus"))
         self._last = window
+        self.scale = math.hypot(self._noise_scale, self._unseen(window) / math.sqrt(window["tilt_variance"] or math.inf))
         # one tick is less sure than the mean of a window, and may be a window and a half away
         samples = max(1.0, window.ticks * window["tilt_samples"])
         noise = math.hypot(self._deviation(window) * math.sqrt(1.0 + samples), self._drift(window))
@@ -107,13 +119,26 @@ class TiltBelief:
             return ""
         run = window.number - self._still.number + 1
         readings = run * window.ticks * window["tilt_samples"]
-        moved = max(
-            abs(a - b) for a, b in zip(window.pair("tilt_surplus"), self._still.pair("tilt_surplus"), strict=True)
-        )
+        moved = self._moved(window)
         floor = self._instrument.resolution + SIGMAS * self._instrument.noise
         if readings > self._equal_run or moved > floor:
             return f"stuck: the same reading for {run * window.duration * 1e3:.0f} ms"
         return ""
+
+    def _moved(self, window: Window) -> float:
+        """How far the reading should have moved since it has been the same, rad; 0 where it is not."""
+        return 0.0 if self._still is None else _distance(window.pair("tilt_surplus"), self._still.pair("tilt_surplus"))
+
+    def _unseen(self, window: Window) -> float:
+        """Standard deviation of what the tilt can be off by beyond its noise without being doubted, rad.
+
+        A reading that repeats may be stuck. An instrument that stepped and came back may do so again, which shows only
+        once it is beyond `SIGMAS`.
+        """
+        again = 0.0
+        if self._excursion is not None and (window.number - self._excursion[0]) * window.duration < REMEMBERED:
+            again = self._excursion[1] / SIGMAS
+        return math.hypot(self._moved(window), again)
 
     def _step(self, window: Window) -> str:
         last = self._last
@@ -156,13 +181,13 @@ class TiltBelief:
             values = list(self._squares)
             # neighbours share windows, which leaves about half of them independent
             excess = (sum(values[-n:]) / n / chi_square_bound(0.5 * n) for n in (2, SHORT, len(values)))
-            self.scale = math.sqrt(max(1.0, *excess))
+            self._noise_scale = math.sqrt(max(1.0, *excess))
 
     def _deviation(self, window: Window, *, stated: bool = False) -> float:
         """Standard deviation of the mean of a window, rad."""
         samples = max(1.0, window.ticks * window["tilt_samples"])
         noise = math.hypot(self._instrument.noise, self._instrument.resolution / math.sqrt(12.0))
-        return noise / math.sqrt(samples) * (1.0 if stated else self.scale)
+        return noise / math.sqrt(samples) * (1.0 if stated else self._noise_scale)
 
     def _drift(self, window: Window) -> float:
         """Standard deviation of what turbulence changes from window to window, over the root of two, rad."""

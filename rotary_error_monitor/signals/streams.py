@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.signals.admission import LATE, NOT_FINITE, TURN, Admission, SampleLimits
 from rotary_error_monitor.signals.blocks import SampleBlock
+
+DISTANCES = 5
+"""Blocks of a single sample whose median distance is that of the samples: two of them may be losses or bursts."""
 
 _BEGINNING = np.iinfo(np.int64).min // 2
 
@@ -57,6 +62,7 @@ class SampleStream:
         self._times = np.empty(0, np.int64)
         self._values = np.empty((0, len(self.names)))
         self._spacing_ns = 0.0
+        self._distances: deque[int] = deque(maxlen=DISTANCES)
         self._block_samples = 1
 
     @property
@@ -86,12 +92,12 @@ class SampleStream:
 
     @property
     def rate(self) -> float:
-        """Samples per second of the latest block; 0 before the second sample."""
+        """Samples per second of the latest block, of single samples of the latest few; 0 before the second sample."""
         return 1e9 / self._spacing_ns if self._spacing_ns > 0 else 0.0
 
     @property
     def spacing_ns(self) -> float:
-        """Distance of the samples of the latest block, ns; 0 before the second sample."""
+        """Distance of the samples, as `rate`, ns; 0 before the second sample."""
         return self._spacing_ns
 
     def push(self, block: SampleBlock) -> int:
@@ -107,6 +113,9 @@ class SampleStream:
         self._note_gap(newest, int(times[0]))
         if len(times) > 1:
             self._spacing_ns = (int(times[-1]) - int(times[0])) / (len(times) - 1)
+        elif newest is not None:  # of single samples a short distance or a loss is not how the stream is: the median is
+            self._distances.append(int(times[0]) - newest)
+            self._spacing_ns = median(self._distances)
         self._block_samples = len(times)
         self.block_duration_ns = int(times[-1]) - int(times[0])
         self._times = np.concatenate([self._times, times])
@@ -124,6 +133,7 @@ class SampleStream:
         self.admission.forget()
         self._times, self._values = self._times[:0], self._values[:0]
         self._gaps.clear()
+        self._distances.clear()
         self._expected_ns = self.begin_ns = None
 
     def trim(self, before_ns: int, margin: int = 3) -> None:
@@ -181,7 +191,7 @@ class SampleStream:
         is_long = since is not None and first - since > self.patience_ns
         lost = newest is not None and self._spacing_ns > 0 and first - newest > 2.5 * self._spacing_ns
         if lost:
-            self.lost += max(1, round((first - last) / self._spacing_ns / self._block_samples))
+            self.lost += max(1, round(((first - last) / self._spacing_ns - 1) / self._block_samples))
         if newest is None and not is_long:
             self.begin_ns = first
         if lost or is_long or newest is None:

@@ -15,6 +15,10 @@ from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 
+COARSE = replace(STAGE, autocollimator=replace(STAGE.autocollimator, resolution=1.4e-6, noise=4e-7))
+"""A stage whose autocollimator repeats a reading for many samples."""
+
+
 def heads_only(*letters):
     """The stage with some of its heads."""
     return replace(STAGE, encoder=replace(STAGE.encoder, azimuths={each: AZIMUTHS[each] for each in letters}))
@@ -40,12 +44,13 @@ def spread(block, off, noise, gen):
     )
 
 
-def window(number, reading, *, there=True):
+def window(number, reading, *, there=True, described=0.0):
     mean = [0.0] * len(COLUMNS)
     for name in ("heads", "command", "radial", "head_samples", "tilt_samples"):
         mean[INDEX[name]] = 1.0
     mean[INDEX["tilt"]] = float(there)
-    mean[INDEX["tilt_x"]] = mean[INDEX["tilt_surplus_x"]] = reading
+    mean[INDEX["tilt_x"]], mean[INDEX["tilt_surplus_x"]] = reading, reading - described
+    mean[INDEX["tilt_variance"]] = STAGE.autocollimator.noise**2
     return Window(number, 0.01, 10, tuple(mean), np.zeros(2), 63, True)
 
 
@@ -59,6 +64,40 @@ def test_a_tilt_that_comes_goes_and_repeats_is_judged(course):
     for each in range(200):
         belief.judge(window(number + 1 + each, 5e-7))
     assert belief.doubt.startswith("stuck")
+
+
+@pytest.mark.parametrize("pace", [1e-8, 1e-7])
+def test_a_reading_that_repeats_is_as_uncertain_as_it_should_have_moved(pace):
+    """It may be stuck, or within a step of its resolution: until one shows, both are."""
+    belief = TiltBelief(COARSE)
+    for number in range(100):
+        belief.judge(window(number, 0.0, described=pace * number))
+        if belief.doubt:
+            break
+        assert belief.scale * STAGE.autocollimator.noise >= pace * number
+    assert number > 5
+    belief.judge(window(number + 1, 2e-6, described=pace * (number + 1)))
+    assert belief.scale == 1.0
+
+
+@pytest.mark.parametrize("size", [4e-5, -8e-5])
+def test_a_step_that_came_back_may_come_again(size):
+    """What goes out before it shows is within six of the stated standard deviations, from the second on."""
+    belief, gen = TiltBelief(STAGE), np.random.default_rng(1)
+
+    def show(first, count, off):
+        for number in range(first, first + count):
+            belief.judge(window(number, off + gen.normal(0.0, 1e-7)))
+
+    show(0, 20, 0.0)
+    assert belief.scale < 1.5
+    show(20, 3, size)
+    assert "a step" in belief.doubt
+    show(23, 60, 0.0)
+    assert not belief.doubt
+    assert 6 * belief.scale * STAGE.autocollimator.noise >= 0.99 * abs(size)
+    show(83, 1100, 0.0)
+    assert belief.scale < 1.5
 
 
 @pytest.mark.parametrize("seconds", [0.01, -0.01])
