@@ -105,7 +105,8 @@ class TiltBelief:
         if not self.doubt:
             self._recent.append(window.pair("tilt_surplus"))
         self._last = window
-        self.scale = math.hypot(self._noise_scale, self._unseen(window) / math.sqrt(window["tilt_variance"] or math.inf))
+        deviation = math.sqrt(window["tilt_variance"] or math.inf)
+        self.scale = math.hypot(self._noise_scale, self._unseen(window) / deviation)
         # one tick is less sure than the mean of a window, and may be a window and a half away
         samples = max(1.0, window.ticks * window["tilt_samples"])
         noise = math.hypot(self._deviation(window) * math.sqrt(1.0 + samples), self._drift(window))

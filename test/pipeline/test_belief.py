@@ -14,7 +14,6 @@ from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, Window
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
 from rotary_error_monitor.signals.blocks import SampleBlock
 
-
 COARSE = replace(STAGE, autocollimator=replace(STAGE.autocollimator, resolution=1.4e-6, noise=4e-7))
 """A stage whose autocollimator repeats a reading for many samples."""
 
