@@ -294,7 +294,7 @@ BEHAVIOUR = (
         "samples refused: a spike; `error_estimator: estimate` names one of many samples: a step that no bearing makes",
         "what stands off from the median of five is left out; a step that came back may come again, and counts as "
         "uncertainty for 10 s",
-        "everything, tilt with that uncertainty; of samples that are 10 ms apart and more, a spike of five that rises no "
+        "everything, tilt with that uncertainty; of samples 10 ms apart and more, a spike of five that rises no "
         "faster than `limits.tilt_rate` and noise allow is a tilt",
         "after 0.5 s near what it was before",
         excursion_bound,
