@@ -65,6 +65,7 @@ class TiltBelief:
         self._before: tuple[float, float] | None = None
         self._last: Window | None = None
         self._still: Window | None = None
+        self._repeated: tuple[float, float] | None = None
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -72,14 +73,14 @@ class TiltBelief:
             self.doubt, self._before = "", None
         self._agreeing = 0.0
         self._recent.clear()
-        self._last = self._still = None
+        self._last = self._still = self._repeated = None
 
     def judge(self, window: Window) -> None:
         """Take in a window; the tilt counts only where the heads tell the rotation."""
         self.reach = self._anywhere
         self.scale = self._noise_scale
         if not (window.has("tilt") and window.has("heads")):
-            self._still = None
+            self._still = self._repeated = None
             self._agreeing = 0.0
             return
         stuck = self._is_stuck(window)
@@ -116,8 +117,11 @@ class TiltBelief:
     def _is_stuck(self, window: Window) -> str:
         """Equal readings for longer than chance allows, or while the mirror must have moved them."""
         if self._last is None or self._still is None or window.pair("tilt") != self._last.pair("tilt"):
-            self._still = window
+            self._still, self._repeated = window, None
             return ""
+        if self._repeated is None:  # the first windows of a run may hold some of what came before
+            earlier = list(self._recent)[: SHORT // 2] or [self._still.pair("tilt_surplus")]
+            self._repeated = _mean(earlier)
         run = window.number - self._still.number + 1
         readings = run * window.ticks * window["tilt_samples"]
         moved = self._moved(window)
@@ -133,13 +137,16 @@ class TiltBelief:
     def _unseen(self, window: Window) -> float:
         """Standard deviation of what the tilt can be off by beyond its noise without being doubted, rad.
 
-        A reading that repeats may be stuck. An instrument that stepped and came back may do so again, which shows only
+        A reading that repeats may be stuck, and have been off from the first: it is where it was before the run, and it
+        should have moved since. An instrument that stepped and came back may do so again, which shows only
         once it is beyond `SIGMAS`.
         """
         again = 0.0
         if self._excursion is not None and (window.number - self._excursion[0]) * window.duration < REMEMBERED:
             again = self._excursion[1] / SIGMAS
-        return math.hypot(self._moved(window), again)
+        here = window.pair("tilt_surplus")
+        off = 0.0 if self._repeated is None else max(self._moved(window), _distance(here, self._repeated))
+        return math.hypot(off, again)
 
     def _step(self, window: Window) -> str:
         last = self._last
@@ -198,16 +205,17 @@ class TiltBelief:
         return turbulence.std * math.sqrt(min(1.0, window.duration / turbulence.correlation_time))
 
     def _mean_before(self) -> tuple[float, float] | None:
-        if not self._recent:
-            return self._before
-        count = len(self._recent)
-        return sum(x for x, _ in self._recent) / count, sum(y for _, y in self._recent) / count
+        return _mean(list(self._recent)) if self._recent else self._before
 
     def _is_back(self, window: Window) -> bool:
         """Whether the tilt is near where it was before it was doubted; the description where nothing was before."""
         before = self._before or (0.0, 0.0)
         near = self._near + SIGMAS * math.hypot(self._deviation(window), self._drift(window))
         return _distance(window.pair("tilt_surplus"), before) <= near
+
+
+def _mean(pairs: list[tuple[float, float]]) -> tuple[float, float]:
+    return sum(x for x, _ in pairs) / len(pairs), sum(y for _, y in pairs) / len(pairs)
 
 
 def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
