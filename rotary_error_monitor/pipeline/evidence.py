@@ -41,6 +41,9 @@ COLUMNS = (
 )
 INDEX = {name: place for place, name in enumerate(COLUMNS)}
 
+SCATTERING = ("ecc", "tilt_surplus_x", "tilt_surplus_y")
+"""Columns whose scatter within a window is told: a ripple in step with the windows does not show in their means."""
+
 
 class Reach(NamedTuple):
     """Where a vector in the plane can be next: no component further from the middle than `reach`."""
@@ -92,6 +95,7 @@ class Window:
         duration: s.
         ticks: in it.
         mean: of each column.
+        scatter: standard deviation of the ticks about a straight line, of each column in `SCATTERING`.
         parity: (h,) mean of the contradiction, rad.
         available: streams that were there all the time, as a bit mask; those of the first tick if that changed.
         steady: whether the same streams were there all the time.
@@ -101,12 +105,17 @@ class Window:
     duration: float
     ticks: int
     mean: tuple[float, ...]
+    scatter: tuple[float, ...]
     parity: Array
     available: int
     steady: bool
 
     def __getitem__(self, name: str) -> float:
         return self.mean[INDEX[name]]
+
+    def scattering(self, name: str) -> float:
+        """Standard deviation of one of the columns in `SCATTERING` over the ticks."""
+        return self.scatter[SCATTERING.index(name)]
 
     def pair(self, name: str) -> tuple[float, float]:
         """Both components of a vector in the plane."""
@@ -134,7 +143,9 @@ class WindowGrid:
         """Windows of evidence that holds whole ones only."""
         count = len(evidence.ticks) // self.ticks
         # over the middle axis numpy adds one after another: the same bits however many windows there are
-        means = (evidence.values.reshape(count, self.ticks, len(COLUMNS)).sum(axis=1) / self.ticks).tolist()
+        values = evidence.values.reshape(count, self.ticks, len(COLUMNS))
+        means = (values.sum(axis=1) / self.ticks).tolist()
+        scatter = self._scatter(values[:, :, [INDEX[name] for name in SCATTERING]]).tolist()
         parity = evidence.parity.reshape(count, self.ticks, evidence.parity.shape[1]).sum(axis=1) / self.ticks
         masks = evidence.available.reshape(count, self.ticks)
         steady = (masks == masks[:, :1]).all(axis=1).tolist()
@@ -144,9 +155,19 @@ class WindowGrid:
                 self.duration,
                 self.ticks,
                 tuple(means[i]),
+                tuple(scatter[i]),
                 parity[i],
                 int(masks[i, 0]),
                 steady[i],
             )
             for i in range(count)
         ]
+
+    def _scatter(self, values: Array) -> Array:
+        """(w, k) standard deviation of values (w, t, k) of the t ticks of each window about a straight line."""
+        if self.ticks < 3:
+            return np.zeros((len(values), values.shape[2]))
+        off = values - values.sum(axis=1, keepdims=True) / self.ticks
+        course = np.arange(self.ticks)[:, None] - 0.5 * (self.ticks - 1)
+        off -= course * ((off * course).sum(axis=1, keepdims=True) / float(np.sum(course**2)))
+        return np.asarray(np.sqrt(np.square(off).sum(axis=1) / (self.ticks - 2)), np.float64)

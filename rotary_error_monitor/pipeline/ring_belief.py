@@ -149,6 +149,7 @@ class CommandBelief:
         self._size = 0.0
         self._before: float | None = None
         self._squares: deque[float] = deque(maxlen=LONG)
+        self._within: deque[float] = deque(maxlen=LONG)
         self._last: Window | None = None
         self._compared: int | None = None
         self._still = self._speed = 0.0
@@ -161,6 +162,7 @@ class CommandBelief:
         self._agreeing = 0.0
         self._last = self._compared = None
         self._squares.clear()
+        self._within.clear()
         self._pairs.clear()
 
     def agrees(self, window: Window) -> bool:
@@ -216,11 +218,13 @@ class CommandBelief:
         return f"a step of {step * 1e6:.3g} µrad between rotation and command within {window.duration * 1e3:g} ms"
 
     def _scatter(self, window: Window) -> float:
-        """Standard deviation of a single distance by the scatter of windows about their neighbours, rad."""
+        """Standard deviation of a single distance by the scatter of windows about their neighbours, or within, rad."""
         if len(self._squares) < SHORT:
             return 0.0
         samples = max(1.0, window.ticks * window["head_samples"])
-        return math.sqrt(sum(self._squares) / len(self._squares) / 1.5 * samples)
+        among = sum(self._squares) / len(self._squares) / 1.5 * samples
+        latest = list(self._within)[-SHORT:]
+        return math.sqrt(max(among, sum(self._within) / len(self._within), sum(latest) / len(latest)))
 
     def _stuck(self, window: Window, last: Window) -> str:
         """A command that stands while the rotor turns."""
@@ -239,6 +243,7 @@ class CommandBelief:
         pairs = self._pairs
         if len(pairs) >= 2:
             self._squares.append((pairs[-1][1] - 0.5 * (pairs[-2][1] + window["ecc"])) ** 2)
+            self._within.append(window.scattering("ecc") ** 2)
         pairs.append((speed, window["ecc"]))
         if window.number % SHORT == 0 and len(pairs) >= SHORT:
             self._measure_delay()

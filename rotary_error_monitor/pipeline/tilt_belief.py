@@ -20,6 +20,10 @@ SIGMAS = 6.0
 STAYED = 0.3
 """Part of a step, or else of the largest tilt, within which a signal that was doubted counts as back where it was."""
 
+STANDING = 3.0
+"""How many times what noise moves a reading by, at most, its description must go while it stays as near: so far no
+motion that is not described follows the described one backwards."""
+
 REMEMBERED = 10.0
 """How long a step that came back counts as what the instrument may do again, s. What goes out before it shows, two
 windows, is less than a fivehundredth of that."""
@@ -61,11 +65,14 @@ class TiltBelief:
         self.figure.forget()
         self._agreeing = self._size = self._near = self._farthest = 0.0
         self._squares: deque[float] = deque(maxlen=LONG)
+        self._within: deque[float] = deque(maxlen=LONG)
         self._recent: deque[tuple[float, float]] = deque(maxlen=SHORT)
         self._before: tuple[float, float] | None = None
         self._last: Window | None = None
         self._still: Window | None = None
         self._repeated: tuple[float, float] | None = None
+        self._calm: Window | None = None
+        self._gone = 0.0
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -73,17 +80,18 @@ class TiltBelief:
             self.doubt, self._before = "", None
         self._agreeing = 0.0
         self._recent.clear()
-        self._last = self._still = self._repeated = None
+        self._last = self._still = self._repeated = self._calm = None
+        self._gone = 0.0
 
     def judge(self, window: Window) -> None:
         """Take in a window; the tilt counts only where the heads tell the rotation."""
         self.reach = self._anywhere
         self.scale = self._noise_scale
         if not (window.has("tilt") and window.has("heads")):
-            self._still = self._repeated = None
-            self._agreeing = 0.0
+            self._still = self._repeated = self._calm = None
+            self._agreeing = self._gone = 0.0
             return
-        stuck = self._is_stuck(window)
+        stuck = self._is_stuck(window) or self._stands(window)
         step = self._step(window)
         wrong = stuck or step or self._beyond(window) or self._misread(window)
         self._measure_noise(window)
@@ -130,6 +138,18 @@ class TiltBelief:
             return f"stuck: the same reading for {run * window.duration * 1e3:.0f} ms"
         return ""
 
+    def _stands(self, window: Window) -> str:
+        """A reading that stays within its noise while what is described of it goes on: its first digits stick."""
+        near = self._instrument.resolution + SIGMAS * math.sqrt(2.0) * self._deviation(window)
+        if self._calm is None or _distance(window.pair("tilt"), self._calm.pair("tilt")) > near:
+            self._calm, self._gone = window, 0.0
+            return ""
+        self._gone = _distance(window.pair("tilt_surplus"), self._calm.pair("tilt_surplus"))
+        self._gone *= self._gone > 0.5 * near  # less is noise
+        if self._gone <= STANDING * near:
+            return ""
+        return f"stuck: it stays where it is while what is described of it goes {self._gone * 1e6:.3g} µrad"
+
     def _moved(self, window: Window) -> float:
         """How far the reading should have moved since it has been the same, rad; 0 where it is not."""
         return 0.0 if self._still is None else _distance(window.pair("tilt_surplus"), self._still.pair("tilt_surplus"))
@@ -146,7 +166,7 @@ class TiltBelief:
             again = self._excursion[1] / SIGMAS
         here = window.pair("tilt_surplus")
         off = 0.0 if self._repeated is None else max(self._moved(window), _distance(here, self._repeated))
-        return math.hypot(off, again)
+        return math.hypot(max(off, self._gone), again)
 
     def _step(self, window: Window) -> str:
         last = self._last
@@ -185,10 +205,18 @@ class TiltBelief:
             here = window.pair("tilt_surplus")
             for first, middle, last in zip(recent[-2], recent[-1], here, strict=True):
                 self._squares.append(min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6))
+            variance = window["tilt_variance"] or math.inf
+            for name in ("tilt_surplus_x", "tilt_surplus_y"):
+                self._within.append(min(window.scattering(name) ** 2 / variance, 1e6))
         if len(self._squares) >= SHORT:
             values = list(self._squares)
             # neighbours share windows, which leaves about half of them independent
-            excess = (sum(values[-n:]) / n / chi_square_bound(0.5 * n) for n in (2, SHORT, len(values)))
+            excess = [sum(values[-n:]) / n / chi_square_bound(0.5 * n) for n in (2, SHORT, len(values))]
+            for count in (2 * SHORT, len(self._within)):
+                latest = list(self._within)[-count:]
+                # as many independent ones as there are samples, of which a straight line takes two
+                samples = max(1, round((window.ticks - 2) * window["tilt_samples"] * len(latest)))
+                excess.append(sum(latest) / len(latest) / chi_square_bound(samples))
             self._noise_scale = math.sqrt(max(1.0, *excess))
 
     def _deviation(self, window: Window, *, stated: bool = False) -> float:

@@ -10,7 +10,7 @@ from pipeline.test_estimation import AZIMUTHS, SPEED, STAGE, START, in_order, ru
 
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
-from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, Window
+from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, SCATTERING, Window
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -50,7 +50,7 @@ def window(number, reading, *, there=True, described=0.0):
     mean[INDEX["tilt"]] = float(there)
     mean[INDEX["tilt_x"]], mean[INDEX["tilt_surplus_x"]] = reading, reading - described
     mean[INDEX["tilt_variance"]] = STAGE.autocollimator.noise**2
-    return Window(number, 0.01, 10, tuple(mean), np.zeros(2), 63, True)
+    return Window(number, 0.01, 10, tuple(mean), (0.0,) * len(SCATTERING), np.zeros(2), 63, True)
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 2), st.integers(1, 3)), max_size=60))
@@ -75,7 +75,8 @@ def test_a_reading_that_repeats_is_as_uncertain_as_it_should_have_moved(pace):
             break
         assert belief.scale * STAGE.autocollimator.noise >= pace * number
     assert number > 5
-    belief.judge(window(number + 1, 2e-6, described=pace * (number + 1)))
+    right = pace * (number + 1)
+    belief.judge(window(number + 1, right, described=right))
     assert belief.scale == 1.0
 
 
@@ -167,3 +168,53 @@ def test_a_contradiction_outlives_the_head_that_showed_it(gone, bias):
     deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))[:, :2]
     wrong = np.abs(motion.components[:, :2] - truth) > 6 * deviation
     assert wrong[judged].mean() <= 0.002
+
+
+def rippled(t0, frequency, size):
+    """What is shown has a ripple from a time on."""
+
+    def change(block):
+        t = (block.times_ns - START) * 1e-9
+        ripple = size * np.sin(2 * np.pi * frequency * t) * (t > t0)
+        return SampleBlock(
+            block.stamp_ns, block.names, block.rows + np.outer(ripple, [0.0] + [1.0] * len(block.names[1:]))
+        )
+
+    return change
+
+
+@pytest.mark.parametrize("frequency", [50.0, 100.0, 200.0])
+@pytest.mark.parametrize(("name", "size", "component"), [("autocollimator", 8e-6, 3), ("command", 4e-5, 5)])
+def test_a_ripple_in_step_with_the_windows_counts_as_noise(name, size, component, frequency):
+    """Its mean over each window is zero; a tenth of a second after it begins its size is in the deviations."""
+    _, result = run(in_order(changed(streams(), name, rippled(0.3, frequency, size))))
+    motion = error_motion_from_block(result)
+    t = (result.times_ns - START) * 1e-9
+    judged = (t > 0.4) & motion.observable[:, component]
+    truth = true_motion(t)[component] if component < 5 else 1e-5 * np.sin(2.0 * t)
+    error = motion.components[:, component] - truth
+    deviation = np.sqrt(motion.covariance[:, component, component])
+    assert judged.any()
+    assert (np.abs(error) > 6 * deviation)[judged].mean() <= 0.002
+
+
+def test_a_reading_whose_last_digits_alone_move_is_stuck():
+    """Until it shows, the uncertainty holds what the description has gone meanwhile."""
+    belief, gen, pace = TiltBelief(STAGE), np.random.default_rng(1), 2e-7
+    near = STAGE.autocollimator.resolution + 6 * STAGE.autocollimator.noise
+    for number in range(400):
+        belief.judge(window(number, gen.normal(0.0, 1e-7), described=pace * max(number - 50, 0)))
+        if belief.doubt:
+            break
+        gone = pace * max(number - 50, 0)
+        assert gone < near or 6 * belief.scale * STAGE.autocollimator.noise >= gone
+    assert belief.doubt.startswith("stuck")
+    assert number < 150
+
+
+def test_a_reading_that_follows_its_description_is_never_stuck():
+    belief, gen = TiltBelief(STAGE), np.random.default_rng(1)
+    for number in range(2000):
+        described = 5e-5 * np.sin(0.01 * number)
+        belief.judge(window(number, described + gen.normal(0.0, 2e-7), described=described))
+        assert not belief.doubt
