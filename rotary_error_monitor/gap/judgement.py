@@ -27,6 +27,7 @@ from rotary_error_monitor.gap.posterior import (
 )
 from rotary_error_monitor.gap.prior_conflict import find_left
 from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.shrink import measure_gap
 from rotary_error_monitor.gap.standing import standing_departures
 from rotary_error_monitor.gap.steps import Selection, Step
 from rotary_error_monitor.gap.verdict import REJECTED, Verdict, cancelled_in, probability_of_unknown
@@ -259,8 +260,8 @@ def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...]) -> Poste
     best = _weighed(problem, step, fit)
     if best.near:
         departing = with_departures(problem, fit)
-        if departing is not fit:
-            best = max(best, _weighed(problem, step, departing), key=lambda posterior: posterior.total)
+        if departing is not fit and (weighed := _that_predicts(problem, _weighed(problem, step, departing), fit)):
+            best = max(best, weighed, key=lambda posterior: posterior.total)
     needless, instead = _departures_instead(problem, step, best.fit)
     return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
 
@@ -282,10 +283,21 @@ def _departures_instead(
         others = fit_causes(problem, (*fit.causes[:k], *fit.causes[k + 1 :]))
         departing = with_departures(problem, others, false_alarms)
         odds[cause.key] = marginal_likelihood(departing) - marginal_likelihood(fit) - step.table.log_prior(member)
-        if odds[cause.key] > 0:
-            posterior = _weighed(problem, step, departing)
+        if odds[cause.key] > 0 and (posterior := _that_predicts(problem, _weighed(problem, step, departing), others)):
             likelier.append((odds[cause.key], replace(posterior, fit=departing.without_data())))
     return odds, [posterior for _, posterior in sorted(likelier, key=lambda row: -row[0])]
+
+
+def _that_predicts(problem: Problem, departing: Posterior, textbook: Fit) -> Posterior | None:
+    """Causes as they depart, unless that predicts conditions that were left out no better than their textbook forms.
+
+    Beside something unknown two departures that look nearly the same may cancel, each larger than the cause: what they
+    describe is this recording, and nothing that stays.
+    """
+    if departing.settled:
+        return departing
+    with_them, without = (measure_gap(fit, problem.conditions).after for fit in (departing.fit, textbook))
+    return departing if with_them < without else None
 
 
 def _weighed(problem: Problem, step: Step, fit: Fit) -> Posterior:

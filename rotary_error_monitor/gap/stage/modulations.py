@@ -151,8 +151,13 @@ def neighbouring(cause: Cause) -> list[Cause]:
         return []
     order = order_of(cause.location)
     near = {*range(order - NEIGHBOURS, order + NEIGHBOURS + 1), 2 * order} - {order}
-    places = [order_location(k) for k in sorted(near) if 1 <= k <= effect.orders]
+    places = [order_location(k) for k in sorted(near) if effect.lowest <= k <= effect.orders]
     return [Cause(effect, place, effect.start(place)) for place in places]
+
+
+def goes_by_another_name(cause: Cause) -> bool:
+    """Whether an effect is of an order that another effect makes: what departs then departs from that one."""
+    return bool(cause.effect.orders) and order_of(cause.location) < cause.effect.lowest
 
 
 def one_by_one(causes: Sequence[Cause], sizes: Array) -> list[Cause]:

@@ -23,6 +23,7 @@ from rotary_error_monitor.gap.stage.experiments import advise
 from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
 from rotary_error_monitor.gap.stage.modulations import (
     StageModulations,
+    goes_by_another_name,
     linear_values,
     neighbouring,
     next_order,
@@ -185,6 +186,8 @@ class StageProblem:
     def own_departures(self, place: int, causes: Sequence[Cause]) -> Departures:
         """Those of the cause at one place among the causes, as rows that are kept."""
         cause = causes[place]
+        if goes_by_another_name(cause):
+            return Departures(place, (), (), np.zeros(0), {})
         linear, amplitudes = linear_values(cause)
         sizes, neighbours = amplitude_sizes(cause), neighbouring(cause)
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
