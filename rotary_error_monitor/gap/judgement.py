@@ -260,7 +260,7 @@ def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...]) -> Poste
     best = _weighed(problem, step, fit)
     if best.near:
         departing = with_departures(problem, fit)
-        if departing is not fit and (weighed := _that_predicts(problem, _weighed(problem, step, departing), fit)):
+        if departing is not fit and _predicts(problem, weighed := _weighed(problem, step, departing)):
             best = max(best, weighed, key=lambda posterior: posterior.total)
     needless, instead = _departures_instead(problem, step, best.fit)
     return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
@@ -283,21 +283,21 @@ def _departures_instead(
         others = fit_causes(problem, (*fit.causes[:k], *fit.causes[k + 1 :]))
         departing = with_departures(problem, others, false_alarms)
         odds[cause.key] = marginal_likelihood(departing) - marginal_likelihood(fit) - step.table.log_prior(member)
-        if odds[cause.key] > 0 and (posterior := _that_predicts(problem, _weighed(problem, step, departing), others)):
+        if odds[cause.key] > 0 and _predicts(problem, posterior := _weighed(problem, step, departing)):
             likelier.append((odds[cause.key], replace(posterior, fit=departing.without_data())))
     return odds, [posterior for _, posterior in sorted(likelier, key=lambda row: -row[0])]
 
 
-def _that_predicts(problem: Problem, departing: Posterior, textbook: Fit) -> Posterior | None:
-    """Causes as they depart, unless that predicts conditions that were left out no better than their textbook forms.
+def _predicts(problem: Problem, departing: Posterior) -> bool:
+    """Whether causes as they depart predict conditions that were left out better than no cause does.
 
     Beside something unknown two departures that look nearly the same may cancel, each larger than the cause: what they
     describe is this recording, and nothing that stays.
     """
     if departing.settled:
-        return departing
-    with_them, without = (measure_gap(fit, problem.conditions).after for fit in (departing.fit, textbook))
-    return departing if with_them < without else None
+        return True
+    gap = measure_gap(departing.fit, problem.conditions)
+    return gap.after < gap.before
 
 
 def _weighed(problem: Problem, step: Step, fit: Fit) -> Posterior:

@@ -41,9 +41,16 @@ from rotary_error_monitor.testing import Cell
 LARGEST_SHARE = 5.0
 """Corrected tool error in percent of the uncorrected that is still right."""
 
+LARGEST_LATE = 10.0
+"""Part of the time, percent, in which corrections may be held or late: beyond, the computer is too slow."""
+
 STARTING = 60.0
 _TICK = 0.1
 _SAYING = ("compensation: correction", "linuxcnc_bridge: corrections")
+_RETURN = 1.2
+"""How long around a moment in which corrections were held or late they may not be in effect, s: a state is said within
+a second, and corrections come back at their rate limit."""
+
 _AXIAL = 2
 _STANDSTILL = 1e-9
 _PACE = {"block_period": 0.04, "period": 0.01, "correction_period": 0.01, "rate": 100.0}
@@ -92,14 +99,15 @@ class Witness:
         observations: what the controller made of program and offsets.
         failures: of each process that did not end with exit code 0, how it ended and what it wrote.
         corrections: what the bridge said of the corrections at the end.
-        looks: one for each tenth of a second of the program: whether corrections then were held, or came too late.
+        looks: one for each tenth of a second of the program: its timestamp (ns), and whether corrections were held, or
+            came too late.
     """
 
     epoch_ns: int
     observations: list[Observation] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
     corrections: str = ""
-    looks: list[bool] = field(default_factory=list)
+    looks: list[tuple[int, bool]] = field(default_factory=list)
 
     def note(self, record: Record) -> None:
         """Keep an observation."""
@@ -238,11 +246,22 @@ def figures(errors: ToolErrors, witness: Witness) -> list[Row]:
         for index, axis in enumerate("xyz"):
             rms = float(np.sqrt(np.mean(offsets[:, index] ** 2)))
             rows.append(Row(f"{name} correction: RMS in {axis} of the workpiece (um)", rms * 1e6))
-    rows.append(Row("corrected in percent of uncorrected", 100 * total["with"] / total["without"], LARGEST_SHARE, 2))
-    late = 100.0 * float(np.mean(witness.looks)) if witness.looks else 0.0
-    rows.append(Row("corrections late or held, in percent of the time", late, None, 1))
+    in_time = _in_time(errors.stamp_ns, witness.looks)
+    before, after = (np.sum(each[in_time, :3] ** 2) for each in (errors.before, errors.after))
+    share = 100 * float(np.sqrt(after / before)) if in_time.any() else np.inf
+    rows.append(Row("corrected in percent of uncorrected", 100 * total["with"] / total["without"]))
+    rows.append(Row("the same where corrections came in time", share, LARGEST_SHARE, 2))
+    late = 100.0 * float(np.mean([late for _, late in witness.looks])) if witness.looks else 0.0
+    rows.append(Row("corrections late or held, in percent of the time", late, LARGEST_LATE, 1))
     rows.append(Row("processes that ended badly", len(witness.failures), 0, 0))
     return rows
+
+
+def _in_time(stamp_ns: NDArray[np.int64], looks: Sequence[tuple[int, bool]]) -> NDArray[np.bool_]:
+    """(n,) whether corrections were in effect: they were neither held nor late `_RETURN` before and after."""
+    apart = round(_RETURN * NANOSECONDS)
+    late = np.sort(np.array([stamp for stamp, is_late in looks if is_late], np.int64))
+    return np.asarray(np.searchsorted(late, stamp_ns - apart) == np.searchsorted(late, stamp_ns + apart))
 
 
 def travel_directions(positions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -302,7 +321,7 @@ def _watch(cell: Cell, cnc: Instance, program: Path, options: LinuxcncRun, witne
             cell.spin_for(_TICK)
             before, refused = refused, _refused(cell)
             held = any(cell.status(name).message.startswith("held") for name in _SAYING)
-            witness.looks.append(held or refused > before)
+            witness.looks.append((time.time_ns(), held or refused > before))
             progress.update(time.monotonic() - begin - progress.n)
         said = operation.stderr.read() if operation.stderr is not None else ""
     if operation.returncode != 0:

@@ -22,7 +22,7 @@ from rotary_error_monitor.sources.mock import MockSettings
 
 EPOCH_NS = 1_000_000_000_000
 COUNT = 400
-SHARE = "corrected in percent of uncorrected"
+SHARE = "the same where corrections came in time"
 LATE = "corrections late or held, in percent of the time"
 TABLE = RotaryTableKinematics((0.0, 0.0, 0.0), (0.020, 0.010))
 OPTIONS = LinuxcncRun()
@@ -99,6 +99,24 @@ def test_corrections_that_come_late_or_are_held_fail_the_run(machine):
     held = np.repeat(ideal[:1], COUNT, axis=0)
     assert share(machine, ideal).value < share(machine, late).value < share(machine, held).value
     assert not share(machine, held).ok
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_a_computer_that_is_late_is_told_from_corrections_that_are_wrong(machine, slow):
+    """Held for 0.2 s of 4 s: the rest is judged, and how much that was has a bound of its own."""
+    _, joints = program(np.zeros((COUNT, 5)))
+    corrections = ideal_corrections(machine, joints)
+    corrections[100:120] = corrections[100]
+    corrections[300:] *= 0.5 if slow else 1.0
+    witness, _ = program(corrections)
+    witness.looks = [(EPOCH_NS + k * 100_000_000, k in (11, 12)) for k in range(41)]
+    rows = {row.name: row for row in figures(evaluate(witness, machine, load_stage(), OPTIONS), witness)}
+    assert rows[LATE].value == pytest.approx(100 * 2 / 41)
+    assert rows[LATE].ok
+    assert rows[SHARE].ok == (not slow)
+    witness.looks = [(stamp, True) for stamp, _ in witness.looks]
+    rows = {row.name: row for row in figures(evaluate(witness, machine, load_stage(), OPTIONS), witness)}
+    assert not rows[LATE].ok and not rows[SHARE].ok
 
 
 def test_a_process_that_ends_badly_fails_the_run(machine):
