@@ -112,8 +112,12 @@ def run(
     change: Change = lambda _, positions, velocities: (positions, velocities),
     temperature: Callable[[float, float], float | None] = lambda _, value: value,
     description: MachineDescription = MACHINE,
+    ahead: Callable[[float], float] = lambda _: 0.0,
 ) -> Run:
-    """The compensation of a machine, its joint states and temperatures changed by a fault."""
+    """The compensation of a machine, its joint states and temperatures changed by a fault.
+
+    Joint states are stamped ahead of their time (s) by `ahead`, s.
+    """
     compensator, found = Compensator(description), Run()
     for ms in range(0, round(DURATION * 1e3), 5):
         t = ms * 1e-3
@@ -121,7 +125,7 @@ def run(
             compensator.push_temperature(value, START + ms * MS)
         if ms % 10 == 0 and (state := change(t, *machine.joint_state(t))) is not None:
             try:
-                compensator.accept_joint_state(START + ms * MS, *state)
+                compensator.accept_joint_state(START + ms * MS + round(ahead(t) * 1e9), *state)
             except InputError as error:
                 found.said.append((t, str(error)))
         result = compensator.push_error_motion(machine.motion_block(ms))

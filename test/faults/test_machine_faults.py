@@ -93,6 +93,17 @@ def frozen(machine: Machine, begin: float, end: float):
     return change
 
 
+def abrupt(machine: Machine, begin: float) -> tuple[str, float]:
+    """The axis of XYZA that comes to a time (s) fastest, by what its brakes take away between two states of 10 ms."""
+    moving = {
+        axis.letter: abs(float(machine.axis(axis.letter, begin)[1])) / (axis.quickest * 0.01)
+        for axis in MACHINE.axes
+        if axis.letter != "C"
+    }
+    letter = max(moving, key=lambda each: moving[each])
+    return letter, moving[letter]
+
+
 def silent(begin: float, end: float):
     def change(t, q, v):
         return None if begin <= t < end else (q, v)
@@ -175,6 +186,19 @@ def test_what_no_joint_state_can_be_moves_nothing(name, seed):
     ),
     Row(
         "joints",
+        "Joint states are frozen under fresh stamps, with velocities left out or 0",
+        "`compensation: correction`: the axis is frozen, it stood at once from so many m/s",
+        "an axis that comes to stand faster than its stated `acceleration` can stop it, with a stamp off by 5 ms,"
+        " is not believed until it moves or the controller pauses for 0.5 s; of states 10 ms apart at 5 m/s² that is"
+        " one that went at more than 0.06 m/s. A slower one may as well have stopped: positions alone do not tell. The"
+        " monitored axis is held against its encoder heads as well, so a driver that freezes while it turns is seen"
+        " within 0.05 rad",
+        "for 25 ms, or two states, corrections for where it stood; then held. Of a slower axis corrections for where it"
+        " stood, without a word, as long as it is frozen: let the driver give velocities, or stop stamping",
+        _RECOVERED,
+    ),
+    Row(
+        "joints",
         "Joint states fall silent",
         "`compensation: correction`: no joint states for so many s",
         "the last one counts for 0.5 s, carried on with its speed",
@@ -189,6 +213,78 @@ def test_joint_states_that_stand_or_end(seed):
     check(seed, run(machine, frozen(machine, begin, end)), begin, end, "axis . is frozen: it says that it moved")
     silence = "joint states .* s old" if end - begin > 0.6 else ""
     check(seed, run(machine, silent(begin, end)), begin, end, silence)
+
+
+@pytest.mark.parametrize("velocities", ["left out", "zero"])
+@pytest.mark.parametrize("together", [True, False])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_joint_states_that_stand_and_say_nothing_of_speeds(seed, together, velocities):
+    machine, (_, begin, end) = Machine(seed), drawn(seed)
+    times = begin + 0.01 * np.arange(100)
+    begin, end = max((abrupt(machine, t)[1], t, t + end - begin) for t in times.tolist())[1:]
+    letter, speed = abrupt(machine, begin)
+    if speed < 1.3:
+        pytest.skip("no axis of this machine is faster than what it may have braked from")
+    still = "XYZA" if together else letter
+    standing = machine.joint_state(math.ceil(begin * 100.0) / 100.0)[0]
+
+    def change(t, q, v):
+        stands = still if begin <= t < end else ""
+        return (
+            {k: standing[k] if k in stands else q[k] for k in q},
+            {k: 0.0 if k in stands else v[k] for k in v} if velocities == "zero" else {},
+        )
+
+    check(seed, run(machine, change), begin, end, "axis . is frozen: it stood at once from")
+
+
+@shows(
+    Row(
+        "joints",
+        "The first joint states are wrong: all zeros of a driver that is not connected yet, or off by centimetres",
+        "`compensation: correction`: no joint states, of a single wrong one; or held, they are not believed",
+        "what lasted for less than 0.5 s before a jump gives way to what lasts for 0.5 s after it; what lasted longer"
+        " is believed against it",
+        "held for 0.5 s from the first right one; before it nothing of a single wrong one, and corrections for where"
+        " they say of more",
+        "0.5 s after the first sound joint state; of zeros that lasted for longer with a pause of 0.5 s, or a reset",
+    )
+)
+@pytest.mark.parametrize("wrong", ["all zeros", "off by centimetres"])
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_joint_states_that_begin_wrong(seed, count, wrong):
+    end = 0.01 * count - 0.005  # before it nothing is known of where the axes go, and that is said
+
+    def change(t, q, v):
+        if t > end:
+            return q, v
+        return (dict.fromkeys(q, 0.0), dict.fromkeys(v, 0.0)) if wrong == "all zeros" else (q | {"X": 0.08 - q["X"]}, v)
+
+    check(seed, run(Machine(seed), change), 0.0, end, "joint states are not believed|no joint states")
+
+
+@shows(
+    Row(
+        "joints",
+        "A single joint state is stamped ahead of its time",
+        "`compensation: correction`: a jump, where an axis is fast enough for it; those that come before its stamp are"
+        " refused as late",
+        "the state that fits neither what was before nor what comes after is the wrong one, where those fit each other",
+        "until its stamp has passed, corrections for where the axes were; then held for one joint state",
+        "with the second joint state after its stamp, where axes go a steady way; of states 0.2 s apart it may need a"
+        " pause of 0.5 s, or a reset",
+    )
+)
+@pytest.mark.parametrize("ahead", [0.03, 0.06, 0.09])
+@pytest.mark.parametrize("seed", range(SEEDS.start, SEEDS.stop + 1))
+def test_a_joint_state_that_is_stamped_ahead(seed, ahead):
+    _, begin, _ = drawn(seed)
+    found = run(Machine(seed), ahead=lambda t: ahead if begin <= t < begin + 0.01 else 0.0)
+    verdict = compare(healthy(seed), found, begin, begin + 0.01 + ahead)
+    assert verdict.wrong == 0.0, verdict
+    assert verdict.recovered <= 0.2, verdict
+    assert max(found.corrections) > max(healthy(seed).corrections) - 100 * 1_000_000
 
 
 @shows(

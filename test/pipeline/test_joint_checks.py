@@ -162,3 +162,142 @@ def test_an_axis_that_is_not_named_is_not_judged():
     rows = smooth()
     rows[:, 4] = np.nan
     assert set(judged(rows)[1]) == {""}
+
+
+def told(axis, stamps, places, speeds):
+    """What is said of joint states with stamps (s) in which one axis is at `places` and the others stand."""
+    checks, rows = JointChecks(MACHINE), np.zeros((len(stamps), len(MACHINE.axes)))
+    rows[:, axis] = places
+    said = [checks.judge(round(t * 1e9), row, speeds) for t, row in zip(stamps.tolist(), rows, strict=True)]
+    return np.array(said)
+
+
+def braking(speed, deceleration):
+    """Course, m or rad at times in s, of an axis that comes at a speed, brakes, and stands at 0 from 0 s on."""
+
+    def course(t):
+        left = np.maximum(-np.asarray(t, float), 0.0)
+        brakes = np.minimum(left, abs(speed) / deceleration)
+        return -np.sign(speed) * (0.5 * deceleration * brakes**2 + abs(speed) * (left - brakes))
+
+    return course
+
+
+@pytest.mark.parametrize("velocities", ["left out", "zero"])
+@pytest.mark.parametrize("rate", [20.0, 50.0, 100.0, 333.0, 1000.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_an_axis_that_stands_at_once_though_it_cannot_brake_as_fast_is_frozen(seed, rate, velocities):
+    """From 1.5 times the speed that its brakes take away in a period, or in 5 ms where messages come faster."""
+    draw = np.random.default_rng([seed, int(rate)])
+    axis = int(draw.integers(len(MACHINE.axes)))
+    described = MACHINE.axes[axis]
+    least = 1.5 * described.quickest * max(1.0 / rate, 5e-3)
+    speed = draw.choice([-1, 1]) * draw.uniform(least, max(least, 0.9 * described.fastest))
+    stamps = np.arange(-0.3, 0.35, 1.0 / rate) + draw.uniform(0.0, 1.0 / rate)
+    course = speed * stamps
+    frozen = (stamps > 0.0) & (stamps <= 0.2)
+    course[frozen] = course[stamps <= 0.0][-1]
+    said = told(axis, stamps, course, SPEEDS if velocities == "zero" else {})
+    assert set(said[stamps <= 0.0]) == {""}
+    late = max(0.03, 2.0 / rate)
+    seen = set(said[frozen & (stamps > late)])
+    assert seen
+    assert all(f"axis {described.letter} is {FROZEN}" in each for each in seen), seen
+    assert set(said[stamps > 0.2]) == {""}, "believed as soon as it is where the axis is"
+
+
+@settings(deadline=None, max_examples=300)
+@given(
+    seed=st.integers(0, 2**31),
+    rate=st.sampled_from([5.0, 20.0, 50.0, 100.0, 333.0, 1000.0]),
+    jitter=st.sampled_from([0.0, 1e-3, 2.5e-3]),
+    rounded=st.sampled_from([0.0, 1e-6, 1e-5]),
+)
+def test_an_axis_that_brakes_as_hard_as_it_may_and_stands_is_believed(seed, rate, jitter, rounded):
+    """Any axis and speed, with stamps that are off either way and positions that are rounded."""
+    draw = np.random.default_rng(seed)
+    axis = int(draw.integers(len(MACHINE.axes)))
+    described = MACHINE.axes[axis]
+    course = braking(draw.choice([-1, 1]) * draw.uniform(0.0, described.fastest), described.quickest)
+    times = np.arange(-0.4, 1.0, 1.0 / rate) + draw.uniform(0.0, 1.0 / rate)
+    jitter = min(jitter, 0.4 / rate)
+    places = course(times)
+    places = np.round(places / rounded) * rounded if rounded else places
+    said = told(axis, times + draw.uniform(-jitter, jitter, len(times)), places, {})
+    assert set(said) == {""}
+
+
+@settings(deadline=None, max_examples=100)
+@given(seed=st.integers(0, 2**31), rate=st.sampled_from([100.0, 333.0, 1000.0]), stall=st.floats(0.0, 0.02))
+def test_an_axis_that_brakes_in_a_stall_of_the_controller_is_believed(seed, rate, stall):
+    """Messages of the stall repeat the position before it; the first after it says where the axis is by then."""
+    draw = np.random.default_rng(seed)
+    axis = int(draw.integers(len(MACHINE.axes)))
+    described = MACHINE.axes[axis]
+    course = braking(draw.uniform(0.0, described.fastest), described.quickest)
+    times = np.arange(-0.4, 1.0, 1.0 / rate) + draw.uniform(0.0, 1.0 / rate)
+    begin = draw.uniform(-0.06, 0.01)
+    looked = np.where((times > begin) & (times <= begin + stall), begin, times)
+    assert not [each for each in told(axis, times, course(looked), {}) if FROZEN in each]
+
+
+def course_of(seed, rate, duration):
+    """Stamps (s) and rows of a machine of which each axis swings within its limits."""
+    draw = np.random.default_rng([seed, int(rate)])
+    stamps = np.arange(0.0, duration, 1.0 / rate) + draw.uniform(0.0, 1.0 / rate)
+    rows = np.empty((len(stamps), len(MACHINE.axes)))
+    for i, axis in enumerate(MACHINE.axes):
+        size = min(0.4 * (axis.travel[1] - axis.travel[0]), 5.0) * draw.uniform(0.2, 1.0)
+        angular = draw.uniform(0.3, 0.9) * min(axis.fastest / size, math.sqrt(axis.quickest / size))
+        rows[:, i] = size * np.sin(angular * stamps + draw.uniform(0.0, 2.0 * np.pi))
+    return stamps, rows
+
+
+def judged_at(stamps, rows):
+    checks = JointChecks(MACHINE)
+    return np.array([checks.judge(round(t * 1e9), row, {}) for t, row in zip(stamps.tolist(), rows, strict=True)])
+
+
+@pytest.mark.parametrize("count", [1, 2, 10])
+@pytest.mark.parametrize("rate", [5.0, 20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("wrong", ["all zeros", "off by centimetres"])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_course_that_begins_wrong_is_over_within_a_second(seed, wrong, rate, count):
+    stamps, rows = course_of(seed, rate, 6.0)
+    count = min(count, math.ceil(0.3 * rate))
+    if wrong == "all zeros":
+        rows[:count] = 0.0
+    else:
+        rows[:count, 0] = 0.5 * rows[:count, 0] + 0.08
+    said = judged_at(stamps, rows)
+    assert set(said[stamps > stamps[count - 1] + 0.9]) == {""}
+    if rate >= 100.0:
+        far = np.abs(rows[count] - rows[count - 1]) > [axis.fastest * 0.02 for axis in MACHINE.axes]
+        assert not far.any() or all(JUMP in each for each in said[count : count + int(0.3 * rate)])
+
+
+@pytest.mark.parametrize("ahead", [0.01, 0.03, 0.06, 0.09])
+@pytest.mark.parametrize("rate", [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_joint_state_that_is_stamped_ahead_is_over_when_its_stamp_is(seed, rate, ahead):
+    """Those of before its stamp are not taken: they come after it."""
+    stamps, rows = course_of(seed, rate, 4.0)
+    which = len(stamps) // 2
+    kept = (stamps > stamps[which] + ahead + 1e-6) | (np.arange(len(stamps)) <= which)
+    stamps[which] += ahead
+    said = judged_at(stamps[kept], rows[kept])
+    assert set(said[:which]) == {""}
+    assert set(said[stamps[kept] > stamps[which] + max(0.3, 2.0 / rate)]) == {""}
+
+
+@pytest.mark.parametrize("rate", [5.0, 20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_an_offset_beyond_what_the_axis_can_go_stays_wrong_at_any_rate(seed, rate):
+    stamps, rows = course_of(seed, rate, 8.0)
+    period = 1.0 / rate
+    rows[:, 0] = 0.2 * rows[:, 0] - 0.1  # with its offset it is within its travel
+    after = stamps > 1.0
+    rows[after, 0] += MACHINE.axes[0].fastest * (1.2 * period + 5e-3) + 0.01
+    said = judged_at(stamps, rows)
+    assert set(said[~after]) == {""}
+    assert all(each for each in said[after])
