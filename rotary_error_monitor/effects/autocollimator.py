@@ -125,7 +125,7 @@ class MirrorFlatness(StageEffect):
     acts_on = (AUTOCOLLIMATOR,)
     orders = 100
     falling = True
-    lowest = first = 2  # a mirror's surface turns with it: what turns backwards at order 1 is no mirror's
+    lowest = 2
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the order to the mirror's flatness."""

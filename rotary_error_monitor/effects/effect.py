@@ -81,7 +81,6 @@ class Effect(Generic[Description]):
         orders: largest order K of a family located at `order_K`; 0 for other effects.
         falling: whether lower orders are likelier, as in the shape of a part; else all are alike, as with gears.
         lowest: lowest order that has a meaning of its own.
-        first: lowest order that is looked for; below, what is physical of it is another effect.
     """
 
     name: ClassVar[str] = ""
@@ -91,7 +90,6 @@ class Effect(Generic[Description]):
     orders: ClassVar[int] = 0
     falling: ClassVar[bool] = False
     lowest: ClassVar[int] = 1
-    first: ClassVar[int] = 1
 
     @classmethod
     def is_concrete(cls) -> bool:

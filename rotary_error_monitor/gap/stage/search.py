@@ -50,8 +50,7 @@ class StageSearch:
             if effect.orders:
                 chosen = {order for group in effect.stands_out_in for order in groups.get(group, ())}
                 chosen |= {*LOWEST_ORDERS, *self._described_orders()}
-                looked_for = sorted(order for order in chosen if effect.first <= order <= effect.orders)
-                found += [self._of_order(effect, order) for order in looked_for]
+                found += [self._of_order(effect, order) for order in sorted(chosen) if order <= effect.orders]
             elif getattr(effect, "is_step", False):
                 found += self._steps(effect, rest)
             elif getattr(effect, "wave", None):
