@@ -7,6 +7,7 @@ in replay the same ones are. Only the clock is held against the time of arrival,
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass, field
 
@@ -17,6 +18,7 @@ from rotary_error_monitor.errors import InputError
 
 NOT_FINITE = "not finite"
 LATE = "not after the one before"
+ASTRAY = "stamped later than those behind it"
 BEYOND = "beyond what the instrument can show"
 FAST = "faster than the axis can turn"
 SPIKE = "a spike"
@@ -40,6 +42,12 @@ normal noise one in two million does."""
 
 LARGEST_ANGLE = 1e7
 """An unwrapped angle, rad, beyond which float64 no longer holds a thousandth of a count of the finest encoders."""
+
+AHEAD_NS = 100_000_000
+"""How far a stamp may be ahead of the clock, ns: less than an estimate waits for a stream that stays behind, and more
+than the clocks of well kept computers differ by."""
+
+_BEFORE_ALL, _AFTER_ALL = -(2**62), 2**62
 
 Samples = tuple[NDArray[np.int64], NDArray[np.float64]]
 
@@ -95,9 +103,15 @@ class Admission:
         self._waiting: Samples | None = None
         self._tail = np.empty((0, 0))
 
-    def admit(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Samples:
-        """What can be believed of samples `values` (n, k) at `times` (n,), ns; the last may wait for the next call."""
-        times, values = self._in_order(times, values)
+    def admit(self, times: NDArray[np.int64], values: NDArray[np.float64], until_ns: int | None = None) -> Samples:
+        """What can be believed of samples `values` (n, k) at `times` (n,), ns; the last may wait for the next call.
+
+        Args:
+            times: timestamps (ns).
+            values: one row for each of them.
+            until_ns: what is stamped later than this, timestamp (ns), is in the future; None where no clock tells.
+        """
+        times, values = self._in_order(times, values, _AFTER_ALL if until_ns is None else until_ns)
         if len(times) == 0:
             return times, values
         values, kept = self._continuous(times, values)
@@ -114,22 +128,32 @@ class Admission:
         if self._last is not None:
             self._last = self._last - TURN * turns
 
-    def _in_order(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Samples:
-        """Samples that are finite, within range and after all that came before."""
-        before = -(2**62) if self._newest_ns is None else self._newest_ns
+    def _in_order(self, times: NDArray[np.int64], values: NDArray[np.float64], until_ns: int) -> Samples:
+        """Samples that are finite, within range, not in the future and in order after all that came before.
+
+        Of those that came together as many as can be in order are: a single wrong stamp costs its own sample, not those
+        behind it.
+        """
+        before = _BEFORE_ALL if self._newest_ns is None else self._newest_ns
         good = np.abs(values) <= self.limits.largest  # false for NaN
-        if len(times) and times[0] > before and bool((times[1:] > times[:-1]).all()) and bool(good.all()):
+        rising = len(times) > 0 and times[0] > before and bool((times[1:] > times[:-1]).all())
+        if rising and times[-1] <= until_ns and bool(good.all()):
             return times, values
         finite: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
-        within: NDArray[np.bool_] = np.asarray(good.all(axis=1))
-        usable = np.where(finite & within, times, before)
-        newest = np.maximum.accumulate(np.concatenate([[before], usable[:-1]]))
-        fresh = times > newest
-        when = np.maximum(times, newest)
+        sound: NDArray[np.bool_] = finite & np.asarray(good.all(axis=1))
+        ahead: NDArray[np.bool_] = times > until_ns
+        usable = sound & ~ahead
+        kept = usable & (times > before)
+        kept[kept] = _rising(times[kept])
+        newest = np.maximum.accumulate(np.concatenate([[before], np.where(kept, times, before)[:-1]]))
+        astray = usable & ~kept & (times > newest)
+        when = np.maximum(np.where(ahead | astray, newest, times), newest)
         self._count(NOT_FINITE, ~finite, when)
-        self._count(BEYOND, finite & ~within, when)
-        self._count(LATE, ~fresh & finite & within, when)
-        return times[finite & within & fresh], values[finite & within & fresh]
+        self._count(BEYOND, finite & ~sound, when)
+        self._count(FUTURE, sound & ahead, when)
+        self._count(ASTRAY, astray, when)
+        self._count(LATE, usable & ~kept & ~astray, when)
+        return times[kept], values[kept]
 
     def _continuous(
         self, times: NDArray[np.int64], values: NDArray[np.float64]
@@ -216,13 +240,12 @@ class ArrivalCheck:
 
     Attributes:
         max_age_ns: a message whose newest sample is older than this at its arrival is refused.
-        ahead_ns: how far a stamp may be ahead of the clock: less than an estimate waits for a stream that stays behind,
-            and more than the clocks of well kept computers differ by.
+        ahead_ns: how far a stamp may be ahead of the clock, see `AHEAD_NS`.
         refused: messages by reason.
     """
 
     max_age_ns: int = 1_000_000_000
-    ahead_ns: int = 100_000_000
+    ahead_ns: int = AHEAD_NS
     refused: Counter[str] = field(default_factory=Counter)
     _behind: bool = False
 
@@ -232,16 +255,23 @@ class ArrivalCheck:
                 f"an age limit of {self.max_age_ns} ns and {self.ahead_ns} ns ahead; expected above 0 and at least 0"
             )
 
+    def newest_of(self, times: NDArray[np.int64], arrival_ns: int) -> int:
+        """Timestamp (ns) of the newest of samples at `times` (n,) that is not in the future; of all, where all are."""
+        newest = int(times.max())
+        if newest - arrival_ns <= self.ahead_ns:
+            return newest
+        come = times[times <= arrival_ns + self.ahead_ns]
+        return int(come.max()) if len(come) else newest
+
     def judge(self, newest_ns: int, arrival_ns: int) -> str:
         """Why a message with its newest sample at `newest_ns` is refused at `arrival_ns`, timestamps; empty if not.
 
         Once one was too old, all are refused until they come within half of that age: a backlog must not stay, but a
         computer that is always somewhat late must come back.
         """
+        if refusal := self.judge_ahead(newest_ns, arrival_ns):
+            return refusal
         age_ns = arrival_ns - newest_ns
-        if age_ns < -self.ahead_ns:
-            self.refused[FUTURE] += 1
-            return f"{FUTURE}: {_duration(-age_ns)} ahead of this computer's clock; are all clocks alike?"
         limit_ns = self.max_age_ns // 2 if self._behind else self.max_age_ns
         self._behind = age_ns > limit_ns
         if self._behind:
@@ -250,9 +280,42 @@ class ArrivalCheck:
             return f"{OLD}: {_duration(age_ns)}, {limit}; are the clocks of all computers alike?"
         return ""
 
+    def judge_ahead(self, newest_ns: int, arrival_ns: int) -> str:
+        """The same of what is in the future alone: of a recording nothing is too old."""
+        if newest_ns - arrival_ns <= self.ahead_ns:
+            return ""
+        self.refused[FUTURE] += 1
+        return f"{FUTURE}: {_duration(newest_ns - arrival_ns)} ahead of this computer's clock; are all clocks alike?"
+
     def was_set_back(self, newest_ns: int | None, arrival_ns: int) -> bool:
         """Whether what was believed before is in the future now: the clock was set back."""
         return newest_ns is not None and newest_ns - arrival_ns > self.ahead_ns
+
+
+def _rising(times: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(n,) which of `times` (n,) to keep, so that they rise and are as many as can be.
+
+    Of equal ones the first is kept; where as many could be kept otherwise, those that end earlier: what is stamped
+    ahead would cost those that come next as well.
+    """
+    kept = np.ones(len(times), np.bool_)
+    if len(times) < 2 or bool((times[1:] > times[:-1]).all()):
+        return kept
+    ends: list[int] = []  # earliest stamp with which so many can end, and the place of it
+    places: list[int] = []
+    before: list[int] = []
+    for place, time in enumerate(times.tolist()):
+        length = bisect_left(ends, time)
+        before.append(places[length - 1] if length else -1)
+        if length == len(ends) or ends[length] != time:
+            ends[length : length + 1] = [time]
+            places[length : length + 1] = [place]
+    kept[:] = False
+    place = places[-1]
+    while place >= 0:
+        kept[place] = True
+        place = before[place]
+    return kept
 
 
 def _duration(ns: int) -> str:

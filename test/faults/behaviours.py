@@ -235,7 +235,7 @@ BEHAVIOUR = (
     Behaviour(
         ("head_time_equal", "head_time_falls", "blocks_overlapping", "blocks_duplicated"),
         "messages",
-        "samples refused: not after the one before; do two publish?",
+        "samples refused: not after the one before, or stamped later than those behind it; do two publish?",
         "they are left out; a stream with more than a tenth of them is not used",
         "everything",
         _LATCH,

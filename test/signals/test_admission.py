@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.admission import (
+    ASTRAY,
     BEYOND,
     FAST,
     FUTURE,
@@ -66,6 +69,41 @@ def test_times_that_do_not_rise_are_refused():
     admission = Admission(ANGLE)
     assert admit(admission, times, values)[0].tolist() == [t * 4 * MS for t in (0, 1, 2, 3, 5, 6, 8, 9)]
     assert admission.refused == {LATE: 2}
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.data(), st.sampled_from([0.02, 0.3, 1.5, 3600.0, 3e7]), st.integers(2, 60))
+def test_a_stamp_ahead_of_those_that_came_with_it_costs_only_its_own_sample(data, ahead, size):
+    """With a clock what is in the future is told by it, wherever it stands; without one by the order of the others."""
+    times, values = ramp()
+    begins = np.arange(0, 200 - size, size)
+    wrong = np.array([begin + data.draw(st.integers(0, size - 2)) for begin in begins])
+    stamps = times.copy()
+    stamps[wrong] += round(ahead * 1e9)
+    for clock in (True, False):
+        admission, taken = Admission(ANGLE), []
+        for begin in range(0, 200, size):
+            block = slice(begin, begin + size)
+            until = int(times[block][-1]) + 100 * MS if clock else None
+            taken.append(admission.admit(stamps[block], values[block], until)[0])
+        np.testing.assert_array_equal(np.concatenate(taken), np.delete(times, wrong))
+        latest = times[np.minimum(begins + size, 200) - 1] + 100 * MS
+        future = int(np.count_nonzero(stamps[wrong] > latest)) if clock else 0
+        assert admission.refused == +Counter({FUTURE: future, ASTRAY: len(wrong) - future})
+        assert admission.newest_ns == times[-1]
+        assert (np.diff(admission.refusals) >= 0).all() and admission.refusals[-1] <= times[-1]
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.lists(st.integers(0, 12), min_size=1, max_size=12))
+def test_of_stamps_in_disorder_as_many_are_taken_as_can_be_in_order(stamps):
+    times = np.array(stamps, np.int64)
+    taken = Admission().admit(times, np.zeros((len(times), 1)))[0]
+    assert (np.diff(taken) > 0).all()
+    longest = [1] * len(stamps)
+    for i in range(len(stamps)):
+        longest[i] += max([longest[j] for j in range(i) if stamps[j] < stamps[i]], default=0)
+    assert len(taken) == max(longest)
 
 
 @settings(deadline=None, max_examples=60)
@@ -157,6 +195,13 @@ def test_arrivals():
     assert check.was_set_back(now, now - 200 * MS)
     assert not check.was_set_back(now, now - 50 * MS)
     assert not check.was_set_back(None, now)
+
+
+def test_the_newest_of_a_block_is_what_is_not_in_the_future_wherever_it_stands():
+    check, now = ArrivalCheck(ahead_ns=100 * MS), 10_000 * MS
+    assert check.newest_of(np.array([1, 3, 2]) * MS, now) == 3 * MS
+    assert check.newest_of(np.array([now + 101 * MS, now + 99 * MS, 5]), now) == now + 99 * MS
+    assert check.newest_of(np.array([now + 200 * MS, now + 300 * MS]), now) == now + 300 * MS
 
 
 @pytest.mark.parametrize("wrong", [{"max_age_ns": 0}, {"ahead_ns": -1}])
