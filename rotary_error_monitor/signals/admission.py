@@ -36,9 +36,23 @@ SPREAD_OF_FIVE = 0.94
 """Standard deviation of a normal sample about the median of the five around it, over its own: the root of
 1 + 0.287 - 2 * 0.2."""
 
-WAITING_SIGMAS = 5.0
-"""A newest sample that stands off by more from where the two before it lead waits for the next one to be judged; of
-normal noise one in two million does."""
+WAITING_SIGMAS = 4.0
+"""A sample that is off by no more standard deviations from where the two before it lead is no spike and need not wait
+for the next ones to be judged; of normal noise one in 16,000 is off by more, and waits."""
+
+LAST, FEWEST = 12, 3
+"""Second differences by the middle one of which it is told how a signal goes: a spike of two samples bends four.
+Before the fewest nothing is known, and nothing is a spike."""
+
+SWINGS = 6.0
+"""How many times as much a sample may be off as the signal bent over the last ones: with less, beats of several orders
+are taken for spikes; with it, of waves of three orders at any rate, less than one sample in 100,000."""
+
+NOISY_SIGMAS = 2.6
+"""What normal noise bends the last samples by in the middle, standard deviations: seldom more, 1.65 on the average."""
+
+_CONTEXT = LAST + 3
+"""Samples before the one that is judged that can matter to it."""
 
 LARGEST_ANGLE = 1e7
 """An unwrapped angle, rad, beyond which float64 no longer holds a thousandth of a count of the finest encoders."""
@@ -194,39 +208,78 @@ class Admission:
         return True
 
     def _without_spikes(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Samples:
-        """Samples without those that stand off from the median of their five; newest ones that may be such wait.
+        """Samples without those that jump off from where the two before lead, and stand off from the median of five.
 
-        The others need not wait: what one sample costs in time, no estimate should pay for another. A step is none: the
-        median follows it.
+        How far they may is what noise allows or, where the signal bends more than that from sample to sample, a
+        multiple of what it did over the last ones. A step is none: the median follows it. Only what jumps off, and the
+        one behind it, waits for its neighbours: what one sample costs in time, no estimate should pay for another.
         """
         if self._waiting is not None:
             times, values = np.concatenate([self._waiting[0], times]), np.concatenate([self._waiting[1], values])
         before = len(self._tail)
         rows = np.concatenate([self._tail, values]) if before else values
-        spikes = np.zeros(len(rows), np.bool_)
-        if len(rows) >= 5:
-            five = np.stack([rows[i : len(rows) - 4 + i] for i in range(5)])
-            off = np.abs(rows[2:-2] - np.median(five, axis=0)).max(axis=1)
-            spikes[2:-2] = off > SPIKE_SIGMAS * SPREAD_OF_FIVE * self._noise
-        judged = max(len(values) - 2, 0)  # the last two have not all of their neighbours yet
-        free = judged + self._unsuspicious(rows[before + judged - 2 :] if before + judged >= 2 else rows[:0])
-        free = len(values) if before + judged < 2 else free
+        bends = np.abs(rows[2:] - 2 * rows[1:-1] + rows[:-2])  # of row i + 2
+        off = np.flatnonzero((bends > self._largest_bend).any(axis=1)) + 2
+        free, taken = len(values), None
+        if len(off) and off[-1] >= before - 1:
+            spikes, free = self._spikes(rows, bends, off[off >= before - 1], before)
+            taken = ~spikes[before : before + free]
+            self._count(SPIKE, ~taken, times[:free])
         self._waiting = (times[free:], values[free:]) if free < len(values) else None
-        taken = ~spikes[before : before + free]
-        self._count(SPIKE, ~taken, times[:free])
-        self._tail = np.concatenate([rows[:before], values[:free][taken]])[-4:]
-        return times[:free][taken], values[:free][taken]
+        self._tail = rows[max(before + free - _CONTEXT, 0) : before + free].copy()
+        times, values = times[:free], values[:free]
+        return (times, values) if taken is None or taken.all() else (times[taken], values[taken])
 
-    def _unsuspicious(self, rows: NDArray[np.float64]) -> int:
-        """How many of the rows behind the first two go on as these lead."""
-        off = np.abs(rows[2:] - 2 * rows[1:-1] + rows[:-2]).max(axis=1, initial=0.0)
-        wild = np.flatnonzero(off > WAITING_SIGMAS * math.sqrt(6.0) * self._noise)
-        return int(wild[0]) if len(wild) else max(len(rows) - 2, 0)
+    def _spikes(
+        self, rows: NDArray[np.float64], bends: NDArray[np.float64], off: NDArray[np.int64], before: int
+    ) -> tuple[NDArray[np.bool_], int]:
+        """(n,) which rows are spikes, and how many of those behind the first `before` are judged.
+
+        Args:
+            rows: (n, k) samples.
+            bends: (n - 2, k) absolute second difference that ends at each row but the first two.
+            off: rows that jump off by more than noise does.
+            before: rows that were judged before.
+        """
+        spikes, jumps, near = (np.zeros(len(rows) + 1, np.bool_) for _ in range(3))
+        near[off] = near[off + 1] = True  # where one spike leads, a second one need not jump off
+        places = np.flatnonzero(near[:-1])
+        allowed = SWINGS * self._swing(bends, places)
+        jumps[places] = (bends[places - 2] > np.maximum(self._largest_bend, allowed)).any(axis=1)
+        suspect = (jumps[places] | jumps[places - 1]) & (places >= before)
+        complete = suspect & (places < len(rows) - 2)
+        free = int(places[suspect & ~complete][0]) if (suspect & ~complete).any() else len(rows)
+        judged = places[complete]
+        if len(judged):
+            five = rows[judged[:, None] + np.arange(-2, 3)]
+            stands = np.abs(rows[judged] - np.partition(five, 2, axis=1)[:, 2])
+            limit = np.maximum(SPIKE_SIGMAS * SPREAD_OF_FIVE * self._noise, allowed[complete])
+            spikes[judged] = (stands > limit).any(axis=1)
+        return spikes[:-1], free - before
+
+    def _swing(self, bends: NDArray[np.float64], rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(m, 1) what the signal bends before each of the `rows` from sample to sample, beyond what noise makes."""
+        swing = np.full((len(rows), bends.shape[1]), math.inf)  # at the beginning nothing is known of it
+        ends = rows - 2
+        whole = ends >= LAST
+        if whole.any():
+            last = bends[(ends[whole] - LAST)[:, None] + np.arange(LAST)]
+            swing[whole] = np.partition(last, LAST // 2, axis=1)[:, LAST // 2]
+        for place in np.flatnonzero(~whole & (ends >= FEWEST)):
+            end = int(ends[place])
+            swing[place] = np.sort(bends[:end], axis=0)[end - max(1, end // 2)]
+        most = swing.max(axis=1, keepdims=True)  # a column may rest while another one moves
+        return np.sqrt(np.maximum(most**2 - (NOISY_SIGMAS * self._noise) ** 2, 0.0))
 
     @property
     def _noise(self) -> float:
         assert self.limits.noise is not None
         return self.limits.noise
+
+    @property
+    def _largest_bend(self) -> float:
+        """What noise alone makes of a second difference at most."""
+        return WAITING_SIGMAS * math.sqrt(6.0) * self._noise
 
     def _count(self, reason: str, which: NDArray[np.bool_], when: NDArray[np.int64]) -> None:
         if which.any():

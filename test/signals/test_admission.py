@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -154,6 +155,75 @@ def test_spikes_are_left_out_and_nothing_else(seed, width, cuts):
     waiting = missing[missing > times[-3]]
     np.testing.assert_array_equal(np.setdiff1d(missing, waiting), times[np.sort(spikes)])
     assert admission.refused[SPIKE] == len(spikes)
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    st.integers(0, 2**31),
+    st.floats(math.log(20.0), math.log(50_000.0)).map(math.exp),
+    st.floats(-60.0, 60.0),
+    st.integers(1, 20),
+    st.floats(-6.0, -3.3).map(lambda power: 10.0**power),
+)
+def test_a_signal_that_moves_as_fast_as_its_samples_follow_has_no_spikes(seed, rate, speed, order, size):
+    generator = np.random.default_rng(seed)
+    times = np.round(np.arange(400) / rate * 1e9).astype(np.int64)
+    angle = order * speed * np.arange(400) / rate + generator.uniform(0.0, TURN)
+    motion = size * np.column_stack([np.cos(angle), np.sin(angle)])
+    values = motion + generator.normal(0.0, TILT.noise, motion.shape)
+    admission = Admission(TILT)
+    taken = admit(admission, times, values, np.sort(generator.integers(1, 400, 30)))[0]
+    assert not admission.refused
+    assert len(taken) >= 398, "no more than two wait"
+
+
+@pytest.mark.parametrize("jolt", [20.0, 60.0], ids=lambda jolt: f"{jolt:g} rad/s2")
+def test_a_signal_that_begins_to_move_loses_next_to_nothing(jolt):
+    for seed in range(40):
+        generator = np.random.default_rng(seed)
+        moving = np.clip(np.arange(600) / 100 - generator.uniform(0.5, 1.5), 0.0, None)
+        angle = np.where(moving < 60.0 / jolt, 0.5 * jolt * moving**2, 60.0 * moving - 1800.0 / jolt)
+        values = 2e-4 * np.column_stack([np.cos(angle), np.sin(angle)]) + generator.normal(0.0, TILT.noise, (600, 2))
+        admission = Admission(TILT)
+        admission.admit(np.arange(600) * 10 * MS, values)
+        assert admission.refused[SPIKE] <= 2
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**31), st.integers(1, 2), st.floats(40.0, 1000.0), st.floats(0.0, 3.0))
+def test_spikes_of_any_size_beyond_the_noise_are_left_out_of_a_smooth_signal(seed, width, sigmas, speed):
+    generator = np.random.default_rng(seed)
+    times = np.arange(400) * 2_500_000
+    angle = speed * times * 1e-9
+    values = 8e-5 * np.column_stack([np.cos(angle), np.sin(angle)]) + generator.normal(0.0, TILT.noise, (400, 2))
+    wrong = np.sort(generator.choice(np.arange(20, 380, 40), 4, replace=False))
+    spikes = np.sort(np.concatenate([wrong + i for i in range(width)]))
+    values[spikes, generator.integers(2)] += generator.choice([-1.0, 1.0]) * sigmas * TILT.noise
+    admission = Admission(TILT)
+    taken = admit(admission, times, values, np.sort(generator.integers(1, 400, 30)))[0]
+    missing = np.setdiff1d(times, taken)
+    np.testing.assert_array_equal(missing[missing <= times[-3]], times[spikes])
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**31), st.lists(st.integers(1, 399), max_size=80), st.floats(0.3, 4.0))
+def test_what_is_a_spike_does_not_depend_on_how_samples_came(seed, cuts, noisier):
+    """Spikes of all sizes, in bursts, steps, more noise than stated, swings that begin and end."""
+    generator = np.random.default_rng(seed)
+    times = np.arange(400) * 10 * MS
+    angle = np.cumsum(np.repeat(generator.uniform(0.0, 1.5, 8), 50))
+    values = generator.uniform(0.0, 4e-5) * np.column_stack([np.cos(angle), np.sin(angle)])
+    values += noisier * generator.normal(0.0, TILT.noise, values.shape)
+    wrong = generator.random(400) < generator.choice([0.01, 0.1, 0.3])
+    values[wrong] += generator.normal(0.0, 1.0, (wrong.sum(), 2)) * 10.0 ** generator.uniform(-6.5, -4.0)
+    values[generator.integers(400) :] += generator.normal(0.0, 3e-5, 2)
+    whole, parts = Admission(TILT), Admission(TILT)
+    at_once, taken = admit(whole, times, values), admit(parts, times, values, sorted(cuts))
+    single = admit(Admission(TILT), times, values, range(1, 400))
+    for other in (taken, single):
+        np.testing.assert_array_equal(other[0], at_once[0])
+        np.testing.assert_array_equal(other[1], at_once[1])
+    assert whole.refused == parts.refused
 
 
 def test_a_step_is_no_spike():
