@@ -28,7 +28,7 @@ from rotary_error_monitor.pipeline.error_motion_rows import COLUMNS as COLUMNS
 from rotary_error_monitor.pipeline.error_motion_rows import COMMAND as COMMAND
 from rotary_error_monitor.pipeline.error_motion_rows import RowMaker
 from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
-from rotary_error_monitor.pipeline.evidence import Evidence
+from rotary_error_monitor.pipeline.evidence import WINDOW_NS, Evidence
 from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication, redundancy_of
 from rotary_error_monitor.pipeline.repetition import Repetition
 from rotary_error_monitor.signals.admission import LARGEST_ANGLE, ArrivalCheck, SampleLimits
@@ -291,8 +291,10 @@ class Estimator:
             count = min(limit - self._next, CHUNK)
             blocks += self._compute(self._next, count)
             self._next = self._after_pause(self._next + count, limit)
+        # what of a window is refused is a part of all its samples, however many ticks were handed over at once
+        kept_ns = max(WINDOW_NS, self._settings.period_ns)
         for stream in self._streams.values():
-            stream.trim(self._next * self._settings.period_ns)
+            stream.trim(self._next * self._settings.period_ns - kept_ns)
         return blocks
 
     def _after_pause(self, tick: int, limit: int) -> int:

@@ -269,7 +269,7 @@ class Admission:
             end = int(ends[place])
             swing[place] = np.sort(bends[:end], axis=0)[end - max(1, end // 2)]
         most = swing.max(axis=1, keepdims=True)  # a column may rest while another one moves
-        return np.sqrt(np.maximum(most**2 - (NOISY_SIGMAS * self._noise) ** 2, 0.0))
+        return np.asarray(np.sqrt(np.maximum(most**2 - (NOISY_SIGMAS * self._noise) ** 2, 0.0)))
 
     @property
     def _noise(self) -> float:
