@@ -68,10 +68,11 @@ def replay_bag(
     names = [name for name in (*inputs, *of_machine) if name in reader.topics]
     collected = Collected()
     window = reader.window(names)
-    for count, (topic, content) in enumerate(reader.replay(names, window, collected.refuse), start=1):
+    recorded = reader.replay_arrivals(names, window, collected.refuse)
+    for count, (topic, content, arrival_ns) in enumerate(recorded, start=1):
         collected.note(topic, content)
         if isinstance(content, SampleBlock):
-            collected.accept_samples(topic, content, inputs[topic], estimator)
+            collected.accept_samples(topic, content, inputs[topic], estimator, arrival_ns)
         if count % BATCH == 0 or isinstance(content, Temperature):
             collected.add_motion(estimator.advance(), compensator)
             collected.note_doubts(estimator)

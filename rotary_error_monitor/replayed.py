@@ -156,10 +156,12 @@ class Collected:
         except InputError as error:
             self.refuse(topic, error)
 
-    def accept_samples(self, topic: str, block: SampleBlock, stream: str, estimator: Estimator) -> None:
-        """Hand samples on."""
+    def accept_samples(
+        self, topic: str, block: SampleBlock, stream: str, estimator: Estimator, arrival_ns: int
+    ) -> None:
+        """Hand samples on that were recorded at `arrival_ns`, timestamp (ns)."""
         try:
-            estimator.accept(stream, block)
+            estimator.accept(stream, block, arrival_ns, recorded=True)
         except InputError as error:
             self.refuse(topic, error)
 

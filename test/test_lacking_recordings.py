@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +13,19 @@ import pytest
 from faults.documenting import Row, shows
 
 from rotary_error_monitor.bags.contents import Content, JointState
+from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.writer import BagWriter, write_messages
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.replay import replay_bag
 from rotary_error_monitor.resources import config
-from rotary_error_monitor.signals.blocks import NANOSECONDS
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, MockSource, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
 
@@ -249,3 +252,40 @@ def test_a_recovery_says_what_the_recording_lacks(recording, tmp_path, capsys):
     write_messages(tmp_path / "bag", without(recording, HEAD_D, DURATION / 2), WIRE)
     assert main(["recover", str(tmp_path / "bag")]) == 0
     assert f"{HEAD_D}: no sample in the last 12.0 s of 24.0 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("published", [False, True], ids=["samples alone", "with what was published"])
+@pytest.mark.parametrize("behind", [0, 3600], ids=["one clock", "recorder an hour behind"])
+@pytest.mark.parametrize("place", ["middle", "last", "all"])
+def test_stamps_of_the_future_are_refused_in_a_replay_as_live(recording, tmp_path, place, behind, published):
+    """A bag holds when each message came; one from the future would make late all that follows it."""
+    messages = [
+        (int(block.times_ns[-1]) + 3_000_000, topic, name, block)
+        for name, topic in TOPICS.items()
+        for block in recording[topic][:150]
+    ]
+    messages.sort(key=lambda message: message[0])
+    estimator, motion = Estimator(STAGE), list[tuple[int, SampleBlock]]()
+    with BagWriter(tmp_path / "bag", list(WIRE)) as writer:
+        for number, (arrival, topic, name, block) in enumerate(messages):
+            if name == "head_a" and number % 240 > 180:
+                rows = block.rows.copy()
+                rows[{"middle": len(rows) // 2, "last": -1, "all": slice(None)}[place], 0] += 1.5
+                block = SampleBlock(block.stamp_ns, block.names, rows)
+            writer.write(topic, encode(block, ""), arrival - behind * NANOSECONDS)
+            with suppress(InputError):
+                estimator.accept(name, block, arrival)
+            motion += [(arrival, made) for made in estimator.advance()]
+        for arrival, made in motion if published else ():
+            writer.write(MOTION, encode(made, ""), arrival - behind * NANOSECONDS)
+    result = replay_bag(tmp_path / "bag", STAGE)
+    times = np.concatenate([made.times_ns for _, made in motion])
+    theta = np.concatenate([made.column("theta") for _, made in motion])
+    streams = np.concatenate([made.column("streams") for _, made in motion])
+    again = np.isin(result.stamp_ns, times)
+    assert np.count_nonzero(again) == len(times) > 2900
+    differ = (result.theta[again] != theta) | (result.streams[again] != streams)
+    # where all of a block is lost, the last tick before it was reckoned live before that showed
+    assert np.count_nonzero(differ) <= (4 if place == "all" else 0)
+    assert any("in the future" in remark for remark in result.remarks)
+    assert result.status.restarts == estimator.status.restarts == 0

@@ -126,9 +126,24 @@ class BagReader:
         Raises:
             InputError: a topic or its type cannot be read, or a message is broken; the message says topic and stamp.
         """
+        for topic, content, _ in self.replay_arrivals(names, window, refuse):
+            yield topic, content
+
+    def replay_arrivals(
+        self,
+        names: Collection[str] | None = None,
+        window: Window | None = None,
+        refuse: Callable[[str, InputError], None] | None = None,
+    ) -> Iterator[tuple[str, Content, int]]:
+        """The same with the time at which each was recorded, timestamp (ns), by the clock that made the stamps.
+
+        Where a recorder's own clock was behind those of the instruments, so that ordinary samples seem to be in the
+        future, it is set right by the median of them.
+        """
         chosen = self._chosen(names)
         decoders = {name: self._decoder(name, finite=refuse is None) for name in chosen}
-        ranks = self._index(chosen).ranks()
+        index = self._index(chosen)
+        ranks = index.ranks()
         waiting: list[tuple[int, RawMessage]] = []
         turn = 0
         for rank, message in zip(ranks, self.messages(chosen), strict=True):
@@ -145,7 +160,7 @@ class BagReader:
                     continue
                 kept = content if window is None else window.cut(ready.topic, content)
                 if kept is not None:
-                    yield ready.topic, kept
+                    yield ready.topic, kept, ready.log_time_ns + index.behind_ns
 
     def read(self, names: Collection[str] | None = None, window: Window | None = None) -> dict[str, list[Content]]:
         """All contents by topic, each topic in the order of its stamps; what is asked for and empty is an empty list.
@@ -215,15 +230,21 @@ class BagReader:
         order = {name: place for place, name in enumerate(sorted(names))}
         blocks = {name: BlockDecoder() for name in names if self.topics[name].type == SAMPLE_BLOCK}
         stamps, topics = array("q"), array("q")
-        pieces = array("q")
+        pieces, ahead = array("q"), array("q")
         for message in self.messages(names):
             stamp, place = self._stamp(message), order[message.topic]
             stamps.append(stamp)
             topics.append(place)
-            for first, last in _pieces(stamp, blocks.get(message.topic), message.data):
+            decoder = blocks.get(message.topic)
+            for first, last in _pieces(stamp, decoder, message.data):
                 pieces.extend((first, last, place))
+            if decoder is not None:
+                ahead.append(last - message.log_time_ns)
         times = np.array(pieces, dtype=np.int64).reshape(-1, 3)
-        return _Index(np.array(stamps, np.int64), np.array(topics, np.int64), times[:, 0], times[:, 1], times[:, 2])
+        behind_ns = max(0, int(np.median(ahead))) if len(ahead) else 0
+        return _Index(
+            np.array(stamps, np.int64), np.array(topics, np.int64), times[:, 0], times[:, 1], times[:, 2], behind_ns
+        )
 
     def _check_memory(self, names: Iterable[str]) -> None:
         size = sum(self._source.sizes[name] for name in set(names))
@@ -258,6 +279,7 @@ class _Index:
     """When the messages of some topics are, (n,) in the order of their recording: stamp, and place of their topic.
 
     Their samples are (m,) pieces of streams without a long pause: first and last time, and place of their topic.
+    `behind_ns` is by how much the clock of the recording was behind the stamps of most samples, ns.
     """
 
     stamps: NDArray[np.int64]
@@ -265,6 +287,7 @@ class _Index:
     first: NDArray[np.int64]
     last: NDArray[np.int64]
     stream: NDArray[np.int64]
+    behind_ns: int
 
     def ranks(self) -> list[int]:
         """(n,) place of each message among all by stamp."""

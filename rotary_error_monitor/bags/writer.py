@@ -347,7 +347,7 @@ def write_messages(folder: Path | str, contents: Mapping[str, Sequence[Content]]
 
 
 def _complete_ns(content: Content) -> int:
-    return int(content.times_ns[-1]) if isinstance(content, SampleBlock) else content.stamp_ns
+    return content.newest_ns if isinstance(content, SampleBlock) else content.stamp_ns
 
 
 def _definition(topic: Recordable) -> str:

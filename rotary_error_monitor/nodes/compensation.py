@@ -84,9 +84,9 @@ class Compensation(ManagedNode):
 
     def _receive_motion(self, block: SampleBlock) -> None:
         now_ns = self.now_ns()
-        self._check_arrival(self._motion, int(block.times_ns[-1]), now_ns)
+        self._check_arrival(self._motion, block.newest_ns, now_ns)  # one sample ahead, and all that follow were late
         self._motion.observe(block, now_ns)
-        if now_ns - int(block.times_ns[-1]) > self._age_limit_ns:
+        if now_ns - block.newest_ns > self._age_limit_ns:
             self._output.stale += len(block.rows)  # nothing of it could be published: no time is lost on it
             return
         self._compensator.accept_error_motion(block)

@@ -11,6 +11,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
+from rotary_error_monitor.signals.admission import AHEAD_NS
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 STANDSTILL = 0.8
@@ -111,6 +112,8 @@ class StreamWatch:
     def observe_stamp(self, stamp_ns: int, now_ns: int) -> None:
         """Take note of a message that was measured at `stamp_ns`."""
         self.late += now_ns - stamp_ns > self._late_after_ns
+        if stamp_ns - now_ns > AHEAD_NS:  # nor does a stream that falls silent seem alive by a stamp in the future
+            stamp_ns = now_ns
         self.last_ns = stamp_ns if self.last_ns is None else max(stamp_ns, self.last_ns)
 
     def refuse(self, reason: str) -> None:

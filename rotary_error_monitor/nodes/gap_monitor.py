@@ -186,7 +186,7 @@ class GapMonitor(ManagedNode):
         def receive(block: SampleBlock) -> None:
             now_ns = self.now_ns()
             watch.observe(block, now_ns)
-            if abs(now_ns - int(block.times_ns[-1])) > self._max_age_ns:
+            if abs(now_ns - block.newest_ns) > self._max_age_ns:
                 limit = self._max_age_ns / NANOSECONDS
                 watch.refuse(f"more than {limit:g} s from now; are the clocks of all computers alike?")
                 return

@@ -28,7 +28,7 @@ from rotary_error_monitor.pipeline.error_motion_rows import COLUMNS as COLUMNS
 from rotary_error_monitor.pipeline.error_motion_rows import COMMAND as COMMAND
 from rotary_error_monitor.pipeline.error_motion_rows import RowMaker
 from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
-from rotary_error_monitor.pipeline.evidence import Evidence
+from rotary_error_monitor.pipeline.evidence import WINDOW_NS, Evidence
 from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication, redundancy_of
 from rotary_error_monitor.pipeline.repetition import Repetition
 from rotary_error_monitor.signals.admission import LARGEST_ANGLE, ArrivalCheck, SampleLimits
@@ -180,25 +180,27 @@ class Estimator:
         self.accept(name, block, arrival_ns)
         return self.advance()
 
-    def accept(self, name: str, block: SampleBlock, arrival_ns: int | None = None) -> None:
+    def accept(self, name: str, block: SampleBlock, arrival_ns: int | None = None, *, recorded: bool = False) -> None:
         """Take in a block of stream `name` and wait for `advance`: of blocks that came together, one reckoning.
 
         Args:
             name: of the stream.
             block: its samples.
             arrival_ns: when it arrived, timestamp (ns); without it the stamps are not held against a clock.
+            recorded: it arrived at a recorder and is replayed: what was in the future there is refused as live; nothing
+                is too old, and no clock is set back.
 
         Raises:
             InputError: there is no such stream, the block lacks its fields, or its stamps are in the future or too old.
+                Of a block that is in the future in part, only these samples are refused, and counted.
         """
         if name not in self._streams:
             raise InputError(f"no stream '{name}' in this stage; it has {', '.join(self._streams)}")
-        if arrival_ns is not None:
-            self._check_arrival(name, int(block.times_ns[-1]), arrival_ns)
+        until_ns = None if arrival_ns is None else self._check_arrival(name, block, arrival_ns, recorded)
         stream = self._streams[name]
         if name == AUTOCOLLIMATOR:
             block = self._without_saturated(block)
-        if stream.push(block) == 0:
+        if stream.push(block, until_ns) == 0:
             return
         newest = stream.newest_ns
         assert newest is not None
@@ -227,24 +229,28 @@ class Estimator:
         """Blocks of the ticks that were still waiting: no more samples will come."""
         return self._advance(last=True)
 
-    def _check_arrival(self, name: str, newest_ns: int, arrival_ns: int) -> None:
+    def _check_arrival(self, name: str, block: SampleBlock, arrival_ns: int, recorded: bool) -> int:
         """Refuse what is in the future or old; where the clock was set back behind what is known, begin anew.
+
+        Returns the timestamp (ns) beyond which its samples are in the future.
 
         Raises:
             InputError: the block is refused.
         """
         check = self._arrivals[name]
-        refusal = check.judge(newest_ns, arrival_ns)
-        if refusal:
+        newest_ns = check.newest_of(block.times_ns, arrival_ns)
+        judge = check.judge_ahead if recorded else check.judge
+        if refusal := judge(newest_ns, arrival_ns):
             reason = refusal.partition(":")[0]
             self.status.refused[name, reason] += 1
             raise InputError(refusal)
-        if check.was_set_back(self._streams[name].newest_ns, arrival_ns):
+        if not recorded and check.was_set_back(self._streams[name].newest_ns, arrival_ns):
             for stream in self._streams.values():
                 stream.clear()
             self._begin()
             self.belief.forget_time()
             self.status.restarts += 1
+        return arrival_ns + check.ahead_ns
 
     def _allow_for_blocks(self, duration_ns: int) -> None:
         """A stream is behind the others by a whole block until its own block is complete."""
@@ -285,8 +291,10 @@ class Estimator:
             count = min(limit - self._next, CHUNK)
             blocks += self._compute(self._next, count)
             self._next = self._after_pause(self._next + count, limit)
+        # what of a window is refused is a part of all its samples, however many ticks were handed over at once
+        kept_ns = max(WINDOW_NS, self._settings.period_ns)
         for stream in self._streams.values():
-            stream.trim(self._next * self._settings.period_ns)
+            stream.trim(self._next * self._settings.period_ns - kept_ns)
         return blocks
 
     def _after_pause(self, tick: int, limit: int) -> int:

@@ -97,7 +97,7 @@ class RecentTurns:
     memory starts anew as well.
 
     Attributes:
-        late: blocks dropped because they were not after the one before.
+        late: blocks dropped because they were not after the one before, or not in order themselves.
     """
 
     def __init__(
@@ -162,6 +162,9 @@ class RecentTurns:
         """
         memory = self._memories[stream]
         times, values = block.times_ns, block.columns(memory.names)
+        if not bool((times[1:] > times[:-1]).all()):  # nothing tells which of its stamps are right
+            self.late += 1
+            return
         if memory.pieces and times[0] <= memory.newest_ns:
             if times[-1] >= memory.oldest_ns:
                 self.late += 1

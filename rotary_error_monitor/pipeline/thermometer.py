@@ -13,7 +13,9 @@ FAST = "faster than a machine warms"
 NOT_FINITE = "not finite"
 
 JITTER = 0.5
-"""What noise and resolution of a thermometer may add to a change, K."""
+"""What noise and resolution of a thermometer may add to a change, K: it is off by no more than half of that."""
+
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,10 @@ class Thermometer:
     A temperature that is not believed is replaced by the last one that was, with an uncertainty that grows as fast as a
     machine can warm; without any by the reference temperature, uncertain by all that its range allows.
 
+    What is believed is held against a follower that goes to it no faster than the machine warms. While the sensor is
+    off by no more than half of `JITTER`, so is the follower, and nothing sound is refused; what warms faster leaves it
+    behind, at any rate of messages: the jitter counts once, not anew with each of them.
+
     Attributes:
         refused: temperatures that were not believed, by reason.
         doubt: why the last one was not; empty where it was.
@@ -42,12 +48,13 @@ class Thermometer:
         self.refused: Counter[str] = Counter()
         self.doubt = ""
         self._last: tuple[int, float] | None = None
+        self._followed: tuple[int, float] | None = None
         self._heard_ns = 0
         self._silent = 0.0  # s, since the last one that was believed
 
     def reset(self) -> None:
         """Believe the next temperature wherever it is in its range."""
-        self._last, self.doubt = None, ""
+        self._last, self._followed, self.doubt = None, None, ""
 
     @property
     def last_ns(self) -> int | None:
@@ -64,10 +71,12 @@ class Thermometer:
         if self._last is not None:
             since = (stamp_ns - self._heard_ns) * 1e-9
             self._silent += since if since > self._limits.temperature_age else 0.0
-        self._heard_ns = stamp_ns
-        self.doubt = self._judge(stamp_ns, temperature)
+        self._heard_ns = stamp_ns if self._last is None else max(self._heard_ns, stamp_ns)
+        warmed = self._warmed(stamp_ns)
+        self.doubt = self._judge(stamp_ns, temperature, warmed)
         if self.doubt:
             return False
+        self._follow(stamp_ns, temperature, warmed)
         self._last, self._silent = (stamp_ns, temperature), 0.0
         return True
 
@@ -90,20 +99,39 @@ class Thermometer:
         age = (time_ns - self._last[0]) * 1e-9
         return f"temperature is {age:.0f} s old" if age > self._limits.temperature_age else ""
 
-    def _judge(self, stamp_ns: int, temperature: float) -> str:
+    def _warmed(self, stamp_ns: int) -> float:
+        """What the machine can have warmed by until `stamp_ns`, timestamp (ns), since it was followed last, K."""
+        if self._followed is None:
+            return math.inf
+        # A jump does not become true by lasting, but in a silence nobody saw the machine warm.
+        elapsed = (stamp_ns - self._followed[0]) * 1e-9
+        passed = max(min(max(elapsed, 0.0), self._limits.temperature_age), self._silent)
+        return self._limits.temperature_rate * passed
+
+    def _follow(self, stamp_ns: int, temperature: float, warmed: float) -> None:
+        """Go to a temperature that is believed, by no more than the machine can have warmed, K."""
+        if self._followed is None:
+            self._followed = stamp_ns, temperature
+            return
+        followed_ns, followed = self._followed
+        step = min(max(temperature - followed, -warmed), warmed)
+        self._followed = max(stamp_ns, followed_ns), followed + step
+
+    def _judge(self, stamp_ns: int, temperature: float, warmed: float) -> str:
         low, high = self._limits.temperature
         if not math.isfinite(temperature):
             return self._refuse(NOT_FINITE, f"{temperature} is {NOT_FINITE}")
         if not low <= temperature <= high:
             return self._refuse(BEYOND, f"{temperature:g} °C is {BEYOND} of {low:g} to {high:g} °C")
-        if self._last is not None:
-            last_ns, last = self._last
-            elapsed = (stamp_ns - last_ns) * 1e-9
-            # A jump does not become true by lasting, but in a silence nobody saw the machine warm.
-            passed = max(min(max(elapsed, 0.0), self._limits.temperature_age), self._silent)
-            allowed = self._limits.temperature_rate * passed + JITTER
-            if abs(temperature - last) > allowed:
-                return self._refuse(FAST, f"{temperature - last:+.3g} K within {elapsed:.3g} s is {FAST}")
+        if self._last is not None and self._followed is not None:
+            away = temperature - self._followed[1]
+            if abs(away) > warmed + JITTER + _ROUNDING:
+                limit, since = self._limits.temperature_rate, (stamp_ns - self._last[0]) * 1e-9
+                return self._refuse(
+                    FAST,
+                    f"{temperature:.4g} °C, {since:.3g} s after {self._last[1]:.4g} °C, is {abs(away):.3g} K away from "
+                    f"one that changes at {limit:g} K/s: {FAST}",
+                )
         return ""
 
     def _refuse(self, reason: str, words: str) -> str:

@@ -13,6 +13,7 @@ from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.replay import input_topics
+from rotary_error_monitor.signals.admission import FUTURE
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 BATCH = 32
@@ -76,11 +77,17 @@ def check_stage(bag: Path | str, stage: StageDescription) -> StageCheck:
     reader = BagReader(bag)
     inputs = input_topics(reader, load_wire(tuple(stage.encoder.azimuths)), stage)
     estimator = Estimator(stage, EstimatorSettings())
-    log = _Log()
+    log, ahead = _Log(), Counter[tuple[str, str]]()
     window = reader.window(list(inputs))
-    for count, (topic, content) in enumerate(reader.replay(list(inputs), window), start=1):
+    for count, (topic, content, arrival_ns) in enumerate(reader.replay_arrivals(list(inputs), window), start=1):
         if isinstance(content, SampleBlock):
-            estimator.accept(inputs[topic], content)
+            try:
+                estimator.accept(inputs[topic], content, arrival_ns, recorded=True)
+            except InputError as error:
+                if not str(error).startswith(FUTURE):
+                    raise
+                ahead[inputs[topic], FUTURE] += len(content.rows)
+                continue
             log.note_time(content.stamp_ns)
         if count % BATCH == 0:
             estimator.advance()
@@ -97,6 +104,7 @@ def check_stage(bag: Path | str, stage: StageDescription) -> StageCheck:
             for reason, number in stream.admission.refused.items()
         }
     )
+    refused.update(ahead)
     belief = estimator.belief
     figures = {
         "estimates": float(status.estimates),

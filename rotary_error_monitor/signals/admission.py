@@ -7,6 +7,7 @@ in replay the same ones are. Only the clock is held against the time of arrival,
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass, field
 
@@ -17,6 +18,7 @@ from rotary_error_monitor.errors import InputError
 
 NOT_FINITE = "not finite"
 LATE = "not after the one before"
+ASTRAY = "stamped later than those behind it"
 BEYOND = "beyond what the instrument can show"
 FAST = "faster than the axis can turn"
 SPIKE = "a spike"
@@ -34,12 +36,32 @@ SPREAD_OF_FIVE = 0.94
 """Standard deviation of a normal sample about the median of the five around it, over its own: the root of
 1 + 0.287 - 2 * 0.2."""
 
-WAITING_SIGMAS = 5.0
-"""A newest sample that stands off by more from where the two before it lead waits for the next one to be judged; of
-normal noise one in two million does."""
+WAITING_SIGMAS = 4.0
+"""A sample that is off by no more standard deviations from where the two before it lead is no spike and need not wait
+for the next ones to be judged; of normal noise one in 16,000 is off by more, and waits."""
+
+LAST, FEWEST = 12, 3
+"""Second differences by the middle one of which it is told how a signal goes: a spike of two samples bends four.
+Before the fewest nothing is known, and nothing is a spike."""
+
+SWINGS = 6.0
+"""How many times as much a sample may be off as the signal bent over the last ones: with less, beats of several orders
+are taken for spikes; with it, of waves of three orders at any rate, less than one sample in 100,000."""
+
+NOISY_SIGMAS = 2.6
+"""What normal noise bends the last samples by in the middle, standard deviations: seldom more, 1.65 on the average."""
+
+_CONTEXT = LAST + 3
+"""Samples before the one that is judged that can matter to it."""
 
 LARGEST_ANGLE = 1e7
 """An unwrapped angle, rad, beyond which float64 no longer holds a thousandth of a count of the finest encoders."""
+
+AHEAD_NS = 100_000_000
+"""How far a stamp may be ahead of the clock, ns: less than an estimate waits for a stream that stays behind, and more
+than the clocks of well kept computers differ by."""
+
+_BEFORE_ALL, _AFTER_ALL = -(2**62), 2**62
 
 Samples = tuple[NDArray[np.int64], NDArray[np.float64]]
 
@@ -95,9 +117,15 @@ class Admission:
         self._waiting: Samples | None = None
         self._tail = np.empty((0, 0))
 
-    def admit(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Samples:
-        """What can be believed of samples `values` (n, k) at `times` (n,), ns; the last may wait for the next call."""
-        times, values = self._in_order(times, values)
+    def admit(self, times: NDArray[np.int64], values: NDArray[np.float64], until_ns: int | None = None) -> Samples:
+        """What can be believed of samples `values` (n, k) at `times` (n,), ns; the last may wait for the next call.
+
+        Args:
+            times: timestamps (ns).
+            values: one row for each of them.
+            until_ns: what is stamped later than this, timestamp (ns), is in the future; None where no clock tells.
+        """
+        times, values = self._in_order(times, values, _AFTER_ALL if until_ns is None else until_ns)
         if len(times) == 0:
             return times, values
         values, kept = self._continuous(times, values)
@@ -114,22 +142,32 @@ class Admission:
         if self._last is not None:
             self._last = self._last - TURN * turns
 
-    def _in_order(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Samples:
-        """Samples that are finite, within range and after all that came before."""
-        before = -(2**62) if self._newest_ns is None else self._newest_ns
+    def _in_order(self, times: NDArray[np.int64], values: NDArray[np.float64], until_ns: int) -> Samples:
+        """Samples that are finite, within range, not in the future and in order after all that came before.
+
+        Of those that came together as many as can be in order are: a single wrong stamp costs its own sample, not those
+        behind it.
+        """
+        before = _BEFORE_ALL if self._newest_ns is None else self._newest_ns
         good = np.abs(values) <= self.limits.largest  # false for NaN
-        if len(times) and times[0] > before and bool((times[1:] > times[:-1]).all()) and bool(good.all()):
+        rising = len(times) > 0 and times[0] > before and bool((times[1:] > times[:-1]).all())
+        if rising and times[-1] <= until_ns and bool(good.all()):
             return times, values
         finite: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
-        within: NDArray[np.bool_] = np.asarray(good.all(axis=1))
-        usable = np.where(finite & within, times, before)
-        newest = np.maximum.accumulate(np.concatenate([[before], usable[:-1]]))
-        fresh = times > newest
-        when = np.maximum(times, newest)
+        sound: NDArray[np.bool_] = finite & np.asarray(good.all(axis=1))
+        ahead: NDArray[np.bool_] = times > until_ns
+        usable = sound & ~ahead
+        kept = usable & (times > before)
+        kept[kept] = _rising(times[kept])
+        newest = np.maximum.accumulate(np.concatenate([[before], np.where(kept, times, before)[:-1]]))
+        astray = usable & ~kept & (times > newest)
+        when = np.maximum(np.where(ahead | astray, newest, times), newest)
         self._count(NOT_FINITE, ~finite, when)
-        self._count(BEYOND, finite & ~within, when)
-        self._count(LATE, ~fresh & finite & within, when)
-        return times[finite & within & fresh], values[finite & within & fresh]
+        self._count(BEYOND, finite & ~sound, when)
+        self._count(FUTURE, sound & ahead, when)
+        self._count(ASTRAY, astray, when)
+        self._count(LATE, usable & ~kept & ~astray, when)
+        return times[kept], values[kept]
 
     def _continuous(
         self, times: NDArray[np.int64], values: NDArray[np.float64]
@@ -170,39 +208,78 @@ class Admission:
         return True
 
     def _without_spikes(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Samples:
-        """Samples without those that stand off from the median of their five; newest ones that may be such wait.
+        """Samples without those that jump off from where the two before lead, and stand off from the median of five.
 
-        The others need not wait: what one sample costs in time, no estimate should pay for another. A step is none: the
-        median follows it.
+        How far they may is what noise allows or, where the signal bends more than that from sample to sample, a
+        multiple of what it did over the last ones. A step is none: the median follows it. Only what jumps off, and the
+        one behind it, waits for its neighbours: what one sample costs in time, no estimate should pay for another.
         """
         if self._waiting is not None:
             times, values = np.concatenate([self._waiting[0], times]), np.concatenate([self._waiting[1], values])
         before = len(self._tail)
         rows = np.concatenate([self._tail, values]) if before else values
-        spikes = np.zeros(len(rows), np.bool_)
-        if len(rows) >= 5:
-            five = np.stack([rows[i : len(rows) - 4 + i] for i in range(5)])
-            off = np.abs(rows[2:-2] - np.median(five, axis=0)).max(axis=1)
-            spikes[2:-2] = off > SPIKE_SIGMAS * SPREAD_OF_FIVE * self._noise
-        judged = max(len(values) - 2, 0)  # the last two have not all of their neighbours yet
-        free = judged + self._unsuspicious(rows[before + judged - 2 :] if before + judged >= 2 else rows[:0])
-        free = len(values) if before + judged < 2 else free
+        bends = np.abs(rows[2:] - 2 * rows[1:-1] + rows[:-2])  # of row i + 2
+        off = np.flatnonzero((bends > self._largest_bend).any(axis=1)) + 2
+        free, taken = len(values), None
+        if len(off) and off[-1] >= before - 1:
+            spikes, free = self._spikes(rows, bends, off[off >= before - 1], before)
+            taken = ~spikes[before : before + free]
+            self._count(SPIKE, ~taken, times[:free])
         self._waiting = (times[free:], values[free:]) if free < len(values) else None
-        taken = ~spikes[before : before + free]
-        self._count(SPIKE, ~taken, times[:free])
-        self._tail = np.concatenate([rows[:before], values[:free][taken]])[-4:]
-        return times[:free][taken], values[:free][taken]
+        self._tail = rows[max(before + free - _CONTEXT, 0) : before + free].copy()
+        times, values = times[:free], values[:free]
+        return (times, values) if taken is None or taken.all() else (times[taken], values[taken])
 
-    def _unsuspicious(self, rows: NDArray[np.float64]) -> int:
-        """How many of the rows behind the first two go on as these lead."""
-        off = np.abs(rows[2:] - 2 * rows[1:-1] + rows[:-2]).max(axis=1, initial=0.0)
-        wild = np.flatnonzero(off > WAITING_SIGMAS * math.sqrt(6.0) * self._noise)
-        return int(wild[0]) if len(wild) else max(len(rows) - 2, 0)
+    def _spikes(
+        self, rows: NDArray[np.float64], bends: NDArray[np.float64], off: NDArray[np.int64], before: int
+    ) -> tuple[NDArray[np.bool_], int]:
+        """(n,) which rows are spikes, and how many of those behind the first `before` are judged.
+
+        Args:
+            rows: (n, k) samples.
+            bends: (n - 2, k) absolute second difference that ends at each row but the first two.
+            off: rows that jump off by more than noise does.
+            before: rows that were judged before.
+        """
+        spikes, jumps, near = (np.zeros(len(rows) + 1, np.bool_) for _ in range(3))
+        near[off] = near[off + 1] = True  # where one spike leads, a second one need not jump off
+        places = np.flatnonzero(near[:-1])
+        allowed = SWINGS * self._swing(bends, places)
+        jumps[places] = (bends[places - 2] > np.maximum(self._largest_bend, allowed)).any(axis=1)
+        suspect = (jumps[places] | jumps[places - 1]) & (places >= before)
+        complete = suspect & (places < len(rows) - 2)
+        free = int(places[suspect & ~complete][0]) if (suspect & ~complete).any() else len(rows)
+        judged = places[complete]
+        if len(judged):
+            five = rows[judged[:, None] + np.arange(-2, 3)]
+            stands = np.abs(rows[judged] - np.partition(five, 2, axis=1)[:, 2])
+            limit = np.maximum(SPIKE_SIGMAS * SPREAD_OF_FIVE * self._noise, allowed[complete])
+            spikes[judged] = (stands > limit).any(axis=1)
+        return spikes[:-1], free - before
+
+    def _swing(self, bends: NDArray[np.float64], rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(m, 1) what the signal bends before each of the `rows` from sample to sample, beyond what noise makes."""
+        swing = np.full((len(rows), bends.shape[1]), math.inf)  # at the beginning nothing is known of it
+        ends = rows - 2
+        whole = ends >= LAST
+        if whole.any():
+            last = bends[(ends[whole] - LAST)[:, None] + np.arange(LAST)]
+            swing[whole] = np.partition(last, LAST // 2, axis=1)[:, LAST // 2]
+        for place in np.flatnonzero(~whole & (ends >= FEWEST)):
+            end = int(ends[place])
+            swing[place] = np.sort(bends[:end], axis=0)[end - max(1, end // 2)]
+        most = swing.max(axis=1, keepdims=True)  # a column may rest while another one moves
+        return np.asarray(np.sqrt(np.maximum(most**2 - (NOISY_SIGMAS * self._noise) ** 2, 0.0)))
 
     @property
     def _noise(self) -> float:
         assert self.limits.noise is not None
         return self.limits.noise
+
+    @property
+    def _largest_bend(self) -> float:
+        """What noise alone makes of a second difference at most."""
+        return WAITING_SIGMAS * math.sqrt(6.0) * self._noise
 
     def _count(self, reason: str, which: NDArray[np.bool_], when: NDArray[np.int64]) -> None:
         if which.any():
@@ -216,13 +293,12 @@ class ArrivalCheck:
 
     Attributes:
         max_age_ns: a message whose newest sample is older than this at its arrival is refused.
-        ahead_ns: how far a stamp may be ahead of the clock: less than an estimate waits for a stream that stays behind,
-            and more than the clocks of well kept computers differ by.
+        ahead_ns: how far a stamp may be ahead of the clock, see `AHEAD_NS`.
         refused: messages by reason.
     """
 
     max_age_ns: int = 1_000_000_000
-    ahead_ns: int = 100_000_000
+    ahead_ns: int = AHEAD_NS
     refused: Counter[str] = field(default_factory=Counter)
     _behind: bool = False
 
@@ -232,16 +308,23 @@ class ArrivalCheck:
                 f"an age limit of {self.max_age_ns} ns and {self.ahead_ns} ns ahead; expected above 0 and at least 0"
             )
 
+    def newest_of(self, times: NDArray[np.int64], arrival_ns: int) -> int:
+        """Timestamp (ns) of the newest of samples at `times` (n,) that is not in the future; of all, where all are."""
+        newest = int(times.max())
+        if newest - arrival_ns <= self.ahead_ns:
+            return newest
+        come = times[times <= arrival_ns + self.ahead_ns]
+        return int(come.max()) if len(come) else newest
+
     def judge(self, newest_ns: int, arrival_ns: int) -> str:
         """Why a message with its newest sample at `newest_ns` is refused at `arrival_ns`, timestamps; empty if not.
 
         Once one was too old, all are refused until they come within half of that age: a backlog must not stay, but a
         computer that is always somewhat late must come back.
         """
+        if refusal := self.judge_ahead(newest_ns, arrival_ns):
+            return refusal
         age_ns = arrival_ns - newest_ns
-        if age_ns < -self.ahead_ns:
-            self.refused[FUTURE] += 1
-            return f"{FUTURE}: {_duration(-age_ns)} ahead of this computer's clock; are all clocks alike?"
         limit_ns = self.max_age_ns // 2 if self._behind else self.max_age_ns
         self._behind = age_ns > limit_ns
         if self._behind:
@@ -250,9 +333,42 @@ class ArrivalCheck:
             return f"{OLD}: {_duration(age_ns)}, {limit}; are the clocks of all computers alike?"
         return ""
 
+    def judge_ahead(self, newest_ns: int, arrival_ns: int) -> str:
+        """The same of what is in the future alone: of a recording nothing is too old."""
+        if newest_ns - arrival_ns <= self.ahead_ns:
+            return ""
+        self.refused[FUTURE] += 1
+        return f"{FUTURE}: {_duration(newest_ns - arrival_ns)} ahead of this computer's clock; are all clocks alike?"
+
     def was_set_back(self, newest_ns: int | None, arrival_ns: int) -> bool:
         """Whether what was believed before is in the future now: the clock was set back."""
         return newest_ns is not None and newest_ns - arrival_ns > self.ahead_ns
+
+
+def _rising(times: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(n,) which of `times` (n,) to keep, so that they rise and are as many as can be.
+
+    Of equal ones the first is kept; where as many could be kept otherwise, those that end earlier: what is stamped
+    ahead would cost those that come next as well.
+    """
+    kept = np.ones(len(times), np.bool_)
+    if len(times) < 2 or bool((times[1:] > times[:-1]).all()):
+        return kept
+    ends: list[int] = []  # earliest stamp with which so many can end, and the place of it
+    places: list[int] = []
+    before: list[int] = []
+    for place, time in enumerate(times.tolist()):
+        length = bisect_left(ends, time)
+        before.append(places[length - 1] if length else -1)
+        if length == len(ends) or ends[length] != time:
+            ends[length : length + 1] = [time]
+            places[length : length + 1] = [place]
+    kept[:] = False
+    place = places[-1]
+    while place >= 0:
+        kept[place] = True
+        place = before[place]
+    return kept
 
 
 def _duration(ns: int) -> str:

@@ -33,6 +33,11 @@ class SampleBlock:
         """(n,) timestamp (ns) of each sample."""
         return self.stamp_ns + np.rint(self.rows[:, 0] * 1e9).astype(np.int64)
 
+    @property
+    def newest_ns(self) -> int:
+        """Timestamp (ns) of the newest sample, wherever in the block it stands."""
+        return int(self.times_ns.max())
+
     def column(self, name: str) -> NDArray[np.float64]:
         """(n,) samples of one field.
 

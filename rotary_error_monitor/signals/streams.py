@@ -100,14 +100,14 @@ class SampleStream:
         """Distance of the samples, as `rate`, ns; 0 before the second sample."""
         return self._spacing_ns
 
-    def push(self, block: SampleBlock) -> int:
-        """Take in a block; give the number of samples that were taken.
+    def push(self, block: SampleBlock, until_ns: int | None = None) -> int:
+        """Take in a block; give the number of samples that were taken. `until_ns` is as in `Admission.admit`.
 
         Raises:
             InputError: the block lacks one of the fields.
         """
         newest = self.newest_ns
-        times, values = self.admission.admit(block.times_ns, block.columns(self.names))
+        times, values = self.admission.admit(block.times_ns, block.columns(self.names), until_ns)
         if len(times) == 0:
             return 0
         self._note_gap(newest, int(times[0]))

@@ -235,7 +235,7 @@ BEHAVIOUR = (
     Behaviour(
         ("head_time_equal", "head_time_falls", "blocks_overlapping", "blocks_duplicated"),
         "messages",
-        "samples refused: not after the one before; do two publish?",
+        "samples refused: not after the one before, or stamped later than those behind it; do two publish?",
         "they are left out; a stream with more than a tenth of them is not used",
         "everything",
         _LATCH,
@@ -292,7 +292,8 @@ BEHAVIOUR = (
         ("autocollimator_spikes",),
         "autocollimator",
         "samples refused: a spike; `error_estimator: estimate` names one of many samples: a step that no bearing makes",
-        "what stands off from the median of five is left out; a step that came back may come again, and counts as "
+        "what stands off from the median of five by more than noise and the samples before it explain is left out; a "
+        "step that came back may come again, and counts as "
         "uncertainty for 10 s",
         "everything, tilt with that uncertainty; of samples 10 ms apart and more, a spike of five that rises no "
         "faster than `limits.tilt_rate` and noise allow is a tilt",
@@ -304,7 +305,7 @@ BEHAVIOUR = (
         ("autocollimator_noisy",),
         "autocollimator",
         "the uncertainty is raised by the noise that is measured",
-        "what stands off from the median of five is left out",
+        "what stands off by much more than the samples before it is left out",
         "everything, tilt with its measured noise",
         "as the noise falls, within 1 s",
         goes_on=(*_RADIAL, *_ECC),
@@ -312,7 +313,7 @@ BEHAVIOUR = (
     Behaviour(
         ("autocollimator_degrees", "autocollimator_arcseconds"),
         "autocollimator",
-        "samples refused: beyond what the instrument can show, or spikes",
+        f"samples refused: beyond what the instrument can show; {_ESTIMATOR}: what no bearing makes",
         "the tilt is not used",
         "everything but tilt",
         _LATCH,

@@ -440,6 +440,58 @@ def test_a_replay_repeats_a_live_run_that_missed_what_the_recorder_heard(samplin
     np.testing.assert_array_equal(again.rows[:, 1:], live.rows[:, 1:])
 
 
+@settings(deadline=None, max_examples=8)
+@given(
+    st.integers(0, 10_000),
+    st.sampled_from(NAMES),
+    st.sampled_from([0.02, 0.3, 1.5, 3600.0, 365 * 86_400.0, -0.3, -3600.0]),
+    st.sampled_from(["first", "middle", "last"]),
+)
+def test_a_wrong_stamp_inside_each_block_costs_its_own_sample_live_and_in_replay(seed, wrong, off, place):
+    """Only by the order of the others a stamp within 0.1 s of the clock is wrong; the last of a block has none."""
+    generator, proven = np.random.default_rng(seed), EstimatorSettings(check_turns=0.0)
+    pairs, count = [], 0
+    for name, block in in_order(streams(every={"duration": 0.3})):
+        if name == wrong and block.stamp_ns > START + 100_000_000:
+            rows = block.rows.copy()
+            index = {"first": 0, "middle": int(generator.integers(1, 49)), "last": 48 if off == 0.02 else 49}[place]
+            rows[index, 0] += off
+            block, count = SampleBlock(block.stamp_ns, block.names, rows), count + 1
+        pairs.append((name, block, START + round((block.stamp_ns - START) + 7e6)))
+    told = []
+    for recorded in (False, True):
+        estimator, out = Estimator(STAGE, proven), []
+        for number, (name, block, arrival) in enumerate(pairs):
+            estimator.accept(name, block, arrival, recorded=recorded)
+            out += estimator.advance() if number % 6 == 0 else []
+        told.append(joined(out + estimator.finish()))
+        assert estimator.status.restarts == 0
+        assert not dict(estimator.belief.reasons)
+        refused = {name: each.admission.refused.total() for name, each in estimator.status.streams.items()}
+        assert refused == {name: count if name == wrong else 0 for name in NAMES}
+        assert not estimator.status.refused
+    np.testing.assert_array_equal(told[0].rows, told[1].rows)
+    np.testing.assert_array_equal(told[0].times_ns, told[1].times_ns)
+    assert len(told[0].rows) > 290
+    found, t = error_motion_from_block(told[0]), (told[0].times_ns - START) * 1e-9
+    inside = (t > 0.02) & (t < 0.27)
+    assert found.observable[inside][:, :2].all()
+    assert (found.observable[inside][:, [3, 4, 5]].mean(axis=0) > 0.7).all(), "but for ticks that lack their sample"
+    for index, truth in zip((0, 1, 3, 4), true_motion(t)[1:], strict=True):
+        there = inside & found.observable[:, index]
+        np.testing.assert_allclose(found.components[there, index], truth[there], atol=1e-9)
+
+
+def test_a_block_that_is_wholly_in_the_future_is_refused_live_and_in_replay():
+    block = blocks("head_a")[0]
+    for recorded in (False, True):
+        estimator = Estimator(STAGE)
+        with pytest.raises(InputError, match=r"in the future: 1\.5 s ahead"):
+            estimator.accept("head_a", block, block.stamp_ns - 1_495_100_000, recorded=recorded)
+        assert estimator.status.refused.total() == 1
+        assert estimator.status.streams["head_a"].newest_ns is None
+
+
 def test_an_unknown_stream_is_refused():
     with pytest.raises(InputError, match="no stream 'head_x' in this stage; it has head_a"):
         Estimator(STAGE).push("head_x", blocks("head_a")[0])

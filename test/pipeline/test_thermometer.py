@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.pipeline.compensation import Compensator
-from rotary_error_monitor.pipeline.thermometer import BEYOND, FAST, NOT_FINITE, Thermometer
+from rotary_error_monitor.pipeline.thermometer import BEYOND, FAST, JITTER, NOT_FINITE, Thermometer
 
 MACHINE = load_machine("xyzac_trt")
 S = 1_000_000_000
@@ -75,6 +77,86 @@ def test_a_jump_does_not_become_true_by_lasting_before_or_after_a_silence():
     assert not thermometer.push(110 * S, 24.0), "the machine was unseen for 11 s of the 110"
     for second in range(111, 200):
         assert not thermometer.push(second * S, 24.0)
+
+
+RATE = MACHINE.limits.temperature_rate
+
+
+def stamps_of(hertz, seconds, generator):
+    """Messages at a rate, each up to a tenth of their distance early or late."""
+    count = max(3, int(seconds * hertz))
+    return np.round((np.arange(count) + generator.uniform(-0.1, 0.1, count)) / hertz * 1e9).astype(np.int64) + S
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    st.integers(0, 2**31),
+    st.floats(-1.0, 2.0).map(lambda power: 10.0**power),
+    st.floats(0.0, JITTER),
+    st.sampled_from(["uniform", "extremes", "alternating", "resolution"]),
+)
+def test_a_sound_thermometer_is_believed_at_any_rate_with_any_noise_and_resolution_up_to_the_jitter(
+    seed, hertz, size, kind
+):
+    """The machine warms and cools as fast as it can; noise and rounding together change it by no more than `size`."""
+    generator = np.random.default_rng(seed)
+    times = stamps_of(hertz, min(60.0, 2000 / hertz) if hertz > 1 else 40 / hertz, generator)
+    passed = np.diff(times, prepend=times[0]) * 1e-9
+    speed = RATE * np.where(generator.random(len(times)) < 0.1, generator.uniform(-1, 1, len(times)), 1.0)
+    turns = np.sign(np.sin(2 * np.pi * generator.uniform(0.02, 0.5) * times * 1e-9 + 1.0))
+    true = 20.0 + np.cumsum(np.clip(speed * turns, -RATE, RATE) * passed)
+    true = 20.0 + np.clip(true - 20.0, -6.0, 6.0)
+    if kind == "resolution":
+        shown = np.round(true / max(size, 1e-3)) * max(size, 1e-3)
+    else:
+        extremes = {
+            "uniform": generator.uniform(-1, 1, len(times)),
+            "extremes": generator.choice([-1.0, 1.0], len(times)),
+            "alternating": np.resize([-1.0, 1.0], len(times)),
+        }
+        shown = true + 0.5 * size * extremes[kind]
+    thermometer = Thermometer(MACHINE)
+    assert all(thermometer.push(int(time), float(value)) for time, value in zip(times, shown, strict=True))
+    assert not thermometer.refused
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    st.integers(0, 2**31),
+    st.floats(-1.0, 2.0).map(lambda power: 10.0**power),
+    st.floats(1.3, 100.0),
+    st.sampled_from(["ramp", "steps"]),
+    st.floats(0.0, 0.2),
+    st.sampled_from([-1.0, 1.0]),
+)
+def test_what_drifts_faster_than_a_machine_warms_is_told_at_any_rate_of_messages(
+    seed, hertz, times_limit, kind, noise, sign
+):
+    """What it shows is never believed farther from what the machine can have than by the jitter, counted once."""
+    generator = np.random.default_rng(seed)
+    drift = RATE * times_limit
+    most = 7.0 / drift
+    times = stamps_of(hertz, max(most, 4 / hertz), generator)
+    since = (times - times[0]) * 1e-9
+    way = drift * since if kind == "ramp" else drift * np.floor(since / 2.0) * 2.0
+    shown = 20.0 + sign * np.minimum(way, 7.0) + generator.uniform(-0.5, 0.5, len(times)) * noise
+    thermometer = Thermometer(MACHINE)
+    for time, passed, value in zip(times, since, shown, strict=True):
+        believed = thermometer.push(int(time), float(value))
+        beyond = abs(value - shown[0]) - RATE * passed
+        assert not (believed and beyond > JITTER + 1e-6)
+        if beyond > JITTER + noise + 1e-6:
+            assert not believed and FAST in thermometer.trouble(int(time))
+            assert abs(thermometer.at(int(time)).temperature - shown[0]) <= RATE * passed + JITTER + 1e-6
+
+
+@pytest.mark.parametrize("back", [0, 10 * S], ids=["equal stamps", "stamps that go back"])
+def test_stamps_that_do_not_go_on_give_no_time_to_warm(back):
+    thermometer = Thermometer(MACHINE)
+    for number in range(40):
+        thermometer.push(20 * S - back * (number % 2), 20.0 + 0.1 * number)
+    assert thermometer.refused == {FAST: 34}
+    assert thermometer.at(20 * S).temperature == pytest.approx(20.5)
 
 
 def test_without_a_sensor_the_reference_stands_in():

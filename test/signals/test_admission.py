@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +12,7 @@ from hypothesis import strategies as st
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.admission import (
+    ASTRAY,
     BEYOND,
     FAST,
     FUTURE,
@@ -68,6 +72,41 @@ def test_times_that_do_not_rise_are_refused():
     assert admission.refused == {LATE: 2}
 
 
+@settings(deadline=None, max_examples=100)
+@given(st.data(), st.sampled_from([0.02, 0.3, 1.5, 3600.0, 3e7]), st.integers(2, 60))
+def test_a_stamp_ahead_of_those_that_came_with_it_costs_only_its_own_sample(data, ahead, size):
+    """With a clock what is in the future is told by it, wherever it stands; without one by the order of the others."""
+    times, values = ramp()
+    begins = np.arange(0, 200 - size, size)
+    wrong = np.array([begin + data.draw(st.integers(0, size - 2)) for begin in begins])
+    stamps = times.copy()
+    stamps[wrong] += round(ahead * 1e9)
+    for clock in (True, False):
+        admission, taken = Admission(ANGLE), []
+        for begin in range(0, 200, size):
+            block = slice(begin, begin + size)
+            until = int(times[block][-1]) + 100 * MS if clock else None
+            taken.append(admission.admit(stamps[block], values[block], until)[0])
+        np.testing.assert_array_equal(np.concatenate(taken), np.delete(times, wrong))
+        latest = times[np.minimum(begins + size, 200) - 1] + 100 * MS
+        future = int(np.count_nonzero(stamps[wrong] > latest)) if clock else 0
+        assert admission.refused == +Counter({FUTURE: future, ASTRAY: len(wrong) - future})
+        assert admission.newest_ns == times[-1]
+        assert (np.diff(admission.refusals) >= 0).all() and admission.refusals[-1] <= times[-1]
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.lists(st.integers(0, 12), min_size=1, max_size=12))
+def test_of_stamps_in_disorder_as_many_are_taken_as_can_be_in_order(stamps):
+    times = np.array(stamps, np.int64)
+    taken = Admission().admit(times, np.zeros((len(times), 1)))[0]
+    assert (np.diff(taken) > 0).all()
+    longest = [1] * len(stamps)
+    for i in range(len(stamps)):
+        longest[i] += max([longest[j] for j in range(i) if stamps[j] < stamps[i]], default=0)
+    assert len(taken) == max(longest)
+
+
 @settings(deadline=None, max_examples=60)
 @given(
     st.floats(-9.0, 9.0),
@@ -118,6 +157,75 @@ def test_spikes_are_left_out_and_nothing_else(seed, width, cuts):
     assert admission.refused[SPIKE] == len(spikes)
 
 
+@settings(deadline=None, max_examples=150)
+@given(
+    st.integers(0, 2**31),
+    st.floats(math.log(20.0), math.log(50_000.0)).map(math.exp),
+    st.floats(-60.0, 60.0),
+    st.integers(1, 20),
+    st.floats(-6.0, -3.3).map(lambda power: 10.0**power),
+)
+def test_a_signal_that_moves_as_fast_as_its_samples_follow_has_no_spikes(seed, rate, speed, order, size):
+    generator = np.random.default_rng(seed)
+    times = np.round(np.arange(400) / rate * 1e9).astype(np.int64)
+    angle = order * speed * np.arange(400) / rate + generator.uniform(0.0, TURN)
+    motion = size * np.column_stack([np.cos(angle), np.sin(angle)])
+    values = motion + generator.normal(0.0, TILT.noise, motion.shape)
+    admission = Admission(TILT)
+    taken = admit(admission, times, values, np.sort(generator.integers(1, 400, 30)))[0]
+    assert not admission.refused
+    assert len(taken) >= 398, "no more than two wait"
+
+
+@pytest.mark.parametrize("jolt", [20.0, 60.0], ids=lambda jolt: f"{jolt:g} rad/s2")
+def test_a_signal_that_begins_to_move_loses_next_to_nothing(jolt):
+    for seed in range(40):
+        generator = np.random.default_rng(seed)
+        moving = np.clip(np.arange(600) / 100 - generator.uniform(0.5, 1.5), 0.0, None)
+        angle = np.where(moving < 60.0 / jolt, 0.5 * jolt * moving**2, 60.0 * moving - 1800.0 / jolt)
+        values = 2e-4 * np.column_stack([np.cos(angle), np.sin(angle)]) + generator.normal(0.0, TILT.noise, (600, 2))
+        admission = Admission(TILT)
+        admission.admit(np.arange(600) * 10 * MS, values)
+        assert admission.refused[SPIKE] <= 2
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**31), st.integers(1, 2), st.floats(40.0, 1000.0), st.floats(0.0, 3.0))
+def test_spikes_of_any_size_beyond_the_noise_are_left_out_of_a_smooth_signal(seed, width, sigmas, speed):
+    generator = np.random.default_rng(seed)
+    times = np.arange(400) * 2_500_000
+    angle = speed * times * 1e-9
+    values = 8e-5 * np.column_stack([np.cos(angle), np.sin(angle)]) + generator.normal(0.0, TILT.noise, (400, 2))
+    wrong = np.sort(generator.choice(np.arange(20, 380, 40), 4, replace=False))
+    spikes = np.sort(np.concatenate([wrong + i for i in range(width)]))
+    values[spikes, generator.integers(2)] += generator.choice([-1.0, 1.0]) * sigmas * TILT.noise
+    admission = Admission(TILT)
+    taken = admit(admission, times, values, np.sort(generator.integers(1, 400, 30)))[0]
+    missing = np.setdiff1d(times, taken)
+    np.testing.assert_array_equal(missing[missing <= times[-3]], times[spikes])
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**31), st.lists(st.integers(1, 399), max_size=80), st.floats(0.3, 4.0))
+def test_what_is_a_spike_does_not_depend_on_how_samples_came(seed, cuts, noisier):
+    """Spikes of all sizes, in bursts, steps, more noise than stated, swings that begin and end."""
+    generator = np.random.default_rng(seed)
+    times = np.arange(400) * 10 * MS
+    angle = np.cumsum(np.repeat(generator.uniform(0.0, 1.5, 8), 50))
+    values = generator.uniform(0.0, 4e-5) * np.column_stack([np.cos(angle), np.sin(angle)])
+    values += noisier * generator.normal(0.0, TILT.noise, values.shape)
+    wrong = generator.random(400) < generator.choice([0.01, 0.1, 0.3])
+    values[wrong] += generator.normal(0.0, 1.0, (wrong.sum(), 2)) * 10.0 ** generator.uniform(-6.5, -4.0)
+    values[generator.integers(400) :] += generator.normal(0.0, 3e-5, 2)
+    whole, parts = Admission(TILT), Admission(TILT)
+    at_once, taken = admit(whole, times, values), admit(parts, times, values, sorted(cuts))
+    single = admit(Admission(TILT), times, values, range(1, 400))
+    for other in (taken, single):
+        np.testing.assert_array_equal(other[0], at_once[0])
+        np.testing.assert_array_equal(other[1], at_once[1])
+    assert whole.refused == parts.refused
+
+
 def test_a_step_is_no_spike():
     times, values = tilts(np.random.default_rng(3))
     values[200:] += 1e-4
@@ -157,6 +265,13 @@ def test_arrivals():
     assert check.was_set_back(now, now - 200 * MS)
     assert not check.was_set_back(now, now - 50 * MS)
     assert not check.was_set_back(None, now)
+
+
+def test_the_newest_of_a_block_is_what_is_not_in_the_future_wherever_it_stands():
+    check, now = ArrivalCheck(ahead_ns=100 * MS), 10_000 * MS
+    assert check.newest_of(np.array([1, 3, 2]) * MS, now) == 3 * MS
+    assert check.newest_of(np.array([now + 101 * MS, now + 99 * MS, 5]), now) == now + 99 * MS
+    assert check.newest_of(np.array([now + 200 * MS, now + 300 * MS]), now) == now + 300 * MS
 
 
 @pytest.mark.parametrize("wrong", [{"max_age_ns": 0}, {"ahead_ns": -1}])
