@@ -13,6 +13,7 @@ import numpy as np
 
 from rotary_error_monitor.calibration import reports
 from rotary_error_monitor.calibration.assembly import calibrate_assembly
+from rotary_error_monitor.calibration.assembly_doubts import ARCSEC, Centres
 from rotary_error_monitor.calibration.assembly_report import assembly_text
 from rotary_error_monitor.calibration.axis_lines import calibrate_squareness
 from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
@@ -177,6 +178,19 @@ def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
         default=DELAY_STD * 1e3,
         help="its standard uncertainty; matters where one direction and speed only are recorded (default 5)",
     )
+    parser.add_argument(
+        "--centre-radial-um",
+        type=_not_negative,
+        default=Centres().radial * 1e6,
+        help="how far the shaft may go round with its rotation between the centres, which looks like eccentricity: "
+        "standard uncertainty in each direction, a fifth of the total run-out of live centres (default 1)",
+    )
+    parser.add_argument(
+        "--centre-lean-arcsec",
+        type=_not_negative,
+        default=Centres().lean * ARCSEC,
+        help="and how far it may lean, which looks like a tilted mirror (default 1)",
+    )
     _add_force(parser)
     parser.set_defaults(run=_assembly)
 
@@ -282,6 +296,7 @@ def _assembly(arguments: argparse.Namespace) -> int:
         output,
         arguments.date or _today(),
         delay=(arguments.delay_ms * 1e-3, arguments.delay_std_ms * 1e-3),
+        centres=Centres(arguments.centre_radial_um * 1e-6, arguments.centre_lean_arcsec / ARCSEC),
         force=arguments.force,
     )
     print(assembly_text(result, output))
