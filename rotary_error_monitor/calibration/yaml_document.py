@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import secrets
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
@@ -191,6 +192,7 @@ class YamlDocument:
             if target == self._path.resolve() and read_yaml(target).text != self._before:
                 raise InputError(f"{path}: somebody has changed it since it was read; calibrate once more")
             if target.exists():
+                _keep_owner(target, draft)
                 shutil.copymode(target, draft)
             draft.replace(target)
         except OSError as error:
@@ -202,6 +204,14 @@ class YamlDocument:
     def _keep(self, part: str, name: str, value: Any) -> None:  # noqa: ANN401 (YAML content)
         """The first value that stood there counts: a later one is of this calibration itself."""
         self._replaced.setdefault(part, {}).setdefault("values", {}).setdefault(name, plain(value))
+
+
+def _keep_owner(target: Path, draft: Path) -> None:
+    """Give the draft the owner and group of the file that it replaces, as far as this process may."""
+    status = target.stat()
+    for user, group in ((-1, status.st_gid), (status.st_uid, -1)):
+        with suppress(PermissionError):
+            os.chown(draft, user, group)
 
 
 @contextmanager

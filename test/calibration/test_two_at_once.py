@@ -109,3 +109,26 @@ def test_what_an_editor_changed_meanwhile_stays(machine: Path) -> None:
         file.save(machine)
     assert machine.read_bytes() == edited
     assert [path.name for path in machine.parent.iterdir()] == ["machine.yaml"]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+@pytest.mark.parametrize("mode", [0o640, 0o664])
+def test_owner_and_mode_stay(machine: Path, mode: int) -> None:
+    os.chown(machine, 12345, 23456)
+    machine.chmod(mode)
+    assert main(["calibrate", *POSITIONING, "--machine", str(machine)]) == 0
+    status = machine.stat()
+    assert (status.st_uid, status.st_gid, status.st_mode & 0o7777) == (12345, 23456, mode)
+
+
+def test_who_may_not_give_a_file_away_writes_it_as_his_own(machine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An owner that cannot be kept is no reason to lose a calibration."""
+
+    def refused(path: Path, user: int, group: int) -> None:
+        raise PermissionError(1, "Operation not permitted", str(path))
+
+    machine.chmod(0o660)
+    monkeypatch.setattr(os, "chown", refused)
+    assert main(["calibrate", *POSITIONING, "--machine", str(machine)]) == 0
+    assert machine.stat().st_mode & 0o7777 == 0o660
+    assert "EXX" in calibration_of(machine)
