@@ -210,7 +210,7 @@ def _keep_owner(target: Path, draft: Path) -> None:
     """Give the draft the owner and group of the file that it replaces, as far as this process may."""
     status = target.stat()
     for user, group in ((-1, status.st_gid), (status.st_uid, -1)):
-        with suppress(PermissionError):
+        with suppress(OSError):  # not permitted, or not known to the file system
             os.chown(draft, user, group)
 
 
