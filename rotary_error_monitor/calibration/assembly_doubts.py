@@ -64,46 +64,45 @@ def doubt_assembly(
     stage: StageDescription, ring: RingAssembly, mirror: MirrorAssembly | None, centres: Centres
 ) -> Doubts:
     """Ring and mirror against what the description had, with uncertainties that hold what they may miss."""
-    sure = _Found.of(ring, mirror)
+    turned = "" if mirror is None else _against_rotation(stage, mirror, centres)
+    # where the readings of the autocollimator are doubted as a whole, their change is no matter of the centres
+    sure = _Found.of(ring, None if turned else mirror)
     ring = replace(ring, eccentricity_std=_wider_pair(ring.eccentricity_std, centres.radial))
-    misfits: list[str] = []
     if mirror is not None:
-        mirror = replace(mirror, tilt_std=_wider_pair(mirror.tilt_std, centres.lean))
-        turned = _against_rotation(stage, mirror, centres)
-        if turned:
-            size = _amplitude_against(mirror)
-            misfits.append(turned)
-            mirror = replace(
-                mirror,
-                tilt_std=_wider_pair(mirror.tilt_std, size),
-                flatness_std=_wider(mirror.flatness_std, size),
-            )
+        mirror = _centred(mirror, centres, _amplitude_against(mirror) if turned else 0.0)
     changes = _changes(stage, _Found.of(ring, mirror))
     limit = CHANGED / max(1, len(changes))
-    told = {change.name for change in changes if change.probability < limit}
+    told = {change.name: change.largest for change in changes if change.probability < limit}
+    misfits = [turned] if turned else []
     misfits += [f"{change.sentence}: {_ADVICE[change.name]}" for change in changes if change.name in told]
     remarks = tuple(
         f"{change.sentence}; the shaft's motion between centres may be all of it"
         for change in _changes(stage, sure)
         if change.probability < limit and change.name not in told
     )
-    by = {change.name: change.largest for change in changes if change.name in told}
     ring = replace(
         ring,
-        eccentricity_std=_wider_pair(ring.eccentricity_std, by.get("encoder.eccentricity", 0.0)),
-        graduation_std=tuple(_wider_pair(pair, by.get("encoder.graduation", 0.0)) for pair in ring.graduation_std),
+        eccentricity_std=_wider_pair(ring.eccentricity_std, told.get("encoder.eccentricity", 0.0)),
+        graduation_std=tuple(_wider_pair(pair, told.get("encoder.graduation", 0.0)) for pair in ring.graduation_std),
     )
     if mirror is not None:
-        mirror = replace(
-            mirror,
-            tilt_std=_wider_pair(mirror.tilt_std, by.get("mirror.tilt", 0.0)),
-            flatness_std=_wider(mirror.flatness_std, by.get("mirror.flatness", 0.0)),
-        )
+        mirror = _doubted(mirror, told.get("mirror.tilt", 0.0), told.get("mirror.flatness", 0.0))
     return Doubts(ring, mirror, tuple(misfits), remarks)
 
 
-def _wider(stds: Sequence[float], more: float) -> tuple[float, ...]:
-    return tuple(float(np.hypot(std, more)) for std in stds)
+def _centred(mirror: MirrorAssembly, centres: Centres, turned: float) -> MirrorAssembly:
+    """The mirror with what the centres, and an order 1 against the rotation, leave unsure, rad."""
+    # a shaft that leans against its rotation looks like flatness of order 1
+    leaning = tuple(
+        float(np.hypot(std, centres.lean)) if row.order == 1 else std
+        for row, std in zip(mirror.flatness, mirror.flatness_std, strict=True)
+    )
+    return _doubted(replace(mirror, flatness_std=leaning), float(np.hypot(centres.lean, turned)), turned)
+
+
+def _doubted(mirror: MirrorAssembly, tilt: float, flatness: float) -> MirrorAssembly:
+    stds = tuple(float(np.hypot(std, flatness)) for std in mirror.flatness_std)
+    return replace(mirror, tilt_std=_wider_pair(mirror.tilt_std, tilt), flatness_std=stds)
 
 
 def _wider_pair(stds: tuple[float, float], more: float) -> tuple[float, float]:
@@ -118,7 +117,7 @@ def _amplitude_against(mirror: MirrorAssembly) -> float:
 def _against_rotation(stage: StageDescription, mirror: MirrorAssembly, centres: Centres) -> str:
     """Order 1 that goes mainly against the rotation, in words; a tilted mirror goes with it."""
     against, tilt = _amplitude_against(mirror), float(np.hypot(*mirror.tilt))
-    spread = max([*mirror.flatness_std[:1], 0.0])
+    spread = max(mirror.flatness_std, default=0.0)
     if against <= max(tilt, centres.lean) or against - tilt <= SIGNIFICANT * spread:
         return ""
     before = float(np.hypot(*stage.mirror.tilt)) * ARCSEC
