@@ -1,10 +1,11 @@
-"""Who works on a bag: a lock on its folder that is gone with the process that held it, however that ended."""
+"""Who works on a bag or file: a lock on it that is gone with the process that held it, however that ended."""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
 import os
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
@@ -14,41 +15,53 @@ from rotary_error_monitor.errors import InputError
 
 _LOCKS = Path("/proc/locks")
 
+PATIENCE = 10.0
+"""How long a file is waited for, s: what changes a file takes some seconds, but for long identifications."""
 
-class BagLock:
-    """The right to change a bag, for one process at a time, from its making to `release` or the end of the process.
+PAUSE = 0.05
 
-    The lock lies on the folder itself (`flock(2)`): nothing is left behind that could be mistaken for it, and whoever
-    renames the folder takes it along. Readers need none.
+
+class LockedError(InputError):
+    """Another process has the lock."""
+
+
+class PathLock:
+    """The right to change what is at a path, for one process at a time, to `release` or the end of the process.
+
+    The lock lies on the file or folder itself (`flock(2)`): nothing is left behind that could be mistaken for it, and
+    whoever renames it takes the lock along. Readers need none.
 
     Attributes:
         held: False where the file system knows no locks, so that nobody is kept away.
-        place: path by which the locked folder is found whatever it is called meanwhile.
+        place: path by which what is locked is found whatever it is called meanwhile.
     """
 
-    def __init__(self, folder: Path) -> None:
-        """Take the lock of a folder that is there.
+    def __init__(self, path: Path, doing: str, flags: int = 0) -> None:
+        """Take the lock of what is there.
+
+        Args:
+            path: of the file or folder.
+            doing: what who has the lock does with it, for the message.
+            flags: to open it with.
 
         Raises:
             InputError: another process has it; the message says which.
-            OSError: the folder cannot be opened.
+            OSError: it cannot be opened.
         """
-        self._descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | flags)
         self.place = Path(f"/proc/self/fd/{self._descriptor}")
         self.held = True
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             self.release()
-            raise InputError(
-                f"{folder}: {holder(folder) or 'another process'} is recording or recovering it; let it end first"
-            ) from None
+            raise LockedError(f"{path}: {holder(path) or 'another process'} {doing}; let it end first") from None
         except OSError:
             self.held = False
 
     @property
     def path(self) -> Path | None:
-        """Where the folder is now; None once it was removed."""
+        """Where it is now; None once it was removed."""
         with contextlib.suppress(OSError):
             if os.fstat(self._descriptor).st_nlink:
                 return self.place.readlink()
@@ -69,10 +82,54 @@ class BagLock:
         self.release()
 
 
-def holder(folder: Path) -> str:
-    """The process that has the lock of a folder, such as `process 4711`; empty where none is known to have it."""
+class BagLock(PathLock):
+    """The right to change a bag: the lock of its folder."""
+
+    def __init__(self, folder: Path) -> None:
+        """Take the lock of a folder that is there.
+
+        Raises:
+            InputError: another process has it; the message says which.
+            OSError: the folder cannot be opened.
+        """
+        super().__init__(folder, "is recording or recovering it", os.O_DIRECTORY)
+
+
+class FileLock(PathLock):
+    """The right to change a file, from before it is read until another has taken its place."""
+
+    @classmethod
+    def wait(cls, path: Path, patience: float = PATIENCE) -> Self:
+        """The lock of the file that is there when whoever has it now, or who replaces it, is through.
+
+        Raises:
+            InputError: another process still has it after `patience` in s; the message says which.
+            OSError: the file cannot be opened.
+        """
+        end = time.monotonic() + patience
+        while True:
+            try:
+                lock = cls(path, "is changing it")
+            except LockedError:
+                if time.monotonic() > end:
+                    raise
+                time.sleep(PAUSE)
+                continue
+            if lock.is_of(path):
+                return lock
+            lock.release()
+
+    def is_of(self, path: Path) -> bool:
+        """Whether what is locked is still what is at the path."""
+        with contextlib.suppress(FileNotFoundError):
+            return os.path.samestat(os.fstat(self._descriptor), path.stat())
+        return False
+
+
+def holder(path: Path) -> str:
+    """The process that has the lock of what is there, such as `process 4711`; empty where none is known to have it."""
     try:
-        status = folder.stat()
+        status = path.stat()
         lines = _LOCKS.read_text(encoding="ascii").splitlines()
     except OSError:
         return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.calibration.assembly_doubts import Centres, doubt_assembly
 from rotary_error_monitor.calibration.yaml_document import Provenance, YamlDocument, hash_source, number
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.description.stage import StageDescription, load_stage
@@ -37,9 +38,11 @@ class AssemblyResult:
         mirror: None where no autocollimator was recorded, or where it does not tell.
         radius: of the ring, m.
         remark: why there is no mirror.
-        remarks: what of the recording could not be used.
+        remarks: what of the recording could not be used, and what changed within what the centres explain.
         ticks: times that were used.
         written: False where the recording does not fit and was not forced into the file.
+        contradictions: what speaks against ring or mirror though the recording fits them, in words.
+        centres: what the shaft may have moved between them, which counts into the uncertainties.
     """
 
     ring: RingAssembly
@@ -49,11 +52,13 @@ class AssemblyResult:
     ticks: int
     written: bool
     remarks: tuple[str, ...] = ()
+    contradictions: tuple[str, ...] = ()
+    centres: Centres = field(default_factory=Centres)
 
     @property
     def fits(self) -> bool:
-        """Whether the recording fits ring and mirror."""
-        return self.ring.fit.fits and (self.mirror is None or self.mirror.fit.fits)
+        """Whether the recording fits ring and mirror, and these what is known of them."""
+        return self.ring.fit.fits and (self.mirror is None or self.mirror.fit.fits) and not self.contradictions
 
 
 def read_shaft_recording(path: Path | str, stage: StageDescription, remarks: list[str] | None = None) -> ShaftRecording:
@@ -92,12 +97,14 @@ def calibrate_assembly(
     day: date,
     *,
     delay: tuple[float, float] = (0.0, DELAY_STD),
+    centres: Centres | None = None,
     force: bool = False,
 ) -> AssemblyResult:
     """Eccentricity and graduation of the ring, tilt and flatness of the mirror, into the stage file.
 
-    What the recording cannot tell stays in the file. A recording that does not fit is written only by `force`, with an
-    uncertainty that covers what is left. What was there before goes to the history of each section.
+    What the recording cannot tell stays in the file. A recording that does not fit, or that contradicts what the file
+    has with an uncertainty, is written only by `force`, with an uncertainty that covers what is left. What was there
+    before goes to the history of each section.
 
     Args:
         source: bag of the shaft between centres.
@@ -105,6 +112,7 @@ def calibrate_assembly(
         output: where to write.
         day: of the calibration.
         delay: age of the autocollimator's values and its standard uncertainty, as known before, s.
+        centres: how well the centres hold the shaft; by default as `Centres` has it.
         force: write what does not fit.
 
     Raises:
@@ -123,14 +131,24 @@ def calibrate_assembly(
             mirror = doubt_mirror(estimate_mirror_assembly(stage, recording, delay), ring)
         except InputError as error:
             remark = str(error)
+    centres = centres or Centres()
+    doubts = doubt_assembly(stage, ring, mirror, centres)
     result = AssemblyResult(
-        ring, mirror, stage.encoder.disc_radius, remark, len(recording.readings), written=False, remarks=tuple(remarks)
+        doubts.ring,
+        doubts.mirror,
+        stage.encoder.disc_radius,
+        remark,
+        len(recording.readings),
+        written=False,
+        remarks=(*remarks, *doubts.remarks),
+        contradictions=doubts.misfits,
+        centres=centres,
     )
     if not (result.fits or force):
         return result
     document = YamlDocument(stage_file, "stage")
     digest = hash_source(source)
-    for name, note in _set_ring(document, ring), _set_mirror(document, mirror):
+    for name, note in _set_ring(document, result.ring), _set_mirror(document, result.mirror):
         if name:
             uncertainty, figures = note
             doubt = "" if result.fits else "; ".join(misfit_lines(result))
@@ -145,7 +163,7 @@ def misfit_lines(result: AssemblyResult) -> list[str]:
     lines = [] if ring.fit.fits else [ring.fit.sentence("heads", result.radius * 1e6, "µm at the ring")]
     if mirror is not None and not mirror.fit.fits:
         lines.append(mirror.fit.sentence("autocollimator", 648000 / np.pi, "arcsec"))
-    return lines
+    return [*lines, *result.contradictions]
 
 
 Note = tuple[str, tuple[float, dict[str, float]]]

@@ -20,6 +20,10 @@ def assembly_text(result: AssemblyResult, output: Path) -> str:
     """What was found, what was kept, and what does not fit."""
     lines = _ring_lines(result.ring, result.ticks)
     lines += [f"mirror: {result.remark}, left as it was"] if result.mirror is None else _mirror_lines(result.mirror)
+    lines.append(
+        f"between centres the shaft may itself go round by {result.centres.radial * 1e6:g} µm and lean by "
+        f"{result.centres.lean * ARCSEC:g} arcsec (standard uncertainties, counted above), which looks the same"
+    )
     if not result.fits:
         lines += ["the recording does not fit:", *(f"  {line}" for line in misfit_lines(result))]
     lines += [f"note: {remark}" for remark in result.remarks]

@@ -7,7 +7,8 @@ machine file has it, location errors of what carries it included, all axes at ze
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from rotary_error_monitor.calibration.axis_doubts import implausible_lengths, left_handed, less_sure
 from rotary_error_monitor.calibration.machine_file import SQUARENESS, location_name
 from rotary_error_monitor.calibration.measurements import read_tracker
 from rotary_error_monitor.calibration.steps import Job
@@ -120,10 +122,27 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
         origin = _origin_by_axis(machine, rotary[0], seen[rotary[0]], unsure)
     locations = {} if origin is None else _locate(job, seen, origin, reference)
     worst = max([row[3] for row in found] + [float(each.rotation_uncertainty.max()) for each in locations.values()])
-    misfits = _stray_points(fitted)
+    mirrored = left_handed(machine, fitted)
+    doubts = less_sure(job.file, worst, _angles_before(machine, found, locations))
+    misfits = (*mirrored, *implausible_lengths(machine, tracks), *_stray_points(fitted), *doubts)
+    if mirrored:  # angles of exchanged axes, or of the wrong sign
+        worst = math.hypot(worst, 2 * max(abs(row[2]) for row in found))
     written = job.finish([SQUARENESS, *map(location_name, locations)], worst, {}, misfits)
     scatter = tuple((letter, line.ratio) for letter, line in fitted.items() if _scatters(line))
     return SquarenessResult(tuple(found), locations, reference, scatter, misfits, written)
+
+
+def _angles_before(
+    machine: MachineDescription,
+    squareness: Sequence[tuple[str, str, float, float]],
+    locations: Mapping[str, RotaryLocation],
+) -> dict[str, tuple[float, float]]:
+    """By name under `calibration` the largest angle in the file, and the uncertainty of the new ones, rad."""
+    tilts = {body.axis: float(np.abs(body.location_error.rotation).max()) for body in machine.bodies}
+    parts = {SQUARENESS: (max(tilts[letter] for letter, *_ in squareness), max(row[3] for row in squareness))}
+    for letter, found in locations.items():
+        parts[location_name(letter)] = tilts[letter], float(found.rotation_uncertainty.max())
+    return parts
 
 
 def _as_scattered(line: LineFit) -> LineFit:

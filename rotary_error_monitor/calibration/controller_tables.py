@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 MOST_ROWS = 256
 """LinuxCNC refuses longer COMP_FILEs."""
 
+MOST_POINTS = 100_000
+"""Points of a volumetric table: each takes 4 kB while it is solved; controllers take some thousand."""
+
 
 @dataclass(frozen=True)
 class AxisCompensation:
@@ -114,10 +117,13 @@ def volumetric_table(
     the exact model: they put the tool where the ideal machine has it.
 
     Raises:
-        InputError: no grid axis, one that the machine lacks, fewer than two points, or a pose without correction.
+        InputError: no grid axis, one that the machine lacks, fewer than two points, more than `MOST_POINTS` in all, or
+            a pose without correction.
     """
     if not counts or min(counts.values()) < 2:
         raise InputError(f"grid {dict(counts)}; expected two points or more of at least one axis")
+    if (points := math.prod(counts.values())) > MOST_POINTS:
+        raise InputError(f"a grid of {points:.7g} points; at most {MOST_POINTS} are solved, give fewer along an axis")
     lines = {letter: np.linspace(*machine.axis(letter).travel, count) for letter, count in counts.items()}
     middle = {axis.letter: np.array([(held or {}).get(axis.letter, 0.5 * sum(axis.travel))]) for axis in machine.axes}
     grids = np.meshgrid(*(lines.get(letter, middle[letter]) for letter in machine.letters), indexing="ij")

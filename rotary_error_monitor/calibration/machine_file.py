@@ -117,6 +117,11 @@ class MachineFile:
             self._set_axis(axis, before)
         return list(dict.fromkeys(parts))
 
+    def noted_uncertainty(self, name: str) -> float | None:
+        """Standard uncertainty of a part by its name under `calibration`, m or rad; None if none is noted."""
+        value = self._document.get("calibration", name, "uncertainty")
+        return None if value is None else float(value)
+
     def note(self, names: Sequence[str], provenance: Provenance) -> None:
         """Write down where sections are from, under `calibration`, by their names, and what they were before."""
         for name in names:

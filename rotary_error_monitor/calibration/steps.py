@@ -49,6 +49,10 @@ LEAST_COVERED = 0.9
 """Share of the travel that targets should cover."""
 
 
+LEAST_TARGETS = 0.02
+"""Share of the travel that targets cover at least: radians taken for degrees cover 1.7 %, metres taken for mm 0.1 %."""
+
+
 @dataclass(frozen=True)
 class Job:
     """What every step needs.
@@ -140,6 +144,9 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
     misfits = () if drop_outliers else _outlying_readings(find_outliers(runs, false_alarm=FALSE_ALARM), runs)
     if misfits:
         uncertainty = math.hypot(uncertainty, _moved_by(outliers, figures))
+    share = share_of_travel(axis, positions)
+    if share < LEAST_TARGETS and (axis.kind == "linear" or np.ptp(positions) < TURN / 2):
+        misfits += (f"the targets cover {share:.2%} of the travel of {letter}: are they in another unit?",)
     noted = {"repeatability": figures.forward.repeatability, "accuracy": figures.forward.accuracy}
     if figures.bidirectional is not None:
         both = figures.bidirectional
@@ -152,7 +159,6 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
         }
     written = job.finish([name], uncertainty, noted, misfits)
     remarks = check_standard_test(runs)
-    share = float(np.ptp(positions)) / (axis.travel[1] - axis.travel[0])
     if share < LEAST_COVERED:
         remarks += (f"the targets cover {share:.0%} of the travel; beyond them the error of the last one holds",)
     if runs.rotary and job.source.suffix != ".csv":
@@ -238,6 +244,11 @@ def own_component(axis: Axis) -> tuple[str, float]:
     own = int(np.argmax(np.abs(axis.direction)))
     kind = own if axis.kind == "linear" else own + 3
     return f"E{DIRECTIONS[kind]}{axis.letter}", math.copysign(1.0, axis.direction[own])
+
+
+def share_of_travel(axis: Axis, positions: Array) -> float:
+    """Part of an axis' travel that rising positions (n,) span."""
+    return float(positions[-1] - positions[0]) / (axis.travel[1] - axis.travel[0])
 
 
 def check_travel(axis: Axis, positions: Array, source: Path) -> None:

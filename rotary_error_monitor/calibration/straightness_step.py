@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.calibration.measurements import Placement, read_straightness
-from rotary_error_monitor.calibration.steps import Job, check_travel, own_component
+from rotary_error_monitor.calibration.steps import Job, check_travel, own_component, share_of_travel
 from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.guideway_compensation import RotatedCurve, rotate_monotone
 from rotary_error_monitor.metrology.overlaps import contradicting
 from rotary_error_monitor.metrology.repeated_runs import RepeatedRuns, combine_runs
+from rotary_error_monitor.metrology.run_agreement import (
+    disagreeing_directions,
+    disagreeing_runs,
+    unrepeated_doubt,
+)
 from rotary_error_monitor.metrology.splicing import Mirror, Segment, SplicedProfile, splice_segments
 from rotary_error_monitor.metrology.straightness import Straightness
 from rotary_error_monitor.metrology.unresolved import find_unresolved
@@ -24,6 +29,13 @@ Array = NDArray[np.float64]
 
 MOST_TABLE_ROWS = 101
 """Rows of a table in the machine file, so that it can still be read."""
+
+LEAST_OF_TRAVEL = 0.01
+"""Part of the travel that readings cover at least: metres taken for mm cover a thousandth."""
+
+SMALL_PART = 0.1
+"""Readings that cover less than this of both their mirror and the travel are taken for positions in another unit, such
+as inches: pieces of a travel are as long as the mirror that they are measured along."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +87,9 @@ def calibrate_straightness(
 ) -> StraightnessResult:
     """Segments of a guideway, spliced, into the table of a straightness error such as EYX.
 
-    With `monotone` the component also has the slope that keeps the axis which takes it out from reversing. Segments
-    that contradict one another and readings that stand off are written by force only.
+    With `monotone` the component also has the slope that keeps the axis which takes it out from reversing. Segments,
+    runs and directions that contradict one another, readings that stand off, and a table over so small a part of the
+    travel that its unit is in doubt are written by force only.
 
     Raises:
         InputError: the name is no straightness of an axis of the machine, the table is wrong, or segments do not fit.
@@ -95,7 +108,8 @@ def calibrate_straightness(
     # To a nanometre: a zero that is none by rounding errors looks odd in a file.
     positions = np.asarray(np.round(positions, 9), dtype=np.float64)
     values = np.interp(positions, spliced.positions, straightness.deviations)
-    doubts = _doubts(parts, spliced, straightness)
+    doubts = _doubts(parts, spliced, straightness, reading.noise)
+    doubts = replace(doubts, misfits=(*_unit_doubts(axis, spliced.positions, mirror.length), *doubts.misfits))
     rotated = rotate_monotone(positions, values) if monotone else None
     job.file.set_table(name, positions, values, None)
     if rotated is not None:
@@ -121,9 +135,10 @@ def calibrate_straightness(
 
 @dataclass(frozen=True)
 class _Placed:
-    """A placement's runs and what they have in common, once more without the readings that stand off."""
+    """A placement's `runs`, how many, what they have in common, and that without the readings that stand off."""
 
     segment: Segment
+    runs: int
     combined: RepeatedRuns
     without: RepeatedRuns
 
@@ -144,7 +159,7 @@ def _segment(placement: Placement, reading: Reading) -> _Placed:
         noise = np.maximum(combined.uncertainty * math.sqrt(1 + combined.correlation), stated / 2)
     start = min(float(run.positions.min()) for run in runs)
     segment = Segment(combined.positions, combined.mean, noise, start, placement.turned)
-    return _Placed(segment, combined, without)
+    return _Placed(segment, len(runs), combined, without)
 
 
 @dataclass(frozen=True)
@@ -157,10 +172,12 @@ class _Doubts:
     misfits: tuple[str, ...]
 
 
-def _doubts(parts: Sequence[_Placed], spliced: SplicedProfile, straightness: Straightness) -> _Doubts:
+def _doubts(parts: Sequence[_Placed], spliced: SplicedProfile, straightness: Straightness, noise: float) -> _Doubts:
     covariance = spliced.deviation_covariance()
     between = _between(parts)
     misfits, doubt = _contradictions(parts, spliced, between)
+    disagreements, moved = _disagreements(parts, noise)
+    doubt = max(doubt, moved, *(unrepeated_doubt(part.combined, noise) for part in parts))
     largest = float(np.diag(covariance).max())
     high, low = int(np.argmax(straightness.deviations)), int(np.argmin(straightness.deviations))
     across = float(covariance[high, high] + covariance[low, low] - 2 * covariance[high, low])
@@ -171,7 +188,7 @@ def _doubts(parts: Sequence[_Placed], spliced: SplicedProfile, straightness: Str
         # what lies between the readings makes the range larger at both ends
         error_uncertainty=math.hypot(math.sqrt(across), 2 * between, math.sqrt(2) * doubt),
         between=between,
-        misfits=misfits,
+        misfits=(*disagreements, *misfits),
     )
 
 
@@ -206,6 +223,43 @@ def _contradictions(parts: Sequence[_Placed], spliced: SplicedProfile, between: 
         )
         doubt = max(doubt, overlap.difference)
     return tuple(misfits), doubt
+
+
+def _disagreements(parts: Sequence[_Placed], noise: float) -> tuple[tuple[str, ...], float]:
+    """Runs and directions that contradict one another, in words, and how far they may move the result, m."""
+    misfits, doubt = [], 0.0
+    for number, part in enumerate(parts, start=1):
+        for what, found, advice in (
+            (
+                "runs of one direction scatter by",
+                disagreeing_runs(part.combined, part.runs, noise),
+                "a run of another sign or unit, a drift, or noise larger than stated",
+            ),
+            (
+                "forward and backward differ by",
+                disagreeing_directions(part.combined, noise),
+                "one direction of another sign or unit, or a drift",
+            ),
+        ):
+            if found is not None:
+                misfits.append(
+                    f"segment {number}: {what} {found.size * 1e6:.3f} µm, where noise of {noise * 1e6:g} µm and a "
+                    f"plausible repeatability or reversal explain {found.expected * 1e6:.3f} µm (p-value "
+                    f"{found.probability:.1g}): {advice}"
+                )
+                doubt = max(doubt, found.moved)
+    return tuple(misfits), doubt
+
+
+def _unit_doubts(axis: Axis, positions: Array, mirror: float) -> tuple[str, ...]:
+    """Positions that cover so little that their unit is in doubt, in words."""
+    share, of_mirror = share_of_travel(axis, positions), float(np.ptp(positions)) / mirror
+    if share >= LEAST_OF_TRAVEL and max(share, of_mirror) >= SMALL_PART:
+        return ()
+    return (
+        f"the positions, {positions[0] * 1e3:g} to {positions[-1] * 1e3:g} mm, cover {share:.2%} of the travel of "
+        f"{axis.letter} and {of_mirror:.2%} of the mirror's length: are they in another unit?",
+    )
 
 
 def _straightness_axis(machine: MachineDescription, name: str) -> Axis:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import secrets
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
@@ -15,6 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from rotary_error_monitor.bags.lock import FileLock
 from rotary_error_monitor.calibration.yaml_text import LOADER, CannotChangeError, Keys, Rows, YamlText, plain
 from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError
@@ -68,6 +71,24 @@ def hash_source(path: Path) -> str:
     return digest.hexdigest()
 
 
+@contextmanager
+def changing(path: Path) -> Iterator[None]:
+    """The right to change a file, from before it is read until it is replaced; a file that is not there needs none.
+
+    Raises:
+        InputError: another process has it.
+    """
+    try:
+        lock = FileLock.wait(path) if path.is_file() else None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    try:
+        yield
+    finally:
+        if lock is not None:
+            lock.release()
+
+
 class YamlDocument:
     """A YAML file of which one section is being calibrated; nothing is on disk before `save`.
 
@@ -83,7 +104,8 @@ class YamlDocument:
         """
         self.section: Keys = (section,)
         self._path = path
-        self._text = YamlText(read_yaml(path).text)
+        self._before = read_yaml(path).text
+        self._text = YamlText(self._before)
         self._replaced: dict[str, dict[str, Any]] = {}
 
     @property
@@ -152,19 +174,25 @@ class YamlDocument:
         """Write the file, whole or not at all; `check` loads the draft beside it and gives what is in it.
 
         Raises:
-            InputError: what `check` raises (nothing is written then), or the file cannot be written.
+            InputError: what `check` raises, or the file has changed since it was read (nothing is written then), or it
+                cannot be written.
         """
         target = path.resolve()
-        draft = target.with_name(f".{target.name}.draft")
+        # a name of its own: another process may write a draft of the same file
+        draft = target.with_name(f".{target.name}.{secrets.token_hex(4)}.draft")
         try:
-            draft.write_bytes(self._text.text.encode("utf-8"))
+            with draft.open("xb") as file:
+                file.write(self._text.text.encode("utf-8"))
             if yaml.load(self._text.text, LOADER) != self._text.content:
                 raise InputError(
                     f"{self._path}: its YAML cannot be changed in place; load it and write it out plainly, then "
                     "calibrate that"
                 )
             found = check(draft)
+            if target == self._path.resolve() and read_yaml(target).text != self._before:
+                raise InputError(f"{path}: somebody has changed it since it was read; calibrate once more")
             if target.exists():
+                _keep_owner(target, draft)
                 shutil.copymode(target, draft)
             draft.replace(target)
         except OSError as error:
@@ -176,6 +204,14 @@ class YamlDocument:
     def _keep(self, part: str, name: str, value: Any) -> None:  # noqa: ANN401 (YAML content)
         """The first value that stood there counts: a later one is of this calibration itself."""
         self._replaced.setdefault(part, {}).setdefault("values", {}).setdefault(name, plain(value))
+
+
+def _keep_owner(target: Path, draft: Path) -> None:
+    """Give the draft the owner and group of the file that it replaces, as far as this process may."""
+    status = target.stat()
+    for user, group in ((-1, status.st_gid), (status.st_uid, -1)):
+        with suppress(OSError):  # not permitted, or not known to the file system
+            os.chown(draft, user, group)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ import numpy as np
 
 from rotary_error_monitor.calibration import reports
 from rotary_error_monitor.calibration.assembly import calibrate_assembly
+from rotary_error_monitor.calibration.assembly_doubts import ARCSEC, Centres
 from rotary_error_monitor.calibration.assembly_report import assembly_text
 from rotary_error_monitor.calibration.axis_lines import calibrate_squareness
 from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
@@ -23,6 +24,7 @@ from rotary_error_monitor.calibration.parameters import Orders
 from rotary_error_monitor.calibration.steps import Job, calibrate_machine, calibrate_positioning
 from rotary_error_monitor.calibration.straightness_step import Reading, calibrate_straightness
 from rotary_error_monitor.calibration.volume import estimate_volumetric_map, rank_errors
+from rotary_error_monitor.calibration.yaml_document import changing
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
@@ -177,6 +179,19 @@ def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
         default=DELAY_STD * 1e3,
         help="its standard uncertainty; matters where one direction and speed only are recorded (default 5)",
     )
+    parser.add_argument(
+        "--centre-radial-um",
+        type=_not_negative,
+        default=Centres().radial * 1e6,
+        help="how far the shaft may go round with its rotation between the centres, which looks like eccentricity: "
+        "standard uncertainty in each direction, a fifth of the total run-out of live centres (default 1)",
+    )
+    parser.add_argument(
+        "--centre-lean-arcsec",
+        type=_not_negative,
+        default=Centres().lean * ARCSEC,
+        help="and how far it may lean, which looks like a tilted mirror (default 1)",
+    )
     _add_force(parser)
     parser.set_defaults(run=_assembly)
 
@@ -227,10 +242,13 @@ def _add_flatness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.set_defaults(run=_flatness_step)
 
 
-def _job(arguments: argparse.Namespace) -> Job:
-    day = arguments.date or _today()
-    file = MachineFile(arguments.machine)
-    return Job(arguments.source, file, arguments.output or arguments.machine, day, arguments.force)
+@contextmanager
+def _job(arguments: argparse.Namespace) -> Iterator[Job]:
+    """What a step needs; what it writes is its own from before it is read."""
+    output = arguments.output or arguments.machine
+    with changing(output):
+        file = MachineFile(arguments.machine)
+        yield Job(arguments.source, file, output, arguments.date or _today(), arguments.force)
 
 
 def _today() -> date:
@@ -238,8 +256,8 @@ def _today() -> date:
 
 
 def _positioning(arguments: argparse.Namespace) -> int:
-    job = _job(arguments)
-    result = calibrate_positioning(job, arguments.axis, drop_outliers=arguments.drop_outliers)
+    with _job(arguments) as job:
+        result = calibrate_positioning(job, arguments.axis, drop_outliers=arguments.drop_outliers)
     print(reports.positioning_text(result, job.output))
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_positioning
@@ -250,12 +268,12 @@ def _positioning(arguments: argparse.Namespace) -> int:
 
 
 def _straightness(arguments: argparse.Namespace) -> int:
-    job = _job(arguments)
     profile = read_mirror_profile(arguments.mirror_profile) if arguments.mirror_profile else None
     flatness = None if arguments.mirror_flatness_um is None else arguments.mirror_flatness_um * 1e-6
     mirror = Mirror(arguments.mirror_length_mm * 1e-3, flatness, profile)
     reading = Reading(arguments.noise_um * 1e-6, arguments.position_noise_mm * 1e-3, arguments.drop_outliers)
-    result = calibrate_straightness(job, arguments.component, mirror, reading, monotone=arguments.monotone)
+    with _job(arguments) as job:
+        result = calibrate_straightness(job, arguments.component, mirror, reading, monotone=arguments.monotone)
     print(reports.straightness_text(result, job.output))
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_straightness
@@ -266,34 +284,36 @@ def _straightness(arguments: argparse.Namespace) -> int:
 
 
 def _squareness(arguments: argparse.Namespace) -> int:
-    job = _job(arguments)
     angle = math.radians(arguments.angle_arcsec / 3600)
     noise = TrackerNoise(arguments.distance_um * 1e-6, arguments.distance_ppm * 1e-6, angle, angle)
-    result = calibrate_squareness(job, noise)
+    with _job(arguments) as job:
+        result = calibrate_squareness(job, noise)
     print(reports.squareness_text(result, job.output))
     return 0 if result.written else NOT_GOOD
 
 
 def _assembly(arguments: argparse.Namespace) -> int:
     output = arguments.output or arguments.stage
-    result = calibrate_assembly(
-        arguments.source,
-        arguments.stage,
-        output,
-        arguments.date or _today(),
-        delay=(arguments.delay_ms * 1e-3, arguments.delay_std_ms * 1e-3),
-        force=arguments.force,
-    )
+    with changing(output):
+        result = calibrate_assembly(
+            arguments.source,
+            arguments.stage,
+            output,
+            arguments.date or _today(),
+            delay=(arguments.delay_ms * 1e-3, arguments.delay_std_ms * 1e-3),
+            centres=Centres(arguments.centre_radial_um * 1e-6, arguments.centre_lean_arcsec / ARCSEC),
+            force=arguments.force,
+        )
     print(assembly_text(result, output))
     return 0 if result.written else NOT_GOOD
 
 
 def _machine(arguments: argparse.Namespace) -> int:
-    job = _job(arguments)
     orders = Orders(reversal=arguments.reversal, expansion=arguments.expansion, setup=arguments.setup)
-    limits = _limits(arguments.limits, job.file.machine)
     noise, required = arguments.noise_um * 1e-6, arguments.required_um * 1e-6
-    result = calibrate_machine(job, orders, noise, required, limits)
+    with _job(arguments) as job:
+        limits = _limits(arguments.limits, job.file.machine)
+        result = calibrate_machine(job, orders, noise, required, limits)
     print(reports.machine_text(result, job.output))
     return 0 if result.written else NOT_GOOD
 

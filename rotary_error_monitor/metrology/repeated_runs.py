@@ -65,6 +65,8 @@ class RepeatedRuns:
         weights: (n,) variance of `mean` over that of a reading.
         correlation: of neighbouring readings' departures from the mean, 0 or above: drift within a run.
         stops: whether the runs share their stops.
+        scatter: standard deviation of a reading about the mean of its direction, over all positions, m; zero where none
+            is repeated.
         outliers: readings that stand off from the others at their stop; `target` counts the stops, `cycle` the runs
             of a direction.
     """
@@ -78,6 +80,7 @@ class RepeatedRuns:
     weights: NDArray[np.float64]
     correlation: float
     stops: bool
+    scatter: float = 0.0
     outliers: tuple[Outlier, ...] = ()
 
     @property
@@ -234,9 +237,10 @@ def _average(
     squares = np.sum([np.nansum(each**2, axis=1) for each in deviations.values()], axis=0)
     repeats = np.sum([np.maximum(count - 1, 0) for count in counts.values()], axis=0)
     weights = np.sum([1 / np.maximum(count, 1) for count in counts.values()], axis=0) / len(tables) ** 2
-    uncertainty = None
+    uncertainty, scatter = None, 0.0
     if freedom > 0:
-        variance = weights * squares.sum() / freedom
+        scatter = math.sqrt(float(squares.sum()) / freedom)
+        variance = weights * scatter**2
         if reversal is not None:  # half the reversal is missing where one direction is, and known as it varies
             alone = (counts[1] == 0) | (counts[-1] == 0)
             variance = variance + np.where(alone, np.var(reversal) / 4, 0.0)
@@ -251,6 +255,7 @@ def _average(
         weights=weights,
         correlation=neighbour_correlation([(positions, column) for each in deviations.values() for column in each.T]),
         stops=True,
+        scatter=scatter,
         outliers=outliers,
     )
 
@@ -297,4 +302,5 @@ def _combine_scans(runs: Sequence[Run], spacing: float | None) -> RepeatedRuns:
         weights=weights,
         correlation=neighbour_correlation(departures),
         stops=False,
+        scatter=math.sqrt(variance),
     )

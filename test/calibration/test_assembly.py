@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import re
 import shutil
-from collections.abc import Mapping
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 import simulated_shaft
 import yaml
+from shaft_bags import TRUTH, simulated
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.calibration.assembly import calibrate_assembly, read_shaft_recording
@@ -24,7 +24,6 @@ from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import Motion, Segment, StagePlant, reversing_motion
 from rotary_error_monitor.resources import config
-from rotary_error_monitor.signals.blocks import block_from_samples
 
 EPOCH = 1_763_700_000_000_000_000
 # Between centres the shaft has no error motion of its own.
@@ -56,7 +55,7 @@ def test_assembly_comes_back_into_the_stage_file(tmp_path: Path, capsys: pytest.
     stage.write_text(yaml.safe_dump(section), encoding="utf-8")
     parser = argparse.ArgumentParser()
     calibrate.add(parser.add_subparsers())
-    words = ["calibrate", "assembly", str(bag), "--stage", str(stage), "--date", "2026-11-21"]
+    words = ["calibrate", "assembly", str(bag), "--stage", str(stage), "--date", "2026-11-21", *map(str, IDEAL)]
     arguments = parser.parse_args(words)
     assert arguments.run(arguments) == 0
     text = capsys.readouterr().out
@@ -104,29 +103,8 @@ def test_one_head_and_a_short_recording_are_refused(tmp_path: Path) -> None:
 
 
 SHIPPED = load_stage()
-TRUTH = {
-    "eccentricity": (2.0e-5, 1.5e-5),
-    "graduation": {2: (1e-6, -2e-6), 13: (0.0, 9e-7)},
-    "tilt": (-3.0e-5, 5.5e-5),
-    "flatness": {2: (4e-6, 1e-6, -2e-6, 3e-6), 6: (0.0, 2e-6, 2e-6, 0.0)},
-}
-BOTH_WAYS = simulated_shaft.reversing((np.pi / 2, np.pi), 5.0)
-
-
-def simulated(folder: Path, changes: Mapping[str, Any] | None = None, motion: Any = BOTH_WAYS, seed: int = 0) -> Path:
-    """A bag of a shaft by the contract's formulas, whose assembly errors are `TRUTH`."""
-    shaft = simulated_shaft.Shaft(**{**TRUTH, **(changes or {})})
-    heads, tilt = simulated_shaft.record(shaft, *motion, seed)
-    wire = load_wire()
-    contents = {}
-    streams = {wire.topic("head_samples", name): (("angle",), *stream) for name, stream in heads.items()}
-    streams[wire.topic("autocollimator_samples")] = (("tilt_x", "tilt_y"), *tilt)
-    for topic, (names, times, values) in streams.items():
-        parts = [slice(k, k + 250) for k in range(0, len(times), 250)]
-        contents[topic.name] = [block_from_samples(times[part], names, values[part]) for part in parts]
-    bag = folder / f"bag_{seed}_{len(list(folder.iterdir()))}"
-    write_messages(bag, contents, wire)
-    return bag
+IDEAL = ("--centre-radial-um", 0, "--centre-lean-arcsec", 0)
+"""Centres in which the shaft has no motion of its own."""
 
 
 def run(*words: object) -> int:
@@ -259,13 +237,13 @@ def test_one_direction_is_enough_for_the_ring_and_tells_how_well_the_mirror_is_k
     tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = simulated(tmp_path, {"delay": 1e-3}, simulated_shaft.one_way(2.0, 12.0))
-    assert run(bag, "--stage", stage) == 0
+    assert run(bag, "--stage", stage, *IDEAL) == 0
     assert re.search(r"autocollimator -?0\.\d+ ms old, standard uncertainty [45]\.\d+ ms", capsys.readouterr().out)
     check_truth(stage, tilt_within=3 * 2.0 * 5e-3 * 6.3e-5)
     note = section_of(stage)["calibration"]["mirror"]
     assert note["uncertainty"] == pytest.approx(2.0 * 5e-3 * 5.5e-5, rel=0.1)
     assert section_of(stage)["calibration"]["encoder"]["uncertainty"] < 5e-9
-    assert run(bag, "--stage", stage, "--delay-ms", 1, "--delay-std-ms", 0.05) == 0
+    assert run(bag, "--stage", stage, "--delay-ms", 1, "--delay-std-ms", 0.05, *IDEAL) == 0
     check_truth(stage)
     assert section_of(stage)["calibration"]["mirror"]["uncertainty"] < 5e-8
 
@@ -318,6 +296,8 @@ def test_impossible_delays(capsys: pytest.CaptureFixture[str]) -> None:
     for option, value, problem in (
         ("--delay-ms", "nan", "nan is not finite"),
         ("--delay-std-ms", "-1", "-1 is below 0"),
+        ("--centre-radial-um", "-1", "-1 is below 0"),
+        ("--centre-lean-arcsec", "nan", "nan is below 0"),
     ):
         with pytest.raises(SystemExit) as ended:
             run("bag", "--stage", "stage.yaml", f"{option}={value}")

@@ -211,6 +211,72 @@ def test_another_axis_than_the_file_has_is_refused(tmp_path: Path) -> None:
         run(tracked(tmp_path, tracks), "--machine", shipped(tmp_path, "xyzac_trt"))
 
 
+def check_refused(source: Path, machine: Path, capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    """What is said of readings that are not written."""
+    before = machine.read_bytes()
+    assert run(source, "--machine", machine, *words) == calibrate.NOT_GOOD
+    assert machine.read_bytes() == before
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("pair", ["XY", "YZ", "ZX"])
+@pytest.mark.parametrize("rotary", [False, True])
+def test_exchanged_axes_make_another_hand(
+    tmp_path: Path, pair: str, rotary: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth, machine = Trunnion(), shipped(tmp_path, "xyzac_trt")
+    names = [*"XYZ", *(["C.1", "C.2"] if rotary and pair == "XY" else [])]
+    tracks = {name: truth.tracks()[name] for name in names}
+    tracks = {{pair[0]: pair[1], pair[1]: pair[0]}.get(name, name): points for name, points in tracks.items()}
+    source = tracked(tmp_path, tracks, noise=1e-7)
+    text = check_refused(source, machine, capsys)
+    assert "as measured form a left-handed machine, in the file a right-handed one: are two features exchanged" in text
+    assert run(source, "--machine", machine, "--force") == 0
+    ram = load_machine(machine).body("ram").location_error.rotation
+    note = yaml.safe_load(machine.read_text(encoding="utf-8"))["machine"]["calibration"]["squareness"]
+    assert np.abs(np.subtract(ram[:2], [truth.z_to_y, -truth.z_to_x])).max() < 2 * note["uncertainty"]
+
+
+@pytest.mark.parametrize("letter", "XYZ")
+def test_an_axis_that_was_measured_backwards(tmp_path: Path, letter: str, capsys: pytest.CaptureFixture[str]) -> None:
+    tracks = Trunnion().tracks()
+    tracks[letter] = tracks[letter][::-1]
+    source, machine = tracked(tmp_path, tracks, noise=1e-7), shipped(tmp_path, "xyzac_trt")
+    assert "does one run against its axis" in check_refused(source, machine, capsys)
+
+
+@pytest.mark.parametrize(("scale", "said"), [(1e-3, "span 0.4 mm"), (10.0, "mm: another axis, or a distance in")])
+def test_a_distance_in_another_unit(
+    tmp_path: Path, scale: float, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tracks = {name: points for name, points in Trunnion().tracks().items() if name in "XYZ"}
+    source, machine = tracked(tmp_path, tracks), shipped(tmp_path, "xyzac_trt")
+    head, *rows = source.read_text(encoding="utf-8").splitlines()
+    cells = [row.split(",") for row in rows]
+    rows = [",".join([name, f"{float(distance) * scale:.12g}", *angles]) for name, distance, *angles in cells]
+    source.write_text("\n".join([head, *rows]), encoding="utf-8")
+    text = check_refused(source, machine, capsys)
+    assert said in text
+    assert "and its travel is 500 mm" in text
+
+
+def test_readings_too_coarse_to_tell_anything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An uncertainty larger than the errors, and one much larger than that of the calibration before."""
+    tracks, machine = Trunnion().tracks(), shipped(tmp_path, "xyzac_trt")
+    coarse = ["--distance-um", 100, "--angle-arcsec", 20]
+    text = check_refused(tracked(tmp_path, tracks, noise=5e-4), machine, capsys, *coarse)
+    assert "squareness: a standard uncertainty of" in text
+    assert "tells nothing" in text
+    fine = ["--distance-um", 0.1, "--distance-ppm", 0, "--angle-arcsec", 0.003]
+    for seed in range(3):
+        assert run(tracked(tmp_path, tracks, noise=1e-7, seed=seed), "--machine", machine, *fine) == 0
+    middle = ["--distance-um", 1, "--distance-ppm", 0, "--angle-arcsec", 0.03]
+    capsys.readouterr()
+    text = check_refused(tracked(tmp_path, tracks, noise=1e-6), machine, capsys, *middle)
+    assert "squareness: a standard uncertainty of" in text
+    assert run(tracked(tmp_path, tracks, noise=1e-6), "--machine", machine, *middle, "--force") == 0
+
+
 def test_squareness_needs_two_linear_axes(tmp_path: Path) -> None:
     machine, source = shipped(tmp_path, "pan2013"), tmp_path / "tracker.csv"
     rows = [f"X,{2000 + k * 100},0,{k}" for k in range(5)]

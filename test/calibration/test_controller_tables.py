@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -19,6 +20,7 @@ from rotary_error_monitor.calibration.controller_tables import (
     predict_axis_compensation,
     volumetric_table,
 )
+from rotary_error_monitor.cli import main
 from rotary_error_monitor.controller.instance import Instance
 from rotary_error_monitor.description.machine import ErrorComponent, ErrorTable, MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
@@ -138,3 +140,21 @@ def test_linuxcnc_moves_the_motor_by_the_table(kind: Literal[0, 1], tmp_path: Pa
     np.testing.assert_allclose(rows[:, 0], targets, atol=1e-6)
     error = np.where(direction > 0, np.interp(x, POSITIONS, FORWARD), np.interp(x, POSITIONS, BACKWARD))
     np.testing.assert_allclose((rows[:, 1] - rows[:, 0]) * 1e-3, -error, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("grid", "points"),
+    [(["X=1000", "Y=1000"], "1000000"), (["X=1e9", "Y=1e9", "Z=1e9"], "1e\\+27"), (["X=100001"], "100001")],
+)
+def test_a_grid_of_too_many_points_is_refused_at_once(
+    tmp_path: Path,
+    grid: list[str],
+    points: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "grid.csv"
+    monkeypatch.setattr("numpy.meshgrid", lambda *_, **__: pytest.fail("points were made"))
+    assert main(["calibrate", "tables", "xyzac_trt", "--grid", *grid, "-o", str(out)]) == 2
+    assert re.search(f"a grid of {points} points; at most 100000 are solved", capsys.readouterr().err)
+    assert not out.exists()

@@ -142,6 +142,22 @@ def test_targets_over_a_part_of_the_travel_are_told(
     assert "note: the targets cover 50% of the travel" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("axis", "scale"), [("X", 1e-3), ("C", math.pi / 180)])
+def test_targets_in_another_unit_are_written_by_force_only(
+    tmp_path: Path, machine: Path, axis: str, scale: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Metres for mm, and radians for degrees."""
+    source = positioning_file(tmp_path, rotary=axis == "C")
+    head, *rows = source.read_text(encoding="utf-8").splitlines()
+    rows = [f"{float(at) * scale:.9g},{rest}" for at, _, rest in (row.partition(",") for row in rows)]
+    source.write_text("\n".join([head, *rows]), encoding="utf-8")
+    before = machine.read_bytes()
+    assert run("positioning", source, "--machine", machine, "--axis", axis) == calibrate.NOT_GOOD
+    assert re.search(rf"does not fit: the targets cover \d\.\d+% of the travel of {axis}", capsys.readouterr().out)
+    assert machine.read_bytes() == before
+    assert run("positioning", source, "--machine", machine, "--axis", axis, "--force") == 0
+
+
 def test_startup_outlier_is_named_and_counted(
     tmp_path: Path, machine: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
