@@ -95,7 +95,9 @@ class Believed:
         """A live run decided at one tick: what it did not use is not used, what it found uncertain is as uncertain."""
         if decision.doubts is None:
             return
-        self.doubts[place] |= decision.doubts
+        # which heads there were, and which of them might have lost counts, the live run knew
+        self.doubts[place] = self.doubts[place] & ~(1 << DOUBTS.index("redundancy")) | decision.doubts
+        self.settled[place] = -1
         for name in _UNCERTAIN:
             getattr(self, name)[place] = getattr(decision, name)
 
