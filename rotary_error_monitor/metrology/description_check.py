@@ -12,18 +12,23 @@ so a single angle tells a mistake only where it is glaring, and a whole turn whe
 What makes no more of a difference than the rotor's own motion can is not told from it, and accuses nobody. It counts as
 uncertainty instead: the square of the difference times the mistake's probability, its part of the total variance. A
 vector that turns with the rotor is never told from the rotor's own (ISO 230-7:2015 leaves it out of the radial error
-motion); unless its uncertainty is known from a calibration, all of it counts.
+motion), so all of it counts. A calibration claims to have told them apart. Its claim is held against the turn as the
+description is: of the vector that the turn shows beside the description, that part of the square counts which is the
+probability that the claim does not hold, by its own uncertainty, what a rotor usually differs by from its description,
+and what else the turn shows that is not described.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
 
 Array = NDArray[np.complex128]
 
@@ -45,6 +50,39 @@ LEAST_NOISE = 1e-15
 
 FEWEST = 3
 """Angles from which a vector that turns with the rotor, or a scale and a turn, are fitted: each has two unknowns."""
+
+DEPARTURE = 0.05
+"""Part of its described size by which a rotor's motion usually differs from its description."""
+
+LEAST_DOUBT = 0.08
+"""Probability that a calibration does not hold where a turn does not contradict it: no turn tells the vector from the
+rotor's own, so it stays within five of the standard deviations that are stated for it."""
+
+LEAVES = 0.5
+"""Part of what comes and goes within a turn, such as a push for half of it, that looks as if it turned."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What a calibration says of the vector that turns with the rotor.
+
+    Attributes:
+        uncertainty: stated standard uncertainty of a component, m or rad.
+        own: standard deviation of the rotor's own vector from its description, m or rad.
+    """
+
+    uncertainty: float
+    own: float
+
+    def doubt(self, vector: float, rest: float) -> float:
+        """Probability that it does not hold, by the size of the vector that is not described and of all the rest."""
+        variance = max(2.0 * self.uncertainty**2 + self.own**2 + (LEAVES * rest) ** 2, LEAST_NOISE**2)
+        return max(LEAST_DOUBT, _probability(vector**2 / variance - ODDS))
+
+
+def departure(motion: Iterable[PlanarHarmonic]) -> float:
+    """Usual size of what a rotor of this described motion makes beside it, m or rad: root mean square."""
+    return DEPARTURE * math.sqrt(0.5 * sum(x**2 for row in motion for x in (*row.x, *row.y)))
 
 
 @dataclass(frozen=True)
@@ -83,7 +121,13 @@ class FigureCheck:
     """
 
     def __init__(
-        self, mistakes: Mapping[str, Reading], noise: float, fixed: float, fixed_name: str, *, known: bool = False
+        self,
+        mistakes: Mapping[str, Reading],
+        noise: float,
+        fixed: float,
+        fixed_name: str,
+        *,
+        claim: Claim | None = None,
     ) -> None:
         """Check that has seen nothing yet.
 
@@ -93,12 +137,11 @@ class FigureCheck:
             fixed: largest vector that turns with the rotor and is not described, m or rad; a mistake that makes no
                 more of a difference is none.
             fixed_name: words for that vector.
-            known: whether the uncertainty of the described vector is, from a calibration: then a smaller one that
-                turns with the rotor is the rotor's own.
+            claim: what a calibration says of the described vector; None where there was none.
         """
         self._mistakes = dict(mistakes)
         self._noise = max(noise, LEAST_NOISE)
-        self._fixed, self._fixed_name, self._known = fixed, fixed_name, known
+        self._fixed, self._fixed_name, self._claim = fixed, fixed_name, claim
         self.forget()
 
     def forget(self) -> None:
@@ -142,7 +185,10 @@ class FigureCheck:
         total = max(_square(seen - described), least)
         vector = complex(((seen - described) / self._turned[visited]).mean()) if angles >= FEWEST else 0j
         # Nothing in a recording tells one that is described wrong from the rotor's own.
-        self.unresolved = 0.0 if self._known else abs(vector)
+        self.unresolved = abs(vector)
+        if self._claim is not None:
+            rest = _size(seen - described - vector * self._turned[visited])
+            self.unresolved *= math.sqrt(self._claim.doubt(abs(vector), rest))
         best, highest = None, ODDS
         for name, rival in self._rivals(seen, described, vector * self._turned[visited]).items():
             explained = 1.0 - max(rival.square, least) / total

@@ -214,6 +214,12 @@ class ErrorEstimator(ManagedNode):
         yield Level.WARN, f"not observable: {', '.join(hidden)}" if hidden and not silent else ""
         if belief.heads.lost:
             yield Level.WARN, "redundancy is lost: a further fault of a head would show only as a step"
+        if belief.heads.unsettled:
+            yield (
+                Level.WARN,
+                "a head that was silent may have lost counts: no other would contradict it, and the ring is not where "
+                "it was at this angle before",
+            )
         if belief.heads.contradicted > _TOLD_SCALE:
             raised = belief.heads.contradicted
             yield Level.WARN, f"the heads contradict one another: their uncertainty is raised {raised:.1f} times"

@@ -42,6 +42,8 @@ class Verdict:
         tilt_scale: by which those of the tilt are multiplied.
         tilt, ecc, radial: where what the description does not predict of each can be next: middle (rad, m) and reach.
         most: contradiction of the heads that is borne, in standard deviations.
+        settled: bit mask of the heads that have not been silent, or are where they were before; without redundancy a
+            tick that rests on others is not verified.
         lag: what a delay of heads and command against one another makes at the present speed, rad.
         unresolved: what mistakes in the description that are not told from the rotor's motion make of the radial error
             motion, m; `unresolved_tilt` of the tilt, rad.
@@ -55,6 +57,7 @@ class Verdict:
     unresolved: float = 0.0
     unresolved_tilt: float = 0.0
     most: float = math.inf
+    settled: int = -1
     tilt: Reach = EVERYWHERE
     ecc: Reach = EVERYWHERE
     radial: Reach = EVERYWHERE
@@ -327,7 +330,7 @@ class Belief:
             "autocollimator": excluded & self._bits["autocollimator"] != 0,
             "command": excluded & self._bits["command"] != 0,
             "redundancy": self.heads.lost,
-            "unverified": self._zero_open or self.verified < 1.0,
+            "unverified": self._zero_open or self.heads.unsettled or self.verified < 1.0,
             "unverified_tilt": self._zero_open or self._part(self.tilt.figure.covered) < 1.0,
         }
         return Verdict(
@@ -339,6 +342,7 @@ class Belief:
             self._unresolved(self.ring.figure),
             self._unresolved(self.tilt.figure),
             self.heads.most,
+            sum(self._bits[name] for name in self.heads.settled),
             self.tilt.reach,
             self.command.reach,
             self.heads.reach,

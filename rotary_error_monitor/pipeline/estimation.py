@@ -364,6 +364,8 @@ class Estimator:
         there = there & ~self.belief.unusable
         own = there & ~self.belief.left_out
         used, decided = (own, {}) if self._repetition is None else self._repetition.choose(ticks, there, own)
+        for place, decision in decided.items():  # a head that the live run did not wait for yet was not there for it
+            there[place] &= decision.streams | self.belief.left_out | ~self._head_bits
         rows, evidence, disagreement, redundancy = self._make_rows(sampled, there, used, first)
         verdicts, done = self.belief.assess(evidence)
         believed = Believed(done)

@@ -97,7 +97,7 @@ class Window:
         mean: of each column.
         scatter: standard deviation of the ticks about a straight line, of each column in `SCATTERING`.
         parity: (h,) mean of the contradiction, rad.
-        available: streams that were there all the time, as a bit mask; those of the first tick if that changed.
+        available: streams that were there all the time, as a bit mask.
         steady: whether the same streams were there all the time.
     """
 
@@ -149,6 +149,7 @@ class WindowGrid:
         parity = evidence.parity.reshape(count, self.ticks, evidence.parity.shape[1]).sum(axis=1) / self.ticks
         masks = evidence.available.reshape(count, self.ticks)
         steady = (masks == masks[:, :1]).all(axis=1).tolist()
+        always = np.bitwise_and.reduce(masks, axis=1).tolist()
         return [
             Window(
                 self.number(int(evidence.ticks[i * self.ticks])),
@@ -157,7 +158,7 @@ class WindowGrid:
                 tuple(means[i]),
                 tuple(scatter[i]),
                 parity[i],
-                int(masks[i, 0]),
+                always[i],
                 steady[i],
             )
             for i in range(count)

@@ -14,7 +14,7 @@ from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.agreement import Isolation, chi_square_bound, isolate_head, isolate_implausible
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Reach, Window
-from rotary_error_monitor.pipeline.turn_memory import TurnMemory
+from rotary_error_monitor.pipeline.turn_memory import Course
 
 AGREEMENT = 0.5
 """How long inputs that were doubted must agree before they are believed again, s."""
@@ -61,6 +61,8 @@ class HeadBelief:
             make of theirs contradicts no other head.
         contradicting: whether the heads contradicted one another in the last window, beyond what is borne.
         redundant: whether a further fault of a head would show.
+        settled: heads that were never silent, or are where they were before: others would have to show that they lost
+            counts meanwhile.
         reach: where the part of the radial error motion that is not described can be at the next ticks, where only that
             tells a fault.
     """
@@ -94,8 +96,8 @@ class HeadBelief:
         self._layouts: dict[tuple[float, ...], HeadLayout] = {}
         self._untried = TRIES
         self._size = self._step = 0.0
-        self._place: tuple[float, float] | None = None
-        self._last_theta: float | None = None
+        self.settled = frozenset(heads)
+        self._courses: dict[tuple[str, ...], Course] = {}
         self._forget()
 
     def reset(self) -> None:
@@ -104,6 +106,8 @@ class HeadBelief:
         self.contradiction = ""
         self.scale = self.contradicted = self._tolerance = 1.0
         self._agreeing = 0.0
+        self.settled = frozenset(self._heads)
+        self._courses.clear()
         self._settle()
         self._forget()
 
@@ -113,13 +117,20 @@ class HeadBelief:
         return math.hypot(self._limit, WEAK * math.sqrt(self._tolerance**2 - 1.0))
 
     @property
+    def unsettled(self) -> bool:
+        """Whether heads without redundancy are used of which one may have lost counts."""
+        return not self.redundant and not self.settled.issuperset(self._believed)
+
+    @property
     def lost(self) -> bool:
         """Whether redundancy that the stage is described with is not there any more."""
         return self._described > 0 and not self.redundant
 
     def judge(self, window: Window, available: Sequence[str]) -> None:
-        """Take in a window in which the heads `available` were there, whether believed or not."""
+        """Take in a window in which the heads `available` were there all the time, whether believed or not."""
         self.reach, self.contradicting = EVERYWHERE, False
+        if self._believed:  # before, none has begun
+            self.settled &= frozenset(available)
         if not window.has("heads") or not window.steady:
             self._agreeing = 0.0
             return
@@ -148,6 +159,11 @@ class HeadBelief:
         self._beyond.append((found >= most, found >= (WEAK * self._tolerance) ** 2, found))
         persistent, lasting = (sum(each) >= PERSISTENT for each in list(zip(*self._beyond, strict=True))[:2])
         self.contradicting = found >= most
+        if not self.contradicting and not self.contradiction:
+            self.settled |= frozenset(self._believed)
+            course, theta, place = self._course(window), window["theta"], window.pair("surplus")
+            course.turn.put(theta, course.moved(window.number, theta), place)
+            course.follow(window.number, theta, place, sure=True)
         if not (self.contradiction or persistent or lasting):
             return
         self._untried += 1
@@ -226,38 +242,52 @@ class HeadBelief:
     def _judge_steps(self, window: Window) -> None:
         """Without redundancy: a step that no bearing makes; how well the stamps fit must be taken on trust.
 
-        A step of a head lasts, so it is over only where the ring is again where it was at this angle before. What
+        A step of a head lasts, so it is over only where the ring is again where it was at this angle before. So is
+        one that a head may have made while it was silent, in which time the ring may have gone further as well. What
         lasted of a contradiction that heads showed which are gone may be in those that are left.
         """
         self.contradicted = self._lasting
         self.scale = max(self.contradicted, self._tolerance)
-        place, theta = window.pair("surplus"), window["theta"]
-        moved = 0.0 if self._last_theta is None else theta - self._last_theta
-        self._last_theta = theta
+        course, place, theta = self._course(window), window.pair("surplus"), window["theta"]
+        moved = course.moved(window.number, theta)
+        passed = math.inf if course.number is None else (window.number - course.number) * window.duration
         noise = math.sqrt(window["radial_variance"] / max(1.0, window.ticks * window["head_samples"]))
         allowed = self._limits.radial_rate * window.duration + 6.0 * math.sqrt(2.0) * noise
+        before, last, sure = course.turn.get(theta, moved), course.place, course.sure
+        course.follow(window.number, theta, place, sure=False)
         if self.contradiction:
             if self._step == 0.0:  # it is not the step of one component that would show here when it is over
                 return
-            before = self._turn.get(theta, moved)
             if before is None:
                 return
             back = _distance(place, before) <= RETURNED_STEP * self._step
             self._agreeing = self._agreeing + window.duration if back else 0.0
             if self._agreeing >= AGREEMENT:
                 self.contradiction, self._step = "", 0.0
-        elif self._place is not None:
-            step = _distance(place, self._place)
-            if step > allowed:
-                self._step, self._agreeing = step, 0.0
-                self.contradiction = (
-                    f"a step of {step * 1e6:.3g} µm within {window.duration * 1e3:g} ms that no bearing makes (at most "
-                    f"{allowed * 1e6:.3g} µm), and too few heads to tell which is wrong; a reset accepts it"
-                )
-        self._place = place
-        if not self.contradiction:
-            self._turn.put(theta, moved, place)
-            self.reach = Reach(*place, 1.5 * allowed)
+            return
+        settled = self.settled.issuperset(self._believed)
+        steps = [_distance(place, each) for each in (last, None if settled else before) if each is not None]
+        most = allowed + min(self._limits.radial_rate * (passed - window.duration), self._limits.radial)
+        if steps and min(steps) > most:
+            self._step, self._agreeing = min(steps), 0.0
+            self.contradiction = (
+                f"a step of {min(steps) * 1e6:.3g} µm within {passed * 1e3:g} ms that no bearing makes (at most "
+                f"{most * 1e6:.3g} µm), and too few heads to tell which is wrong; a reset accepts it"
+            )
+            return
+        if steps and min(steps) > allowed:  # in windows that tell nothing a bearing has the time for as much
+            self.settled, settled = self.settled - frozenset(self._believed), False
+        told = [_distance(place, each) for each in (last if sure else None, before) if each is not None]
+        if not settled and (min(told) <= allowed if told else course.turn.empty):
+            self.settled, settled = self.settled | frozenset(self._believed), True
+        course.sure = settled
+        if settled:
+            course.turn.put(theta, moved, place)
+        self.reach = Reach(*place, 1.5 * allowed)
+
+    def _course(self, window: Window) -> Course:
+        """Where the ring was: heads that show all of its displacement show the same, whichever they are."""
+        return self._courses.setdefault(() if window.has("radial") else self._believed, Course())
 
     def _restore(self, window: Window, available: Sequence[str]) -> None:
         """Believe all heads again once all of them have agreed long enough."""
@@ -288,12 +318,12 @@ class HeadBelief:
         self._lasting = 1.0
 
     def _forget(self) -> None:
-        """What was remembered of other heads tells nothing about these, but for how far they contradict one another."""
+        """What was remembered of other heads tells nothing about these, but for how far they contradict one another.
+
+        Where the ring was is the same for all of them.
+        """
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
         self._history: deque[tuple[tuple[float, ...], NDArray[np.float64]]] = deque(maxlen=MEMORY)
-        self._turn = TurnMemory()
-        self._place = None
-        self._last_theta = None
         self._step = 0.0
         self._untried = TRIES
 
@@ -302,7 +332,8 @@ class HeadBelief:
         for each in (self._agreement, self._beyond, self._history):
             each.clear()
         self._agreeing = 0.0
-        self._place = self._last_theta = None
+        for course in self._courses.values():
+            course.forget_last()
 
     def _layout(self, names: Sequence[str]) -> HeadLayout:
         azimuths = tuple(self._heads[name] for name in names)

@@ -14,7 +14,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.belief import DOUBTS, Verdict
-from rotary_error_monitor.pipeline.error_motion_rows import COLUMN
+from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR, COLUMN, COMMAND
 from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
 from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
 from rotary_error_monitor.signals.blocks import SampleBlock
@@ -68,6 +68,7 @@ class Believed:
         self.head_scale, self.tilt_scale = np.ones(count), np.ones(count)
         self.lag, self.unresolved, self.unresolved_tilt = np.zeros(count), np.zeros(count), np.zeros(count)
         self.most = np.full(count, np.inf)
+        self.settled = np.full(count, -1, np.int64)
         self.reach = {name: np.tile([0.0, 0.0, np.inf], (count, 1)) for name in ("tilt", "ecc", "radial")}
 
     def has(self, doubt: str) -> NDArray[np.bool_]:
@@ -86,6 +87,7 @@ class Believed:
         for name in _UNCERTAIN:
             getattr(self, name)[where] = getattr(verdict, name)
         self.most[where] = verdict.most
+        self.settled[where] = verdict.settled
         for name, reach in (("tilt", verdict.tilt), ("ecc", verdict.ecc), ("radial", verdict.radial)):
             self.reach[name][where] = reach
 
@@ -93,7 +95,9 @@ class Believed:
         """A live run decided at one tick: what it did not use is not used, what it found uncertain is as uncertain."""
         if decision.doubts is None:
             return
-        self.doubts[place] |= decision.doubts
+        # which heads there were, and which of them might have lost counts, the live run knew
+        self.doubts[place] = self.doubts[place] & ~(1 << DOUBTS.index("redundancy")) | decision.doubts
+        self.settled[place] = -1
         for name in _UNCERTAIN:
             getattr(self, name)[place] = getattr(decision, name)
 
@@ -105,6 +109,7 @@ class Publication:
         """Publication for `stage`, with the `bits` of its streams."""
         self._radius, self._most = stage.encoder.disc_radius, stage.limits.radial
         self._bits = bits
+        self._heads = sum(bit for name, bit in bits.items() if name not in (AUTOCOLLIMATOR, COMMAND))
         self._assembly = _assembly_variance(stage)
         # The smallest fault that shows is the internal reliability of geodesy (Baarda 1968): without redundancy a step
         # of one head shows only where no bearing makes it within a window. Its distribution is taken as rectangular,
@@ -130,6 +135,8 @@ class Publication:
         streams = np.where(far, streams & ~self._bits["autocollimator"], streams)
         far = ~believed.within("ecc", seen["ecc"]) & (seen["command"] > 0)
         streams = np.where(far, streams & ~self._bits["command"], streams)
+        unsettled = (redundancy == 0) & (streams & self._heads & ~believed.settled != 0)
+        believed.doubts[unsettled] |= 1 << DOUBTS.index("unverified")
         near = believed.within("radial", seen["surplus_x"], seen["surplus_y"])
         self._raise_uncertainty(rows, disagreement, redundancy, believed)
         doubts = {name: believed.has(name) for name in DOUBTS}

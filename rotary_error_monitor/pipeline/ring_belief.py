@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.metrology.description_check import MIRRORED, FigureCheck
+from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, FigureCheck, departure
 from rotary_error_monitor.pipeline.evidence import Reach, Window
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
 
@@ -39,8 +39,9 @@ class RingBelief:
         """Judge of the ring of a stage."""
         self._limit = stage.limits.radial
         noise = math.hypot(stage.encoder.noise, stage.encoder.resolution / math.sqrt(12.0)) * stage.encoder.disc_radius
-        known = "encoder.eccentricity" in stage.uncertainty
-        self.figure = FigureCheck(MIRRORED, noise, 0.5 * self._limit, "eccentricity of the ring, m,", known=known)
+        stated = stage.uncertainty.get("encoder.eccentricity")
+        claim = None if stated is None else Claim(stated, departure(stage.spindle.radial))
+        self.figure = FigureCheck(MIRRORED, noise, 0.5 * self._limit, "eccentricity of the ring, m,", claim=claim)
         self.reset()
 
     @property

@@ -7,7 +7,7 @@ from collections import deque
 
 from rotary_error_monitor.description.stage import Autocollimator, StageDescription
 from rotary_error_monitor.metrology.agreement import chi_square_bound
-from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, FigureCheck
+from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, departure
 from rotary_error_monitor.pipeline.evidence import Reach, Window
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
 
@@ -51,9 +51,10 @@ class TiltBelief:
         self._anywhere = Reach(0.0, 0.0, 2.0 * stage.limits.tilt)
         self._equal_run = run_by_chance(stage.autocollimator)
         noise = math.hypot(stage.autocollimator.noise, stage.autocollimator.resolution / math.sqrt(12.0))
-        known = "mirror.tilt" in stage.uncertainty
+        stated = stage.uncertainty.get("mirror.tilt")
+        claim = None if stated is None else Claim(stated, departure(stage.spindle.tilt))
         mirror = "tilt of the mirror on the rotor, rad,"
-        self.figure = FigureCheck({**MIRRORED, **DARK}, noise, 0.5 * stage.limits.tilt, mirror, known=known)
+        self.figure = FigureCheck({**MIRRORED, **DARK}, noise, 0.5 * stage.limits.tilt, mirror, claim=claim)
         self.reset()
 
     def reset(self) -> None:

@@ -11,20 +11,58 @@ ANGLES = 360
 
 
 class TurnMemory:
-    """A vector in the plane for each angle of the rotor at which one was seen."""
+    """A vector in the plane for each angle of the rotor at which one was seen.
+
+    Attributes:
+        empty: whether there is none yet.
+    """
 
     def __init__(self) -> None:
         """Nothing was seen."""
         self._seen = np.full((ANGLES, 2), np.nan)
+        self.empty = True
 
     def put(self, theta: float, moved: float, vector: tuple[float, float]) -> None:
         """Keep a mean over the angles (rad) from half of `moved` before `theta` to half of it behind."""
         self._seen[_places(theta, moved)] = vector
+        self.empty = False
 
     def get(self, theta: float, moved: float) -> tuple[float, float] | None:
         """The mean of what was seen at these angles; None where they are not all known."""
         x, y = self._seen[_places(theta, moved)].mean(axis=0).tolist()
         return None if math.isnan(x) else (x, y)
+
+
+class Course:
+    """Where what is seen of the ring's centre was, over a turn and at last.
+
+    Attributes:
+        turn: at each angle.
+        place: at last, m; None where nothing tells it.
+        theta: rotation then, rad.
+        number: of the window then.
+        sure: whether it rests on heads of which none may have lost counts.
+    """
+
+    def __init__(self) -> None:
+        """Nothing was seen."""
+        self.turn = TurnMemory()
+        self.forget_last()
+
+    def forget_last(self) -> None:
+        """Where it was at last, and when, is not known any more."""
+        self.place: tuple[float, float] | None = None
+        self.theta: float | None = None
+        self.number: int | None = None
+        self.sure = False
+
+    def moved(self, number: int, theta: float) -> float:
+        """Rotation since the last window, rad; of a window behind a gap nothing but its middle is known."""
+        return theta - self.theta if self.theta is not None and self.number == number - 1 else 0.0
+
+    def follow(self, number: int, theta: float, place: tuple[float, float], *, sure: bool) -> None:
+        """Take in where it is in a window."""
+        self.number, self.theta, self.place, self.sure = number, theta, place, sure
 
 
 def _places(theta: float, moved: float) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, FigureCheck
+from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck
 
 NOISE = 5e-7
 TILT = 1e-4
@@ -160,14 +160,43 @@ def test_what_is_described_right_stays_certain():
         assert small_mistake(seed, None, 3e-6)[0].unresolved < 3e-6
 
 
-def test_a_calibrated_vector_leaves_the_rotor_its_own():
-    generator = np.random.default_rng(7)
-    theta = np.linspace(0.0, 2 * np.pi, 200)
-    seen = 5e-6 * np.exp(1j * theta) + generator.normal(0, NOISE, (2, 200)).T @ [1, 1j]
-    checks = {known: FigureCheck({}, NOISE, 0.5 * TILT, "tilt of the mirror", known=known) for known in (False, True)}
-    for check in checks.values():
-        for angle, here in zip(theta, seen, strict=True):
-            check.add(angle, (here.real, here.imag), (0.0, 0.0))
-        assert check.judge() is None
-    assert checks[False].unresolved == pytest.approx(5e-6, rel=0.1)
-    assert checks[True].unresolved == 0.0
+def calibrated(seed, off, *, own, other, uncertainty=1e-8):
+    """A turn of a calibrated mirror that is `off` by so much; the rotor's own vector differs by `own`, and what comes
+    and goes within the turn, a push for a part of it, is of the size `other`."""
+    generator = np.random.default_rng(seed)
+    theta = generator.uniform(-9, 9) + np.linspace(0.0, 2 * np.pi, 400, endpoint=False)
+    vector = off * np.exp(1j * generator.uniform(0, 2 * np.pi)) + generator.normal(0, own / np.sqrt(2), 2) @ [1, 1j]
+    first, last = np.sort(generator.uniform(theta[0], theta[-1], 2))
+    push = other * np.exp(1j * generator.uniform(0, 2 * np.pi)) * ((theta > first) & (theta < last))
+    seen = vector * np.exp(1j * theta) + push + generator.normal(0, NOISE, (2, 400)).T @ [1, 1j]
+    check = FigureCheck({}, NOISE, 0.5 * TILT, "tilt of the mirror", claim=Claim(uncertainty, own))
+    for angle, here in zip(theta, seen, strict=True):
+        check.add(angle, (here.real, here.imag), (0.0, 0.0))
+    assert check.judge() is None
+    return check.unresolved
+
+
+@pytest.mark.parametrize("own", [0.0, 3e-7, 2e-6])
+@pytest.mark.parametrize("other", [0.0, 2e-6, 8e-6])
+def test_a_calibration_that_a_turn_contradicts_is_no_more_certain_than_what_it_shows(own, other):
+    """Six standard deviations hold a mirror that was moved, two where no rotor differs as much from its description."""
+    for seed in range(60):
+        off = np.random.default_rng(seed).uniform(1e-6, 2e-5)
+        stated = np.hypot(calibrated(seed, off, own=own, other=other) / np.sqrt(2.0), NOISE)
+        leaked = other / np.pi  # by the push, at most
+        assert off < 6.0 * stated + 2.0 * own + leaked
+        if off > 5.0 * np.hypot(own, 0.5 * other) + 1e-6:
+            assert off < 2.0 * stated + leaked
+
+
+@pytest.mark.parametrize(("own", "other"), [(0.0, 0.0), (1e-6, 0.0), (0.0, 4e-6), (2e-6, 4e-6)])
+def test_a_calibration_that_holds_leaves_the_rotor_its_own(own, other):
+    found = [calibrated(seed, 0.0, own=own, other=other) for seed in range(100)]
+    assert np.median(found) < 0.2 * NOISE + 0.3 * np.hypot(own, 0.5 * other)
+    assert np.mean(np.array(found) > 0.2 * NOISE + 0.8 * np.hypot(own, 0.5 * other)) < 0.05
+
+
+def test_a_turn_within_a_stated_uncertainty_contradicts_nothing():
+    for off in (1e-6, 5e-6, 1e-5):
+        assert calibrated(3, off, own=0.0, other=0.0, uncertainty=off) == pytest.approx(0.3 * off, rel=0.15)
+        assert calibrated(3, off, own=0.0, other=0.0, uncertainty=0.05 * off) == pytest.approx(off, rel=0.1)
