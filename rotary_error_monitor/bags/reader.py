@@ -83,7 +83,8 @@ class BagReader:
         missing = [name for name in names if name not in self.topics or not self.topics[name].count]
         if missing:
             have = ", ".join(name for name, topic in self.topics.items() if topic.count) or "no message at all"
-            raise InputError(f"{self.path}: no message on {', '.join(missing)}; the bag has {have}")
+            damage = f"; {self.damage}" if self.damage else ""
+            raise InputError(f"{self.path}: no message on {', '.join(missing)}; the bag has {have}{damage}")
 
     def messages(self, names: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Messages of some topics, by default all, as bytes in the order of their recording.
@@ -365,21 +366,32 @@ def _files_of(path: Path, remarks: list[str]) -> tuple[list[Path], BagMetadata]:
 def _check_whole(path: Path, found: FileContent) -> None:
     """A file that has its end and lost something before it is to be recovered first: nobody expects a hole in it."""
     if found.complete and found.indexed and found.damaged:
-        raise InputError(f"{path}: damaged: {found.path.name}: {found.problem}; recover the bag and read it again")
+        raise InputError(
+            f"{path}: damaged: {found.path.name}: {found.problem}; recover the bag and read it again; "
+            f"{_readable([found])}"
+        )
+
+
+def _readable(contents: Sequence[FileContent]) -> str:
+    """How much of some files can be read."""
+    counts = sum((found.counts for found in contents), Counter[str]())
+    readable, size = sum(found.readable for found in contents), sum(found.size for found in contents)
+    topics = {name for found in contents for name in found.types}
+    return f"readable are {counts.total()} messages on {len(topics)} topics, {readable} of {size} bytes"
 
 
 def _torn(path: Path, contents: Sequence[FileContent]) -> Iterator[str]:
     """What is said of files that have no end, and of those whose index is damaged."""
     if not all(found.complete for found in contents):
-        counts = sum((found.counts for found in contents), Counter[str]())
-        readable, size = sum(found.readable for found in contents), sum(found.size for found in contents)
-        damaged = sum(found.damaged for found in contents if not found.complete)
-        topics = {name for found in contents for name in found.types}
+        torn = [found for found in contents if not found.complete]
+        damaged = sum(found.damaged for found in torn)
         recorder = holder(path if path.is_dir() else path.parent)
         state = f"{recorder} is recording it" if recorder else "the recording was not closed"
+        problem = next((found.problem for found in torn if found.problem), "")
         yield (
-            f"{path}: {state}; readable are {counts.total()} messages on {len(topics)} topics, "
-            f"{readable} of {size} bytes" + (f", without {damaged} damaged records in between" if damaged else "")
+            f"{path}: {state}; {_readable(contents)}"
+            + (f", without {damaged} damaged records in between" if damaged else "")
+            + (f" ({problem})" if problem else "")
         )
     for found in contents:
         if not found.indexed:
