@@ -19,8 +19,8 @@ NOT_REPEATED = 10
 
 _EPILOG = (
     "exit codes: 0 OUT.npz holds what the bag gives, the numbers published live where it holds these; 10 some "
-    "of these cannot be repeated, for the bag lacks samples that they rest on (array 'unrepeated' of OUT.npz); 2 wrong "
-    "input. What the bag lacks is said on standard error."
+    "of these cannot be repeated, for the bag lacks samples that they rest on (array 'unrepeated' of OUT.npz, and "
+    "'lost_stamp_ns': when there is no number at all); 2 wrong input. What the bag lacks is said on standard error."
 )
 
 
@@ -57,4 +57,4 @@ def run(arguments: argparse.Namespace) -> int:
     if result.tool_offset is not None:
         held = int(np.isnan(result.tool_offset[:, 0]).sum())
         print(f"{len(result.stamp_ns) - held} tool offsets, {len(result.corrections)} corrections, {held} ticks held")
-    return NOT_REPEATED if result.unrepeated.any() else 0
+    return NOT_REPEATED if result.unrepeated.any() or len(result.lost_ns) else 0
