@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import stat
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 
 from rotary_error_monitor.errors import InputError
 
 MOST_BYTES = 64 << 20
 """Bytes of a text of measurements, unpacked: two million rows, hundreds of times the longest that is known."""
+
+_RECORDED = frozenset({".mcap", ".db3", ".yaml"})
+"""Endings of the files of a bag, packed or kept aside."""
 
 _GZIP = b"\x1f\x8b"
 _GZIP_FORMAT = 31  # for zlib: with the header of gzip
@@ -24,6 +28,42 @@ def exists(path: Path) -> bool:
     try:
         return path.exists()
     except (OSError, ValueError):
+        return False
+
+
+def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
+    """Refuse to write over what is read, by whatever name it is given; None stands for what was not given.
+
+    Args:
+        outputs: files to be written.
+        inputs: files, or folders of files such as bags.
+
+    Raises:
+        InputError: one of the outputs is one of the inputs, or a file of a recording among them.
+    """
+    read = [path for path in inputs if path is not None and exists(path)]
+    for output in outputs:
+        if output is None or not exists(output):
+            continue
+        for path in read:
+            if any(_is_same(output, each) for each in (path, *_recorded(path))):
+                raise InputError(
+                    f"{output}: not written, for it is {'a file of ' if path.is_dir() else ''}the input {path}; "
+                    "give another path"
+                )
+
+
+def _recorded(path: Path) -> list[Path]:
+    """What in a folder belongs to a recording; results may lie beside it."""
+    if not path.is_dir():
+        return []
+    return [each for each in path.iterdir() if _RECORDED & {suffix.partition("-")[0] for suffix in each.suffixes}]
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except OSError:
         return False
 
 

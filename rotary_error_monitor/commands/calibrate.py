@@ -23,8 +23,9 @@ from rotary_error_monitor.calibration.parameters import Orders
 from rotary_error_monitor.calibration.steps import Job, calibrate_machine, calibrate_positioning
 from rotary_error_monitor.calibration.straightness_step import Reading, calibrate_straightness
 from rotary_error_monitor.calibration.volume import estimate_volumetric_map, rank_errors
-from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
 from rotary_error_monitor.metrology.splicing import Mirror
 from rotary_error_monitor.metrology.tracker import TrackerNoise
@@ -229,8 +230,12 @@ def _add_flatness(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 def _job(arguments: argparse.Namespace) -> Job:
     day = arguments.date or _today()
+    written = arguments.output or arguments.machine
+    profile = getattr(arguments, "mirror_profile", None)
+    check_outputs([arguments.output], [arguments.source, profile])
+    check_outputs([getattr(arguments, "figure", None)], [arguments.source, profile, arguments.machine, written])
     file = MachineFile(arguments.machine)
-    return Job(arguments.source, file, arguments.output or arguments.machine, day, arguments.force)
+    return Job(arguments.source, file, written, day, arguments.force)
 
 
 def _today() -> date:
@@ -276,6 +281,7 @@ def _squareness(arguments: argparse.Namespace) -> int:
 
 def _assembly(arguments: argparse.Namespace) -> int:
     output = arguments.output or arguments.stage
+    check_outputs([arguments.output], [arguments.source])
     result = calibrate_assembly(
         arguments.source,
         arguments.stage,
@@ -299,6 +305,7 @@ def _machine(arguments: argparse.Namespace) -> int:
 
 
 def _tables(arguments: argparse.Namespace) -> int:
+    check_outputs([arguments.output], [machine_path(arguments.machine)])
     machine = load_machine(arguments.machine)
     if arguments.axis:
         compensation = predict_axis_compensation(machine, arguments.axis, arguments.rows)
@@ -317,6 +324,7 @@ def _tables(arguments: argparse.Namespace) -> int:
 
 
 def _errors(arguments: argparse.Namespace) -> int:
+    check_outputs([arguments.figure], [machine_path(arguments.machine)])
     machine = load_machine(arguments.machine)
     costs = rank_errors(machine, limits=_limits(arguments.limits, machine))
     print(reports.ranking_text(costs))
@@ -331,6 +339,7 @@ def _errors(arguments: argparse.Namespace) -> int:
 
 
 def _flatness_step(arguments: argparse.Namespace) -> int:
+    check_outputs([arguments.figure], [machine_path(arguments.machine)])
     machine = load_machine(arguments.machine)
     limits = _limits(arguments.workpiece, machine)
     sizes = arguments.reversal_um * 1e-6, arguments.positioning_um * 1e-6
