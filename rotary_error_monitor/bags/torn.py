@@ -64,7 +64,8 @@ class Extent:
 class _Index:
     """What the index of a file says, beside what there is.
 
-    `of_data` is whether something is damaged before the end of the data; `footer` whether there is a footer.
+    `of_data` is whether something is damaged before the end of the data, `chunk_lost` whether what begins like a chunk
+    is; `footer` whether there is a footer.
     """
 
     chunks: list[int] = field(default_factory=list)
@@ -73,6 +74,7 @@ class _Index:
     messages_said: int | None = None
     data_ended: bool = False
     of_data: bool = False
+    chunk_lost: bool = False
     footer: bool = False
 
     def note(self, part: Part) -> None:
@@ -143,6 +145,7 @@ class TornFile:
             elif part.opcode == DAMAGED:
                 extent.left_out += part.end - part.start
                 extent.torn &= index.data_ended
+                index.chunk_lost |= part.payload[0] == Opcode.CHUNK
             elif part.opcode in IN_CHUNKS:
                 index.messages += part.opcode == Opcode.MESSAGE
                 yield part.opcode, part.payload
@@ -191,7 +194,8 @@ class TornFile:
         extent = self.extent
         extent.messages_said = index.messages_said if outline.index else None
         if extent.damaged:
-            extent.indexed = extent.messages_said != index.messages and index.of_data
+            everything = extent.messages_said == index.messages and not index.chunk_lost
+            extent.indexed = index.of_data and not everything
             return
         problem = index.problem() if outline.index or not outline.checksum else "the checksum of the index does not fit"
         if problem:
