@@ -22,7 +22,7 @@ from rotary_error_monitor.bags.metadata import METADATA, BagMetadata, read_metad
 from rotary_error_monitor.bags.recorded_files import FileContent, RawMessage, open_file
 from rotary_error_monitor.bags.unpacking import DamageError, unpack
 from rotary_error_monitor.bags.window import Window
-from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.errors import InputError, excerpt, one_line
 from rotary_error_monitor.files import exists
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.signals.stretches import PAUSE_NS, longest_stretch
@@ -84,7 +84,7 @@ class BagReader:
         if missing:
             have = ", ".join(name for name, topic in self.topics.items() if topic.count) or "no message at all"
             damage = f"; {self.damage}" if self.damage else ""
-            raise InputError(f"{self.path}: no message on {', '.join(missing)}; the bag has {have}{damage}")
+            raise InputError(f"{self.path}: no message on {', '.join(missing)}; the bag has {one_line(have)}{damage}")
 
     def messages(self, names: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Messages of some topics, by default all, as bytes in the order of their recording.
@@ -202,7 +202,7 @@ class BagReader:
         missing = [name for name in names if name not in self.topics]
         if missing:
             raise InputError(
-                f"{self.path}: no topic {', '.join(missing)}; the bag has {', '.join(self.topics) or 'none'}"
+                f"{self.path}: no topic {', '.join(missing)}; the bag has {one_line(', '.join(self.topics)) or 'none'}"
             )
         return list(names)
 
@@ -239,19 +239,22 @@ class BagReader:
         try:
             return stamp_of(message.data)
         except InputError as error:
-            raise InputError(f"{self.path}: {message.topic}, recorded at {message.log_time_ns} ns: {error}") from error
+            raise InputError(
+                f"{self.path}: {one_line(message.topic)}, recorded at {message.log_time_ns} ns: {error}"
+            ) from error
 
     def _decode(self, decoder: Decoder, message: RawMessage) -> Content:
         expected = self.topics[message.topic].type
         if message.type != expected:
-            raise InputError(
-                f"{self.path}: {message.topic} carries {expected} and {excerpt(message.type)}; expected one"
-            )
+            names = f"{expected} and {excerpt(message.type)}"
+            raise InputError(f"{self.path}: {one_line(message.topic)} carries {names}; expected one")
         try:
             return decoder.decode(message.data)
         except InputError as error:
             stamp = self._stamp(message)
-            raise InputError(f"{self.path}: {message.topic}, message with stamp {stamp} ns: {error}") from error
+            raise InputError(
+                f"{self.path}: {one_line(message.topic)}, message with stamp {stamp} ns: {error}"
+            ) from error
 
 
 @dataclass(frozen=True)
