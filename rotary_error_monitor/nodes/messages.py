@@ -109,9 +109,8 @@ def _check_finite(block: SampleBlock) -> None:
     if math.isfinite(float(block.rows.sum())):
         return
     for row, column in np.argwhere(~np.isfinite(block.rows)):
-        raise InputError(
-            f"sample {row} of '{excerpt(block.names[column])}' is {block.rows[row, column]}; only finite ones are published"
-        )
+        name, value = excerpt(block.names[column]), block.rows[row, column]
+        raise InputError(f"sample {row} of '{name}' is {value}; nothing non-finite is published")
 
 
 def joint_state_message(
