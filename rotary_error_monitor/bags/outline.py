@@ -46,6 +46,12 @@ _LARGEST_CUT = 1 << 16
 """Bytes of a record, no chunk, that a recorder may have begun: more of them are no torn end, but damage."""
 
 
+MOST_PLACES = 10_000
+"""Damaged places after which a file is not read on: each of them is looked at for a way out."""
+
+_TRIAL = 100  # what a place costs at which a record could begin, as bytes that are looked at
+
+
 @dataclass(frozen=True)
 class Part:
     """Bytes from `start` to `end` of a file.
@@ -96,8 +102,12 @@ class Outline:
         elif self._size > _MAGIC and self._content[_MAGIC] == Opcode.HEADER and self._plausible(_MAGIC):
             yield self._damage(0, _MAGIC, "its first bytes are damaged")
             position = _MAGIC
+        places = 0
         while position < self.limit:
             part = self._record(position)
+            places += part.opcode == DAMAGED
+            if places > MOST_PLACES:
+                part = self._damage(position, self.limit, f"more than {MOST_PLACES} places are damaged")
             self._loose |= part.opcode in IN_CHUNKS
             yield part
             position = part.end
@@ -280,6 +290,7 @@ class Outline:
             head = chunk_head(self._content, found.start())
             if head is not None and self._is_chunk(found.start(), head):
                 return found.start()
+            self._trials -= _TRIAL
             if self._trials < 0:
                 return None
         return None
@@ -306,6 +317,9 @@ class Outline:
     def _next_loose(self, start: int, limit: int) -> int | None:
         for found in _LOOSE_MESSAGE.finditer(self._content, start, limit):
             position = found.start()
+            self._trials -= _TRIAL
+            if self._trials < 0:
+                return None
             for _ in range(_CHAIN):
                 if position == self.limit:
                     break
