@@ -7,10 +7,15 @@ class InputError(ValueError):
     """Wrong input; the message names the value, where it came from and what would be right."""
 
 
+def one_line(text: str) -> str:
+    r"""The text with `\n` and all that a terminal or a log would not print written out: it may come from anybody."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
 def excerpt(text: object, most: int = 200) -> str:
-    """The text for a message: of one that is longer than `most` characters its beginning and its end."""
+    """The text for a message, in one line: of one that is longer than `most` characters its beginning and its end."""
     shown = str(text)
-    if len(shown) <= most:
-        return shown
-    half = most // 2
-    return f"{shown[:half]} … {shown[-half:]}"
+    if len(shown) > most:
+        half = most // 2
+        shown = f"{shown[:half]} … {shown[-half:]}"
+    return one_line(shown)

@@ -6,14 +6,24 @@ device, a recording, a packed nothing of gigabytes) costs no more than a right o
 
 from __future__ import annotations
 
+import io
 import stat
 import zlib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from rotary_error_monitor.errors import InputError
 
-MOST_BYTES = 64 << 20
-"""Bytes of a text of measurements, unpacked: two million rows, hundreds of times the longest that is known."""
+MOST_BYTES = 16 << 20
+"""Bytes of a text, unpacked: what it costs to make lists and words of more is seconds, and a gigabyte of memory."""
+
+MOST_LINES = 200_000
+"""Lines of a table of measurements: hundreds of times the longest that is known."""
+
+_START = 1 << 16
+
+_RECORDED = frozenset({".mcap", ".db3", ".yaml"})
+"""Endings of the files of a bag, packed or kept aside."""
 
 _GZIP = b"\x1f\x8b"
 _GZIP_FORMAT = 31  # for zlib: with the header of gzip
@@ -27,7 +37,76 @@ def exists(path: Path) -> bool:
         return False
 
 
-def read_text(path: Path, kind: str, most_bytes: int = MOST_BYTES, encoding: str = "utf-8") -> str:
+def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
+    """Refuse to write over what is read, by whatever name it is given; None stands for what was not given.
+
+    Args:
+        outputs: files to be written.
+        inputs: files, or folders of files such as bags.
+
+    Raises:
+        InputError: one of the outputs is one of the inputs, or a file of a recording among them.
+    """
+    read = [path for path in inputs if path is not None and exists(path)]
+    for output in outputs:
+        if output is None or not exists(output):
+            continue
+        for path in read:
+            if any(_is_same(output, each) for each in (path, *_recorded(path))):
+                raise InputError(
+                    f"{output}: not written, for it is {'a file of ' if path.is_dir() else ''}the input {path}; "
+                    "give another path"
+                )
+
+
+def _recorded(path: Path) -> list[Path]:
+    """What in a folder belongs to a recording; results may lie beside it."""
+    if not path.is_dir():
+        return []
+    return [each for each in path.iterdir() if _RECORDED & {suffix.partition("-")[0] for suffix in each.suffixes}]
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except OSError:
+        return False
+
+
+def lines_of(text: str) -> Iterator[str]:
+    r"""Lines of a text without their ends, one after another; they end by `\n`, `\r` or both."""
+    return (line.removesuffix("\n") for line in io.StringIO(text, newline=None))
+
+
+def check_lines(path: Path, kind: str, count: int, most_lines: int) -> None:
+    """Refuse a file of more lines.
+
+    Raises:
+        InputError: it has more.
+    """
+    if count > most_lines:
+        raise InputError(f"{path}: {count} lines; {kind} is expected, of at most {most_lines}")
+
+
+def read_first_line(path: Path, kind: str) -> str:
+    """First line of a text file, packed or not, however much follows; of what is no text as far as it is one.
+
+    Raises:
+        InputError: there is no such file, or it is none.
+    """
+    content = _read_file(path, kind, _START)
+    if content.startswith(_GZIP):
+        try:
+            content = zlib.decompressobj(_GZIP_FORMAT).decompress(content, _START)
+        except zlib.error as error:
+            raise InputError(f"{path}: cannot be unpacked ({error}); give the path of {kind}") from error
+    lines = content.decode(errors="replace").splitlines()
+    return lines[0] if lines else ""
+
+
+def read_text(
+    path: Path, kind: str, most_bytes: int = MOST_BYTES, encoding: str = "utf-8", most_lines: int | None = None
+) -> str:
     """Text of a file, packed by gzip or not.
 
     Args:
@@ -35,33 +114,40 @@ def read_text(path: Path, kind: str, most_bytes: int = MOST_BYTES, encoding: str
         kind: what it should be, for messages: 'a CSV file'.
         most_bytes: of the text.
         encoding: of the text.
+        most_lines: of the text; None for any number.
 
     Raises:
         InputError: there is no such file, it is none (a folder, a device), it is larger, or it is no text.
     """
-    content = read_bytes(path, kind, most_bytes)
+    content = read_unpacked(path, kind, most_bytes)
+    if most_lines is not None:
+        check_lines(path, kind, content.count(b"\n") + content.count(b"\r") - content.count(b"\r\n"), most_lines)
     try:
-        if content.startswith(_GZIP):
-            content = _unpacked(content, path, kind, most_bytes)
         return content.decode(encoding)
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: cannot be read ({error}); give the path of {kind}") from error
 
 
-def read_bytes(path: Path, kind: str, most_bytes: int = MOST_BYTES) -> bytes:
-    """Content of a file; arguments and errors as `read_text`."""
+def read_unpacked(path: Path, kind: str, most_bytes: int = MOST_BYTES) -> bytes:
+    """Content of a file, packed by gzip or not; arguments and errors as `read_text`."""
+    content = _read_file(path, kind, most_bytes + 1)
+    if len(content) > most_bytes:
+        raise _too_large(path, kind, most_bytes)
+    return _unpacked(content, path, kind, most_bytes) if content.startswith(_GZIP) else content
+
+
+def _read_file(path: Path, kind: str, most_bytes: int) -> bytes:
+    """The first bytes of a file."""
     try:
         regular = stat.S_ISREG(path.stat().st_mode)
         content = b""
         if regular:  # a pipe would be waited for
             with path.open("rb") as file:
-                content = file.read(most_bytes + 1)
+                content = file.read(most_bytes)
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
         raise InputError(f"{path}: cannot be read ({error}); give the path of {kind}") from error
     if not regular:
         raise InputError(f"{path}: cannot be read (it is no file); give the path of {kind}")
-    if len(content) > most_bytes:
-        raise _too_large(path, kind, most_bytes)
     return content
 
 

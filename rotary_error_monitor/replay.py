@@ -89,8 +89,8 @@ def replay_bag(
         estimator.status,
         reader,
         window,
-        bool(decisions),
         compensator is not None,
+        np.sort(np.fromiter(decisions, np.int64, len(decisions))),
         lacking,
         absence_remarks([*inputs, *of_machine[:1]], collected.spans),
     )
@@ -127,6 +127,7 @@ def _replay_described(
         damage_of(reader, window),
         bool(decisions),
         np.zeros(len(ticks), np.bool_),
+        np.empty(0, np.int64),
         (*remarks_of(reader, window), *collected.belief_remarks(), *collected.coverage_remarks()),
     )
 

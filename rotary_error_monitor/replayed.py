@@ -23,6 +23,12 @@ from rotary_error_monitor.pipeline.joints import joint_motion_of
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
 
+BEFORE_NS = 500_000_000
+"""How long before the first estimates of a replay those published live may rest on samples of before it, ns."""
+
+AFTER_NS = 50_000_000
+"""How long after the last estimates before a pause others may rest on samples that came in it, ns."""
+
 
 @dataclass(frozen=True)
 class Replay:
@@ -44,6 +50,7 @@ class Replay:
         repeated: whether the bag holds the live run's own decisions, which were repeated.
         unrepeated: (n,) where they could not be: the bag lacks samples that the live run used, and what is given
             follows from those that it has.
+        lost_ns: timestamps (ns) of estimates that were published live and are not given at all.
         remarks: what a reader should know: what of the bag could not be read, what its streams lack, what could not be
             repeated.
     """
@@ -60,6 +67,7 @@ class Replay:
     damage: str | None
     repeated: bool
     unrepeated: NDArray[np.bool_]
+    lost_ns: NDArray[np.int64]
     remarks: tuple[str, ...]
 
     @property
@@ -87,6 +95,7 @@ class Replay:
             "streams": self.streams,
             "doubts": self.doubts,
             "unrepeated": self.unrepeated,
+            "lost_stamp_ns": self.lost_ns,
         }
         if self.tool_offset is not None:
             arrays["tool_offset"] = self.tool_offset
@@ -202,12 +211,12 @@ class Collected:
         status: EstimatorStatus,
         reader: BagReader,
         window: Window | None,
-        repeated: bool,
         with_machine: bool,
+        live_ns: NDArray[np.int64],
         lacking: Mapping[str, NDArray[np.int64]],
         absent: tuple[str, ...],
     ) -> Replay:
-        """All of it; `lacking` are the ticks (ns) that could not be repeated, by what they lack."""
+        """All of it; `live_ns` are the ticks (ns) published live, `lacking` those that lack something, by what."""
         stamps = _joined([block.times_ns for block in self.motion], np.empty(0, np.int64))
         found = [error_motion_from_block(block) for block in self.motion]
         observable = _joined([each.observable for each in found], np.empty((0, 6), np.bool_))
@@ -215,6 +224,7 @@ class Collected:
         covariance = _joined([each.covariance for each in found], np.empty((0, 6, 6)))
         both = observable[:, :, None] & observable[:, None, :]
         unrepeated = np.unique(np.concatenate([*lacking.values(), np.empty(0, np.int64)]))
+        lost = lost_ticks(live_ns, stamps)
         return Replay(
             stamps,
             _joined([each.theta for each in found], np.empty(0)),
@@ -226,14 +236,16 @@ class Collected:
             tuple(self.corrections),
             status,
             damage_of(reader, window),
-            repeated,
+            len(live_ns) > 0,
             np.isin(stamps, unrepeated),
+            lost,
             (
                 *remarks_of(reader, window),
                 *absent,
                 *self.belief_remarks(),
                 *self.coverage_remarks(),
                 *_unrepeated_remarks(lacking, stamps),
+                *_lost_remarks(lost, stamps),
             ),
         )
 
@@ -246,6 +258,29 @@ def _unrepeated_remarks(lacking: Mapping[str, NDArray[np.int64]], stamps: NDArra
         yield (
             f"{len(ticks)} ticks from {since:.3f} to {until:.3f} s cannot be repeated: the live run used {what} that "
             "the bag lacks; they follow from what it has"
+        )
+
+
+def lost_ticks(live_ns: NDArray[np.int64], given_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Ticks (ns, sorted) that were published live and are not given again, but for those close to others that are.
+
+    The first ticks of a recording, or after a pause in it, rest on samples from before it; the last ones before a pause
+    on samples after their own time.
+    """
+    lost = np.setdiff1d(live_ns, given_ns)
+    place = np.searchsorted(given_ns, lost)
+    before = np.append(np.int64(-1 << 62), given_ns)[place]
+    after = np.append(given_ns, np.int64(1 << 62))[place]
+    return lost[(after - lost > BEFORE_NS) & (lost - before > AFTER_NS)]
+
+
+def _lost_remarks(lost: NDArray[np.int64], stamps: NDArray[np.int64]) -> Iterator[str]:
+    """Which ticks of the live run are not given."""
+    if len(lost):
+        begin = int(min(lost[0], stamps[0])) if len(stamps) else int(lost[0])
+        yield (
+            f"{len(lost)} estimates that were published live, from {(int(lost[0]) - begin) * 1e-9:.3f} to "
+            f"{(int(lost[-1]) - begin) * 1e-9:.3f} s, are not given: the bag lacks the samples that they rest on"
         )
 
 

@@ -48,3 +48,8 @@ def test_long_texts_are_shown_by_their_ends() -> None:
     assert excerpt("a" * 200) == "a" * 200
     assert excerpt("a" * 500 + "b" * 500) == "a" * 100 + " … " + "b" * 100
     assert excerpt(range(3)) == "range(0, 3)"
+
+
+def test_texts_of_others_are_shown_in_one_line() -> None:
+    assert excerpt("µ 5 °C\n[ERROR] fake\x1b[2K\u2028") == r"µ 5 °C\n[ERROR] fake\x1b[2K\u2028"
+    assert excerpt("a\nb" * 100).isprintable()

@@ -94,7 +94,7 @@ def live(recording: Recording, topic: str, columns: Sequence[str]) -> tuple[np.n
 def test_a_whole_bag_is_repeated_without_a_remark(recording, tmp_path):
     write_messages(tmp_path / "bag", recording, WIRE)
     result = replay_bag(tmp_path / "bag", STAGE, MACHINE)
-    assert result.remarks == () and not result.unrepeated.any() and result.repeated
+    assert result.remarks == () and not result.unrepeated.any() and result.repeated and not len(result.lost_ns)
     stamps, theta = live(recording, MOTION, ["theta"])
     again = np.isin(result.stamp_ns, stamps)
     assert np.count_nonzero(again) == len(stamps) > 1000 * (DURATION - 1)
@@ -153,6 +153,27 @@ def test_a_head_that_falls_silent_in_the_recording_alone(recording, tmp_path, si
     assert (f"{HEAD_D}: no sample in the last" if until == DURATION else f"{HEAD_D}: 2000 samples") in text
 
 
+@pytest.mark.parametrize("gone", ["heads", "all sensors"])
+@pytest.mark.parametrize(("since", "until"), [(14.0, DURATION), (9.0, 12.0)])
+def test_estimates_that_are_not_given_at_all(recording, tmp_path, capsys, gone, since, until):
+    """Where no head is left the replay has no estimate to mark: what was published live and is not given counts."""
+    left = recording
+    for name, topic in TOPICS.items():
+        if gone == "all sensors" or name.startswith("head_"):
+            left = without(left, topic, since, until)
+    write_messages(tmp_path / "bag", left, WIRE)
+    out = tmp_path / "out.npz"
+    assert main(["replay", str(tmp_path / "bag"), "-o", str(out)]) == 10
+    assert "estimates that were published live, from" in capsys.readouterr().err
+    stamps, _ = live(recording, MOTION, ["theta"])
+    with np.load(out) as found:
+        lost = found["lost_stamp_ns"]
+        np.testing.assert_array_equal(np.isin(lost, stamps), True)
+        assert not np.isin(lost, found["stamp_ns"]).any()
+        gone_live = np.count_nonzero((seconds(stamps) > since + 0.05) & (seconds(stamps) < until - 0.6))
+        assert 0 <= len(lost) - gone_live < 800
+
+
 def test_joint_states_that_the_bag_lacks(recording, tmp_path):
     """Where no others are near, corrections are held as they were live; where they are, these count."""
     few = [content for number, content in enumerate(recording[JOINT_STATES]) if number % 3]
@@ -177,7 +198,7 @@ def test_a_recording_that_begins_in_mid_run(recording, tmp_path):
     }
     write_messages(tmp_path / "bag", late, WIRE)
     result = replay_bag(tmp_path / "bag", STAGE, MACHINE)
-    assert result.remarks == () and not result.unrepeated.any()
+    assert result.remarks == () and not result.unrepeated.any() and not len(result.lost_ns)
     assert seconds(result.stamp_ns)[0] < 4.2
     stamps, published = live(recording, MOTION, ["theta"])
     again = np.isin(result.stamp_ns, stamps)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
 
 CDR_LITTLE_ENDIAN = b"\x00\x01"
@@ -147,7 +147,9 @@ def _decode(data: bytes, layout: _Layout, *, finite: bool) -> SampleBlock:
     known = np.isfinite(rows)
     if not known[:, 0].all() or (finite and not known.all()):
         row, column = np.argwhere(~known)[0]
-        raise InputError(f"sample {row} of '{layout.names[column]}' is {rows[row, column]}; samples must be finite")
+        raise InputError(
+            f"sample {row} of '{excerpt(layout.names[column])}' is {rows[row, column]}; samples must be finite"
+        )
     far = np.abs(rows[:, 0]) >= _FARTHEST
     if far.any():
         row = int(np.argmax(far))

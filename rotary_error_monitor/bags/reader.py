@@ -22,7 +22,7 @@ from rotary_error_monitor.bags.metadata import METADATA, BagMetadata, read_metad
 from rotary_error_monitor.bags.recorded_files import FileContent, RawMessage, open_file
 from rotary_error_monitor.bags.unpacking import DamageError, unpack
 from rotary_error_monitor.bags.window import Window
-from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.errors import InputError, excerpt, one_line
 from rotary_error_monitor.files import exists
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.signals.stretches import PAUSE_NS, longest_stretch
@@ -83,7 +83,8 @@ class BagReader:
         missing = [name for name in names if name not in self.topics or not self.topics[name].count]
         if missing:
             have = ", ".join(name for name, topic in self.topics.items() if topic.count) or "no message at all"
-            raise InputError(f"{self.path}: no message on {', '.join(missing)}; the bag has {have}")
+            damage = f"; {self.damage}" if self.damage else ""
+            raise InputError(f"{self.path}: no message on {', '.join(missing)}; the bag has {one_line(have)}{damage}")
 
     def messages(self, names: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Messages of some topics, by default all, as bytes in the order of their recording.
@@ -216,7 +217,7 @@ class BagReader:
         missing = [name for name in names if name not in self.topics]
         if missing:
             raise InputError(
-                f"{self.path}: no topic {', '.join(missing)}; the bag has {', '.join(self.topics) or 'none'}"
+                f"{self.path}: no topic {', '.join(missing)}; the bag has {one_line(', '.join(self.topics)) or 'none'}"
             )
         return list(names)
 
@@ -259,19 +260,22 @@ class BagReader:
         try:
             return stamp_of(message.data)
         except InputError as error:
-            raise InputError(f"{self.path}: {message.topic}, recorded at {message.log_time_ns} ns: {error}") from error
+            raise InputError(
+                f"{self.path}: {one_line(message.topic)}, recorded at {message.log_time_ns} ns: {error}"
+            ) from error
 
     def _decode(self, decoder: Decoder, message: RawMessage) -> Content:
         expected = self.topics[message.topic].type
         if message.type != expected:
-            raise InputError(
-                f"{self.path}: {message.topic} carries {expected} and {excerpt(message.type)}; expected one"
-            )
+            names = f"{expected} and {excerpt(message.type)}"
+            raise InputError(f"{self.path}: {one_line(message.topic)} carries {names}; expected one")
         try:
             return decoder.decode(message.data)
         except InputError as error:
             stamp = self._stamp(message)
-            raise InputError(f"{self.path}: {message.topic}, message with stamp {stamp} ns: {error}") from error
+            raise InputError(
+                f"{self.path}: {one_line(message.topic)}, message with stamp {stamp} ns: {error}"
+            ) from error
 
 
 @dataclass(frozen=True)
@@ -388,21 +392,32 @@ def _files_of(path: Path, remarks: list[str]) -> tuple[list[Path], BagMetadata]:
 def _check_whole(path: Path, found: FileContent) -> None:
     """A file that has its end and lost something before it is to be recovered first: nobody expects a hole in it."""
     if found.complete and found.indexed and found.damaged:
-        raise InputError(f"{path}: damaged: {found.path.name}: {found.problem}; recover the bag and read it again")
+        raise InputError(
+            f"{path}: damaged: {found.path.name}: {found.problem}; recover the bag and read it again; "
+            f"{_readable([found])}"
+        )
+
+
+def _readable(contents: Sequence[FileContent]) -> str:
+    """How much of some files can be read."""
+    counts = sum((found.counts for found in contents), Counter[str]())
+    readable, size = sum(found.readable for found in contents), sum(found.size for found in contents)
+    topics = {name for found in contents for name in found.types}
+    return f"readable are {counts.total()} messages on {len(topics)} topics, {readable} of {size} bytes"
 
 
 def _torn(path: Path, contents: Sequence[FileContent]) -> Iterator[str]:
     """What is said of files that have no end, and of those whose index is damaged."""
     if not all(found.complete for found in contents):
-        counts = sum((found.counts for found in contents), Counter[str]())
-        readable, size = sum(found.readable for found in contents), sum(found.size for found in contents)
-        damaged = sum(found.damaged for found in contents if not found.complete)
-        topics = {name for found in contents for name in found.types}
+        torn = [found for found in contents if not found.complete]
+        damaged = sum(found.damaged for found in torn)
         recorder = holder(path if path.is_dir() else path.parent)
         state = f"{recorder} is recording it" if recorder else "the recording was not closed"
+        problem = next((found.problem for found in torn if found.problem), "")
         yield (
-            f"{path}: {state}; readable are {counts.total()} messages on {len(topics)} topics, "
-            f"{readable} of {size} bytes" + (f", without {damaged} damaged records in between" if damaged else "")
+            f"{path}: {state}; {_readable(contents)}"
+            + (f", without {damaged} damaged records in between" if damaged else "")
+            + (f" ({problem})" if problem else "")
         )
     for found in contents:
         if not found.indexed:

@@ -17,7 +17,8 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from rotary_error_monitor.bags.torn import MESSAGE, TornFile, parse_record
+from rotary_error_monitor.bags.records import MESSAGE
+from rotary_error_monitor.bags.torn import TornFile, parse_record
 from rotary_error_monitor.bags.unpacking import MOST_AT_ONCE, Budget
 from rotary_error_monitor.errors import InputError, excerpt
 
@@ -54,7 +55,7 @@ class FileContent:
         size, readable: bytes of the file, and how many of them can be read.
         complete: whether the file has its end.
         damaged: parts in the middle that cannot be read, an index that does not fit among them.
-        indexed: whether the index fits.
+        indexed: whether the index fits; where it does not, all messages were read nevertheless.
         problem: what is wrong with the first of them.
     """
 
@@ -144,6 +145,7 @@ class McapFile:
         found.size, found.readable, found.complete = extent.size, extent.readable, extent.complete
         found.damaged, found.indexed, found.problem = extent.damaged, extent.indexed, extent.problem
         found.damaged += strays + channels.unreadable
+        found.indexed |= strays + channels.unreadable > 0
         if strays and not found.problem:
             found.problem = f"{strays} messages of topics that the file does not name"
         return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
 from collections import Counter
@@ -9,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mcap.records import Channel, Message, Schema
-from mcap.writer import CompressionType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
 from rotary_error_monitor.bags.coverage import BagCoverage
@@ -24,13 +25,19 @@ from rotary_error_monitor.bags.metadata import (
     write_metadata,
 )
 from rotary_error_monitor.bags.part import LIBRARY
-from rotary_error_monitor.bags.torn import TornFile
+from rotary_error_monitor.bags.torn import PROFILE, Extent, TornFile
 from rotary_error_monitor.bags.writer import RESERVE
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import exists
 
 CHUNK_SIZE = 1 << 18
+_BEGINNING = 1 << 16
+"""Bytes of a file in which a recording that was stopped at once may have no whole message."""
+
 _RECOVERING = ".recovering"
+KEPT = ".damaged"
 _MISSING = "files missing when the bag was recovered"
+_LEFT_OUT = "damaged when the bag was recovered"
 
 
 @dataclass(frozen=True)
@@ -42,9 +49,12 @@ class RecoveryReport:
         counts: messages that can be read, by topic.
         rewritten: names of the files that had no end or were damaged; none where the bag was whole.
         lost: bytes at the end of files that held no whole message.
-        damaged: records in between that could not be read and were left out.
+        left_out: bytes before that could not be read.
+        damaged: places where something could not be read and was left out, or contradicted the index.
+        kept: names under which damaged files lie beside what was recovered from them.
         missing: files that `metadata.yaml` told of and that are not there.
         remarks: what a recovery cannot mend: files that are missing, counts that did not fit, what the recorder noted.
+        whole: whether no more is gone than the torn end of a recording that was not closed.
     """
 
     folder: Path
@@ -52,8 +62,11 @@ class RecoveryReport:
     rewritten: tuple[str, ...]
     lost: int
     damaged: int
+    left_out: int = 0
+    kept: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    whole: bool = True
 
     def __str__(self) -> str:
         if self.missing and not self.rewritten:
@@ -62,7 +75,9 @@ class RecoveryReport:
             return f"{self.folder}: the bag is whole, {self.counts.total()} messages"
         return (
             f"{self.folder}: recovered {self.counts.total()} messages on {len(self.counts)} topics; without "
-            f"{self.lost} bytes at the end" + (f" and {self.damaged} damaged records" if self.damaged else "")
+            f"{self.lost} bytes at the end"
+            + (f" and {self.damaged} damaged records ({self.left_out} bytes before the end)" if self.damaged else "")
+            + (f"; kept as it was: {', '.join(self.kept)}" if self.kept else "")
         )
 
 
@@ -70,8 +85,9 @@ def recover(bag: Path | str) -> RecoveryReport:
     """Make a bag readable by rosbag2, rosbags and mcap, whatever moment its recorder was killed at.
 
     Each mcap file without an end is written anew beside the old one, stored on the disk, and takes its place in one
-    step: at every moment the bag holds either the old file or the new. A bag that is whole is left as it is, but for a
-    `metadata.yaml` that is missing or does not say what the files hold.
+    step: at every moment the bag holds either the old file or the new. Where more is left out than the end of a
+    recording that was not closed, the old one is kept beside it as well. A bag that is whole is left as it is, but for
+    a `metadata.yaml` that is missing or does not say what the files hold.
 
     Args:
         bag: folder of the bag, or the mcap file in it.
@@ -102,6 +118,9 @@ def _recover(folder: Path) -> RecoveryReport:
     counts = sum((content.counts() for content in contents), Counter[str]())
     rewritten = tuple(content.path.name for content in contents if content.torn)
     notes = dict(listing.notes)
+    damages = [content.damage() for content in contents if content.kept]
+    if damages:
+        notes[_LEFT_OUT] = "; ".join([*filter(None, [notes.get(_LEFT_OUT, "")]), *damages])
     if missing:
         notes[_MISSING] = ", ".join(sorted({*missing, *filter(None, notes.get(_MISSING, "").split(", "))}))
     remarks = [f"{folder}: {name}: {text}" for name, text in notes.items()]
@@ -117,8 +136,11 @@ def _recover(folder: Path) -> RecoveryReport:
         rewritten=rewritten,
         lost=sum(content.lost for content in contents),
         damaged=sum(content.damaged for content in contents),
+        left_out=sum(content.left_out for content in contents),
+        kept=tuple(content.kept for content in contents if content.kept),
         missing=missing,
         remarks=tuple(remarks),
+        whole=all(content.whole for content in contents),
     )
 
 
@@ -134,7 +156,13 @@ class _FileContent:
     end_ns: int = 0
     torn: bool = False
     lost: int = 0
+    left_out: int = 0
     damaged: int = 0
+    strays: int = 0
+    said: int | None = None
+    problem: str = ""
+    whole: bool = True
+    kept: str = ""
 
     def add(self, record: Schema | Channel | Message) -> bool:
         """Count a record; False for one that was already there, or that belongs to a channel that is lost."""
@@ -143,6 +171,7 @@ class _FileContent:
         if isinstance(record, Channel):
             return self.channels.setdefault(record.id, record) is record
         if record.channel_id not in self.channels:
+            self.strays += 1
             return False
         first = not self.channel_counts
         self.start_ns = record.log_time if first else min(self.start_ns, record.log_time)
@@ -163,6 +192,15 @@ class _FileContent:
             counts[self.channels[channel].topic] += count
         return counts
 
+    def damage(self) -> str:
+        """What of the file was left out, in words."""
+        count = self.channel_counts.total()
+        of = "" if self.said is None else f" of {self.said}"
+        return (
+            f"{self.path.name}: {self.problem or 'its end is lost'}; recovered were {count}{of} messages, without "
+            f"{self.left_out + self.lost} bytes; the file as it was is {self.kept}"
+        )
+
     def entry(self) -> FileEntry:
         return FileEntry(self.path.name, self.channel_counts.total(), self.start_ns, self.end_ns)
 
@@ -175,14 +213,27 @@ def _recover_file(path: Path, coverage: BagCoverage) -> _FileContent:
         if content.add(record) and isinstance(record, Message):
             coverage.note(*content.topic_of(record), record.data)
     extent = torn.extent
-    content.torn = not extent.complete or extent.damaged > 0
-    content.lost, content.damaged = extent.size - extent.readable, extent.damaged
+    content.torn = not extent.complete or extent.damaged > 0 or content.strays > 0 or extent.profile != PROFILE
+    content.lost, content.left_out, content.damaged = extent.at_end, extent.left_out, extent.damaged
+    content.said, content.problem = extent.messages_said, extent.problem
+    if content.strays:
+        content.damaged += 1
+        content.problem = content.problem or f"{content.strays} messages of topics that the file does not name"
     if content.torn:
-        _rewrite(torn)
+        nothing = not content.channel_counts and extent.at_end > len(MCAP0_MAGIC)
+        everything = extent.complete and (not extent.indexed or not extent.damaged) and not content.strays
+        content.whole = everything or (extent.torn and not content.strays and not (nothing and _is_large(extent)))
+        _rewrite(torn, content)
     return content
 
 
-def _rewrite(torn: TornFile) -> None:
+def _is_large(extent: Extent) -> bool:
+    """Whether most of a file is its torn end, which is more than the beginning of a recording."""
+    return extent.at_end > max(extent.readable, _BEGINNING)
+
+
+def _rewrite(torn: TornFile, content: _FileContent) -> None:
+    """Put what could be read in the place of a file; one of which more is gone than its torn end is kept beside it."""
     path = torn.path
     room, size = shutil.disk_usage(path.parent).free, path.stat().st_size
     if room < size:
@@ -193,13 +244,31 @@ def _rewrite(torn: TornFile) -> None:
             _copy(torn, Writer(file, CHUNK_SIZE, CompressionType.NONE))
             file.flush()
             os.fsync(file.fileno())
+        if not content.whole:
+            content.kept = _keep(path)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
 
 
+def _keep(path: Path) -> str:
+    """Give a file a second name, which is returned; on a disk where a file has but one, this is its only one."""
+    for number in itertools.count(1):
+        kept = path.with_name(path.name + KEPT + (f".{number}" if number > 1 else ""))
+        try:
+            os.link(path, kept, follow_symlinks=True)
+        except FileExistsError:
+            continue
+        except OSError:
+            if exists(kept):
+                continue
+            path.rename(kept)
+        return kept.name
+    raise AssertionError("unreachable")
+
+
 def _copy(torn: TornFile, writer: Writer) -> None:
-    writer.start(profile="ros2", library=LIBRARY)
+    writer.start(profile=PROFILE, library=LIBRARY)
     seen = _FileContent(torn.path)
     schemas: dict[int, int] = {0: 0}  # in mcap schema 0 is none
     channels: dict[int, int] = {}

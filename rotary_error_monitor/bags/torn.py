@@ -4,69 +4,90 @@ from __future__ import annotations
 
 import mmap
 import struct
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Message, Schema
-from mcap.writer import MCAP0_MAGIC
+from mcap.records import Channel, Header, Message, Schema
 
-from rotary_error_monitor.bags.unpacking import MOST_AT_ONCE, Budget, DamageError, check_size, unpack
+from rotary_error_monitor.bags.outline import DAMAGED, TORN, Outline, Part
+from rotary_error_monitor.bags.records import IN_CHUNKS, MESSAGE, PREFIX, UNREADABLE, chunk_head, inner_records
+from rotary_error_monitor.bags.unpacking import MOST_AT_ONCE, Budget
 from rotary_error_monitor.errors import InputError
 
 Record = Schema | Channel | Message
 
-PREFIX = struct.Struct("<BQ")  # opcode, length
-MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_CHUNK = struct.Struct("<QQQII")  # start time, end time, size unpacked, checksum, length of the packing's name
+PROFILE = "ros2"
+"""What a bag of ROS 2 says in its header; without it some readers refuse it."""
+
 _LENGTH = struct.Struct("<Q")
 _CHUNK_INDEX = struct.Struct("<QQQ")  # start time, end time, where the chunk lies
-_FOOTER = struct.Struct("<QQI")  # where the index begins, where its offsets do, checksum of the index
-_OPCODES = frozenset(int(opcode) for opcode in Opcode)
-_IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
-_UNREADABLE = (McapError, struct.error, UnicodeDecodeError, ValueError, EOFError)
+_LARGEST_END = 1 << 20
+"""Bytes of a message that was begun last: more of them may hide others, behind a length that is damaged."""
 
 
 @dataclass
 class Extent:
-    """How far a file can be read.
+    """How much of a file can be read; its bytes are those that are readable, left out, or at its end.
 
     Attributes:
         size: bytes of the file.
-        readable: bytes up to the end of the last whole record or message, the whole file where it is complete.
+        readable: bytes of whole records and messages.
+        left_out: bytes before the end that could not be read.
+        at_end: bytes at the end that hold no whole record or message.
         complete: whether the file has its end.
-        damaged: records in the middle that could not be read and were left out, and an index that does not fit.
-        indexed: whether the index at the end of a complete file fits its content; messages are read without it.
-        problem: why the first of the damaged records could not be read.
+        damaged: places where something could not be read, is not as long as it says, or contradicts the index.
+        indexed: whether the damage is one of the index, or of what lies around the messages: all these were read.
+        problem: what is wrong at the first of the damaged places.
+        torn: whether what is lacking is the end of a recording that was not closed, and no more.
+        messages_said: how many messages there were when the file was closed; None where that is not known.
+        profile: what the file says that its messages are.
     """
 
     size: int = 0
     readable: int = 0
+    left_out: int = 0
+    at_end: int = 0
     complete: bool = False
     damaged: int = 0
     indexed: bool = True
     problem: str = ""
+    torn: bool = True
+    messages_said: int | None = None
+    profile: str = PROFILE
 
 
 @dataclass
 class _Index:
-    """What the index of a file says, beside what there is."""
+    """What the index of a file says, beside what there is.
+
+    `of_data` is whether something is damaged before the end of the data, `chunk_lost` whether what begins like a chunk
+    is; `footer` whether there is a footer.
+    """
 
     chunks: list[int] = field(default_factory=list)
     messages: int = 0
     chunks_said: list[int] = field(default_factory=list)
     messages_said: int | None = None
-    checksum_fits: bool = True
+    data_ended: bool = False
+    of_data: bool = False
+    chunk_lost: bool = False
+    footer: bool = False
+
+    def note(self, part: Part) -> None:
+        """Take down what a record says of others."""
+        if part.opcode == Opcode.CHUNK_INDEX:
+            self.chunks_said.append(_CHUNK_INDEX.unpack_from(part.payload)[2])
+        elif part.opcode == Opcode.STATISTICS:
+            (self.messages_said,) = _LENGTH.unpack_from(part.payload)
+        self.data_ended |= part.opcode == Opcode.DATA_END
+        self.footer |= part.opcode == Opcode.FOOTER
 
     def problem(self) -> str:
         """What does not fit; empty where all does."""
-        if not self.checksum_fits:
-            return "the checksum of the index does not fit"
         if self.chunks_said and sorted(self.chunks_said) != self.chunks:
             return "the index does not name the chunks that are there"
         if self.messages_said is not None and self.messages_said != self.messages:
@@ -90,68 +111,100 @@ class TornFile:
         for opcode, payload in self.entries():
             try:
                 record = parse_record(opcode, payload)
-            except _UNREADABLE as error:
+            except UNREADABLE as error:
                 self._note(str(error))
             else:
                 yield record
 
-    def entries(self, *, verify: bool = True) -> Iterator[tuple[int, memoryview]]:
-        """The same as opcode and bytes; `verify` is whether checksums and index are held against the content.
+    def entries(self) -> Iterator[tuple[int, memoryview]]:
+        """The same as opcode and bytes.
+
+        Where something is damaged, the schemas and channels of the index come first: the others may be gone.
 
         Raises:
             InputError: as `records`.
         """
         content = _content(self.path)
         size = len(content)
-        self.extent = Extent(size=size)
+        extent = self.extent = Extent(size=size)
         if size == 0:
             return
-        if content[: len(MCAP0_MAGIC)] != MCAP0_MAGIC[:size]:
-            raise InputError(f"{self.path}: no mcap file; it starts with {bytes(content[:8])!r}")
-        budget, index, footer = Budget(self.path, size), _Index(), False
-        for opcode, payload, end in _walk(content, len(MCAP0_MAGIC)):
-            whole = end <= size
-            try:
-                if opcode == Opcode.CHUNK:
-                    index.chunks += [end - len(payload) - PREFIX.size] if whole else []
-                    entries = _chunk(payload, budget, verify) if whole else self._cut_chunk(payload)
-                    for inner, part in entries:
-                        index.messages += inner == Opcode.MESSAGE
-                        yield inner, part
-                elif whole and opcode in _IN_CHUNKS:
-                    _check_length(opcode, payload)
-                    index.messages += opcode == Opcode.MESSAGE
-                    yield opcode, payload
-                elif whole and verify:
-                    _note_index(opcode, payload, content, end, index)
-            except InputError:
-                raise
-            except _UNREADABLE as error:
-                if whole:  # a record that is cut off is no damage of its own
-                    self._note(f"{Opcode(opcode).name.lower()} at byte {end - len(payload)}: {error}")
-            footer |= opcode == Opcode.FOOTER
-            if whole:
-                self.extent.readable = end
-        if footer and content[self.extent.readable :] == MCAP0_MAGIC:
-            self.extent.readable, self.extent.complete = size, True
-            if verify and not self.extent.damaged and index.problem():
-                self.extent.indexed = False
-                self._note(index.problem())
+        outline, index = Outline(content, Budget(self.path, size)), _Index()
+        for part in outline.parts():
+            if part.opcode == DAMAGED and part.start == 0 and part.end >= outline.limit:
+                raise InputError(f"{self.path}: no mcap file; it starts with {bytes(content[:8])!r}")
+            if part.problem and not extent.damaged:
+                yield from _named_in_index(content, outline)
+            if part.problem:
+                self._note(part.problem)
+                index.of_data |= not index.data_ended
+            if part.opcode == Opcode.CHUNK:
+                yield from self._chunk(part, index)
+            elif part.opcode == TORN:
+                yield from self._end(part, index)
+            elif part.opcode == DAMAGED:
+                extent.left_out += part.end - part.start
+                extent.torn &= index.data_ended
+                index.chunk_lost |= part.payload[0] == Opcode.CHUNK
+            elif part.opcode in IN_CHUNKS:
+                index.messages += part.opcode == Opcode.MESSAGE
+                yield part.opcode, part.payload
+            else:
+                index.note(part)
+                if part.opcode == Opcode.HEADER:
+                    extent.profile = _profile(part.payload)
+        extent.complete = outline.closed and index.footer
+        extent.readable = size - extent.left_out - extent.at_end
+        if extent.complete:
+            self._judge(index, outline)
+
+    def _chunk(self, part: Part, index: _Index) -> Iterator[tuple[int, memoryview]]:
+        """What is in a chunk; of one without a checksum up to where its records do not follow one another."""
+        index.chunks.append(part.start)
+        last = 0
+        for opcode, payload, end in inner_records(part.payload, careful=not part.checked):
+            index.messages += opcode == Opcode.MESSAGE
+            last = end
+            yield opcode, payload
+        rest = len(part.payload) - last
+        if rest:
+            self._note(f"chunk at byte {part.start + PREFIX.size}: its last {rest} bytes are no record")
+            index.of_data = True
+        if rest and not part.checked:
+            self.extent.left_out += min(rest, part.end - part.start)
+            self.extent.torn = False
+
+    def _end(self, part: Part, index: _Index) -> Iterator[tuple[int, memoryview]]:
+        """What is in a chunk that is cut off; one that is packed cannot be unpacked then."""
+        content, last = part.payload, 0
+        head = chunk_head(content, 0) if content[0] == Opcode.CHUNK else None
+        if head is not None and not head.packing:
+            for opcode, payload, end in inner_records(content[head.start :]):
+                index.messages += opcode == Opcode.MESSAGE
+                last = head.start + end
+                yield opcode, payload
+            last_whole = max(last, head.start)
+            if not _is_cut(content[last_whole:]):
+                self._note(f"no record at byte {part.start + last_whole}")
+                self.extent.torn = False
+        self.extent.at_end = len(content) - last
+
+    def _judge(self, index: _Index, outline: Outline) -> None:
+        """Hold the content of a file that has its end against what its index says."""
+        extent = self.extent
+        extent.messages_said = index.messages_said if outline.index else None
+        if extent.damaged:
+            everything = extent.messages_said == index.messages and not index.chunk_lost
+            extent.indexed = index.of_data and not everything
+            return
+        problem = index.problem() if outline.index or not outline.checksum else "the checksum of the index does not fit"
+        if problem:
+            extent.indexed = False
+            self._note(problem)
 
     def _note(self, problem: str) -> None:
         self.extent.damaged += 1
         self.extent.problem = self.extent.problem or problem
-
-    def _cut_chunk(self, payload: memoryview) -> Iterator[tuple[int, memoryview]]:
-        packing, _, _, content = _opened(payload)
-        if packing:
-            return  # cut off in its middle it cannot be unpacked
-        for opcode, inner, end in _walk(content, 0):
-            if end <= len(content):
-                if opcode in _IN_CHUNKS:
-                    _check_length(opcode, inner)
-                    yield opcode, inner
-                self.extent.readable = self.extent.size - len(content) + end
 
 
 def parse_record(opcode: int, payload: memoryview) -> Record:
@@ -186,61 +239,30 @@ def _content(path: Path) -> memoryview:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}); give a bag that can be read") from error
 
 
-def _walk(content: memoryview, position: int) -> Iterator[tuple[int, memoryview, int]]:
-    """Opcode, payload and end of each record; the last may end behind the content, its payload is then cut."""
-    while position + PREFIX.size <= len(content):
+def _named_in_index(content: memoryview, outline: Outline) -> Iterator[tuple[int, memoryview]]:
+    """Schemas and channels that the index repeats."""
+    position, end = outline.index or (0, 0)
+    while position < end:
         opcode, length = PREFIX.unpack_from(content, position)
-        if opcode not in _OPCODES:
-            return  # blocks that never reached the disk read as zeros
-        position += PREFIX.size
-        yield opcode, content[position : position + length], position + length
-        position += length
+        position += PREFIX.size + length
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            yield opcode, content[position - length : position]
 
 
-def _chunk(payload: memoryview, budget: Budget, verify: bool) -> Iterator[tuple[int, memoryview]]:
-    """Entries of a whole chunk."""
-    packing, size, checksum, data = _opened(payload)
-    if packing:
-        check_size(size)
-        budget.take(size)
-    content = memoryview(unpack(data, packing, size))
-    if verify and checksum and zlib.crc32(content) != checksum:
-        raise DamageError("its checksum does not fit its content")
-    position = 0
-    for opcode, inner, end in _walk(content, 0):
-        if end > len(content):
-            break
-        if opcode in _IN_CHUNKS:
-            _check_length(opcode, inner)
-            yield opcode, inner
-        position = end
-    if position != len(content):
-        raise DamageError(f"its last {len(content) - position} bytes are no record")
+def _profile(header: memoryview) -> str:
+    try:
+        return str(Header.read(ReadDataStream(BytesIO(header))).profile)
+    except UNREADABLE:
+        return ""
 
 
-def _opened(payload: memoryview) -> tuple[str, int, int, memoryview]:
-    """Packing of a chunk, its size unpacked, its checksum, and its data."""
-    _, _, size, checksum, length = _CHUNK.unpack_from(payload)
-    start = _CHUNK.size + length
-    packing = bytes(payload[_CHUNK.size : start]).decode()
-    (count,) = _LENGTH.unpack_from(payload, start)
-    return packing, size, checksum, payload[start + _LENGTH.size : start + _LENGTH.size + count]
-
-
-def _check_length(opcode: int, payload: memoryview) -> None:
-    if opcode == Opcode.MESSAGE and len(payload) < MESSAGE.size:
-        raise DamageError(f"a message of {len(payload)} bytes; expected at least {MESSAGE.size}")
-    if len(payload) > MOST_AT_ONCE:
-        raise DamageError(f"{len(payload)} bytes; at most {MOST_AT_ONCE} are read at once")
-
-
-def _note_index(opcode: int, payload: memoryview, content: memoryview, end: int, index: _Index) -> None:
-    """Take down what a record says of others."""
-    if opcode == Opcode.CHUNK_INDEX:
-        index.chunks_said.append(_CHUNK_INDEX.unpack_from(payload)[2])
-    elif opcode == Opcode.STATISTICS:
-        (index.messages_said,) = _LENGTH.unpack_from(payload)
-    elif opcode == Opcode.FOOTER:
-        start, _, checksum = _FOOTER.unpack_from(payload)
-        last = end - len(payload) + _FOOTER.size - 4  # it covers the footer up to itself
-        index.checksum_fits = not checksum or zlib.crc32(content[start:last]) == checksum
+def _is_cut(rest: memoryview) -> bool:
+    """Whether what is left of a chunk is the beginning of a record, or blocks that never reached the disk (zeros)."""
+    if len(rest) < PREFIX.size:
+        return True
+    opcode, length = PREFIX.unpack_from(rest)
+    end = PREFIX.size + length
+    if opcode in IN_CHUNKS and end > len(rest):
+        return len(rest) <= _LARGEST_END and bool(length <= MOST_AT_ONCE)
+    after = rest[end:] if opcode in IN_CHUNKS else rest
+    return bytes(after).count(0) == len(after)

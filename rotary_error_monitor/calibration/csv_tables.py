@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError, excerpt
-from rotary_error_monitor.files import read_text
+from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
 
 Array = NDArray[np.float64]
 
@@ -111,7 +111,8 @@ def read_table(path: Path | str, choices: Sequence[Sequence[Column]]) -> Table:
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Line number and values of each row that is neither empty nor a comment; a row is a line."""
     rows = []
-    for number, line in enumerate(read_text(path, "a CSV file", encoding="utf-8-sig").splitlines(), start=1):
+    text = read_text(path, "a CSV file", encoding="utf-8-sig", most_lines=MOST_LINES)
+    for number, line in enumerate(lines_of(text), start=1):
         if line.strip() and not line.lstrip().startswith("#"):
             try:
                 rows += [(number, values) for values in csv.reader([line], strict=True)]

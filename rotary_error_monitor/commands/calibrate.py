@@ -25,8 +25,9 @@ from rotary_error_monitor.calibration.steps import Job, calibrate_machine, calib
 from rotary_error_monitor.calibration.straightness_step import Reading, calibrate_straightness
 from rotary_error_monitor.calibration.volume import estimate_volumetric_map, rank_errors
 from rotary_error_monitor.calibration.yaml_document import changing
-from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
 from rotary_error_monitor.metrology.splicing import Mirror
 from rotary_error_monitor.metrology.tracker import TrackerNoise
@@ -246,6 +247,9 @@ def _add_flatness(steps: Subparsers[argparse.ArgumentParser]) -> None:
 def _job(arguments: argparse.Namespace) -> Iterator[Job]:
     """What a step needs; what it writes is its own from before it is read."""
     output = arguments.output or arguments.machine
+    profile = getattr(arguments, "mirror_profile", None)
+    check_outputs([arguments.output], [arguments.source, profile])
+    check_outputs([getattr(arguments, "figure", None)], [arguments.source, profile, arguments.machine, output])
     with changing(output):
         file = MachineFile(arguments.machine)
         yield Job(arguments.source, file, output, arguments.date or _today(), arguments.force)
@@ -294,6 +298,7 @@ def _squareness(arguments: argparse.Namespace) -> int:
 
 def _assembly(arguments: argparse.Namespace) -> int:
     output = arguments.output or arguments.stage
+    check_outputs([arguments.output], [arguments.source])
     with changing(output):
         result = calibrate_assembly(
             arguments.source,
@@ -319,6 +324,7 @@ def _machine(arguments: argparse.Namespace) -> int:
 
 
 def _tables(arguments: argparse.Namespace) -> int:
+    check_outputs([arguments.output], [machine_path(arguments.machine)])
     machine = load_machine(arguments.machine)
     if arguments.axis:
         compensation = predict_axis_compensation(machine, arguments.axis, arguments.rows)
@@ -337,6 +343,7 @@ def _tables(arguments: argparse.Namespace) -> int:
 
 
 def _errors(arguments: argparse.Namespace) -> int:
+    check_outputs([arguments.figure], [machine_path(arguments.machine)])
     machine = load_machine(arguments.machine)
     costs = rank_errors(machine, limits=_limits(arguments.limits, machine))
     print(reports.ranking_text(costs))
@@ -351,6 +358,7 @@ def _errors(arguments: argparse.Namespace) -> int:
 
 
 def _flatness_step(arguments: argparse.Namespace) -> int:
+    check_outputs([arguments.figure], [machine_path(arguments.machine)])
     machine = load_machine(arguments.machine)
     limits = _limits(arguments.workpiece, machine)
     sizes = arguments.reversal_um * 1e-6, arguments.positioning_um * 1e-6

@@ -18,6 +18,7 @@ from rotary_error_monitor.blind_check.cases import GROUPS, Family, plan_cases
 from rotary_error_monitor.blind_check.reliability import Told, bins_of, read_told
 from rotary_error_monitor.blind_check.scores import format_calibration, format_scores
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import check_outputs
 
 _FAMILIES: dict[str, tuple[Family, ...]] = {"stage": ("stage",), "machine": ("machine",), "both": ("stage", "machine")}
 _FLOORS = {"clean": (False,), "rough": (True,), "both": (False, True)}
@@ -73,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--reliability is {arguments.reliability}; the file must end in {' or '.join(_DIAGRAMS)}")
     if arguments.outcomes and arguments.output is not None:
         raise InputError("--outcomes runs no cases: there is nothing to write to -o")
+    check_outputs([arguments.reliability], [*arguments.outcomes, arguments.output])
     if arguments.outcomes:
         told = [pair for path in arguments.outcomes for pair in read_told(path)]
         print(format_calibration("named causes", told) or "no cause is named")

@@ -8,14 +8,19 @@ from pathlib import Path
 
 from rotary_error_monitor.bags.recovery import recover
 
+DAMAGED = 10
+"""Exit code: done, and the result is not as one would have it. So ends `replay` as well."""
+
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Describe the command's arguments."""
     parser = subparsers.add_parser(
         "recover",
         help="make the bag of a recorder that was killed readable again",
-        epilog="exit codes: 0 the bag can be read by every tool; 2 no bag, no room for a copy, or a bag that is being "
-        "recorded. What cannot be recovered, such as a file that is missing, is said on standard error.",
+        epilog="exit codes: 0 the bag can be read by every tool, and lacks at most the end of a recording that was "
+        "not closed; 10 it can be read, but more than that is lost, and the damaged file is kept beside it; 2 no bag, "
+        "no room for a copy, or a bag that is being recorded. What cannot be recovered, such as a file that is "
+        "missing, is said on standard error.",
     )
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.set_defaults(run=run)
@@ -27,4 +32,4 @@ def run(arguments: argparse.Namespace) -> int:
     print(report)
     for remark in report.remarks:
         print(f"note: {remark}", file=sys.stderr)
-    return 0
+    return 0 if report.whole else DAMAGED

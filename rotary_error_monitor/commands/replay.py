@@ -8,19 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
-from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.machine import load_machine, machine_path
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.replay import LONGEST_PERIOD_NS, SHORTEST_PERIOD_NS, replay_bag
+from rotary_error_monitor.resources import config
 
 NOT_REPEATED = 10
 """Exit code: done, and the result is not as one would have it. So end `check`, `calibrate` and `diagnose` as well."""
 
 _EPILOG = (
     "exit codes: 0 OUT.npz holds what the bag gives, the numbers published live where it holds these; 10 some "
-    "of these cannot be repeated, for the bag lacks samples that they rest on (array 'unrepeated' of OUT.npz); 2 wrong "
-    "input. What the bag lacks is said on standard error."
+    "of these cannot be repeated, for the bag lacks samples that they rest on (array 'unrepeated' of OUT.npz, and "
+    "'lost_stamp_ns': when there is no number at all); 2 wrong input. What the bag lacks is said on standard error."
 )
 
 
@@ -42,6 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     shortest, longest = SHORTEST_PERIOD_NS * 1e-6, LONGEST_PERIOD_NS * 1e-6
     if not shortest <= arguments.period_ms <= longest:
         raise InputError(f"--period-ms is {arguments.period_ms}; it must be from {shortest:g} to {longest:g}")
+    read = [arguments.bag, arguments.twin or config("stage.yaml")]
+    check_outputs([arguments.output], [*read, machine_path(arguments.machine) if arguments.machine else None])
     stage = load_stage(arguments.twin)
     machine = load_machine(arguments.machine) if arguments.machine else None
     settings = EstimatorSettings(period_ns=round(arguments.period_ms * 1e6))
@@ -57,4 +61,4 @@ def run(arguments: argparse.Namespace) -> int:
     if result.tool_offset is not None:
         held = int(np.isnan(result.tool_offset[:, 0]).sum())
         print(f"{len(result.stamp_ns) - held} tool offsets, {len(result.corrections)} corrections, {held} ticks held")
-    return NOT_REPEATED if result.unrepeated.any() else 0
+    return NOT_REPEATED if result.unrepeated.any() or len(result.lost_ns) else 0

@@ -10,7 +10,7 @@ from enum import Enum
 
 from rotary_error_monitor.controller.clock import NANOSECONDS
 from rotary_error_monitor.controller.kinematics import Position
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, one_line
 
 _LONGEST_QUOTE = 120
 """Characters of a message's own text that a reason repeats: what anybody sends shall not fill logs."""
@@ -149,7 +149,9 @@ class CorrectionGate:
         for what, values in (("correction", message.positions), ("rate", message.velocities)):
             for name, value in zip(message.names, values, strict=False):
                 if not math.isfinite(value):
-                    raise RefusalError(Doubt.NUMBERS, f"{what} of {name} is {value}; expected a finite number")
+                    raise RefusalError(
+                        Doubt.NUMBERS, f"{what} of {_quote([name])} is {value}; expected a finite number"
+                    )
 
     def _check_size(self, positions: Position) -> None:
         for name, value, largest in zip(self.limits.axes, positions, self.limits.largest, strict=True):
@@ -180,5 +182,5 @@ class CorrectionGate:
 
 
 def _quote(names: Sequence[str]) -> str:
-    text = " ".join(str(name) for name in names[:_LONGEST_QUOTE]) or "(none)"
+    text = " ".join(one_line(str(name)[: _LONGEST_QUOTE + 1]) for name in names[:_LONGEST_QUOTE]) or "(none)"
     return text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}…"

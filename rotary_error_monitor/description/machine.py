@@ -224,7 +224,7 @@ def load_machine(path_or_name: Path | str) -> MachineDescription:
     Raises:
         InputError: the file is missing or wrong; the message names file, line, value and what is expected.
     """
-    path = _path(path_or_name)
+    path = machine_path(path_or_name)
     section = schema.load(path, "machine")["machine"]
     for place, problem in contradictions(section):
         raise InputError(f"{schema.locate(path, ['machine', *place])}: {problem}")
@@ -236,7 +236,12 @@ def machine_from_mapping(section: Mapping[str, Any]) -> MachineDescription:
     return _from_tree(section) if "bodies" in section else _from_parameters(section)
 
 
-def _path(path_or_name: Path | str) -> Path:
+def machine_path(path_or_name: Path | str) -> Path:
+    """File of a machine that is given by its path, or by the name of one that ships.
+
+    Raises:
+        InputError: no machine of that name ships.
+    """
     path = Path(path_or_name)
     if path.suffix or len(path.parts) > 1 or exists(path):
         return path

@@ -113,7 +113,7 @@ def load_problem(recording: Path, twin: TwinFile, most_rate: float = MOST_RATE) 
             return _stage_problem(reader, twin, twin.description, remarks, most_rate)
         return _machine_problem(reader, twin, twin.description, remarks)
     except InputError as error:
-        raise InputError("; ".join([str(error), *remarks])) from error
+        raise InputError("; ".join([str(error), *(each for each in remarks if each not in str(error))])) from error
 
 
 def improved_twin(twin: TwinFile, causes: Sequence[Cause]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from sensor_msgs.msg import JointState, PointCloud2, Temperature
 from std_msgs.msg import Header
 
 from rotary_error_monitor.bags.cdr_blocks import encode_block
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.pipeline.joints import joint_motion_of
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
 
@@ -109,9 +109,8 @@ def _check_finite(block: SampleBlock) -> None:
     if math.isfinite(float(block.rows.sum())):
         return
     for row, column in np.argwhere(~np.isfinite(block.rows)):
-        raise InputError(
-            f"sample {row} of '{block.names[column]}' is {block.rows[row, column]}; nothing non-finite is published"
-        )
+        name, value = excerpt(block.names[column]), block.rows[row, column]
+        raise InputError(f"sample {row} of '{name}' is {value}; nothing non-finite is published")
 
 
 def joint_state_message(

@@ -10,6 +10,7 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from rotary_error_monitor.errors import excerpt
 from rotary_error_monitor.nodes import messages
 
 MEMORY = 1.0
@@ -63,7 +64,7 @@ def name_of(publisher: TopicEndpointInfo) -> str:
 def deafness(publisher: TopicEndpointInfo, kind: str, qos: QoSProfile) -> str:
     """Why a subscription of type `kind` (`sensor_msgs/msg/JointState`) does not hear a publisher; empty if it does."""
     if publisher.topic_type != kind:
-        return f"of type {publisher.topic_type}, which is not heard"
+        return f"of type {excerpt(publisher.topic_type)}, which is not heard"
     compatibility, reason = qos_check_compatible(publisher.qos_profile, qos)
     return f"not heard: {reason}" if compatibility == QoSCompatibility.ERROR else ""
 

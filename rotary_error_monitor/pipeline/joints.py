@@ -112,7 +112,8 @@ class JointTrack:
         """
         missing = [letter for letter in self._letters if letter not in positions and letter != self._optional]
         if missing:
-            raise InputError(f"joint state of {', '.join(positions) or 'nothing'} lacks axis {', '.join(missing)}")
+            held = excerpt(", ".join(positions)) or "nothing"
+            raise InputError(f"joint state of {held} lacks axis {', '.join(missing)}")
         row = np.array([positions.get(letter, math.nan) for letter in self._letters])
         speed = np.array([velocities.get(letter, 0.0) for letter in self._letters])
         newest = self.stream.newest_ns

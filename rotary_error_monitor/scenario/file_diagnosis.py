@@ -10,6 +10,7 @@ from pathlib import Path
 import yaml
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, diagnose
 from rotary_error_monitor.gap.loading import TwinFile, improved_twin, load_problem, load_twin
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
@@ -54,6 +55,8 @@ class FileDiagnosis:
             InputError: recording or twin cannot be used, or a result cannot be written.
         """
         progress("reading")
+        results = [self.output / f"diagnosis.{suffix}" for suffix in ("json", "html", "png")]
+        check_outputs([*results, self.improved], [self.recording, self.twin, *self.effects])
         twin = load_twin(self.twin, self.effects)
         problem = load_problem(self.recording, twin, self.most_rate)
         diagnosis = diagnose(problem, self.false_alarms, self.most_causes, progress)

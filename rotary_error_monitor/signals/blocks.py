@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
 
 NANOSECONDS = 1_000_000_000
 
@@ -93,7 +93,7 @@ def block_from_bytes(
         or point_step != step
     ):
         raise InputError(
-            f"no sample block: fields {list(fields)}, point_step {point_step}; "
+            f"no sample block: fields {excerpt(list(fields))}, point_step {point_step}; "
             "expected FLOAT64 fields one after another, 't' first"
         )
     if width * step != len(data):

@@ -137,6 +137,14 @@ def test_a_million_names_are_refused_at_once_and_in_short():
     assert len(str(caught.value)) < 1000
 
 
+@pytest.mark.parametrize("wrong", ["X\n[ERROR] fake", "\r\x1b[2KX", "\u2028X", "\x85", "\ud800"])
+def test_a_name_cannot_forge_a_line_of_the_log(wrong):
+    with pytest.raises(RefusalError) as refused:
+        CorrectionGate(LIMITS).judge(message((wrong, *AXES[1:])), NOW)
+    assert str(refused.value).isprintable()
+    assert f"corrections of the axes {repr(wrong)[1:-1]} Y Z A C; expected" in str(refused.value)
+
+
 @pytest.mark.parametrize("corrected", ["", "B", "XX", "XQ"])
 def test_axes_that_the_controller_has_not_cannot_be_corrected(corrected):
     with pytest.raises(

@@ -293,10 +293,51 @@ def test_packed_messages_of_gigabytes_are_refused(tmp_path, refused):
 def test_a_packed_text_of_gigabytes_is_refused(tmp_path, refused):
     packed = tmp_path / "signals.csv.gz"
     with gzip.open(packed, "wb", compresslevel=9) as file:
+        file.write(b"cos,sin\n")
         for _ in range(18):
             file.write(b"1,2\n" * 1_000_000)
     out = ["-o", tmp_path / "out", "--no-report"]
     assert "larger than" in refused("diagnose", packed, "--twin", ROOT / "config" / "quadrature.yaml", *out)
+
+
+@pytest.mark.parametrize(
+    ("head", "line", "count", "said"),
+    [
+        ("cos,sin", "1,2", 16_000_000, "16000001 lines; a .csv or .csv.gz file of signals is expected, of at most"),
+        ("cos,sin", "", 66_000_000, "66000001 lines"),
+        ("cos,sin", "#", 33_000_000, "33000001 lines"),
+        ("1", "1", 33_000_000, ":1: columns ['1']; expected"),
+        ("cos,sin", "1,2" + ",3" * 30_000_000, 1, "a line of 60000003 characters"),
+        ("cos,sin", "", 600, "0 samples; at least 500"),
+    ],
+    ids=["rows", "blank", "remarks", "no header", "one line", "600 blank"],
+)
+def test_signals_of_too_many_rows_are_refused(head, line, count, said, tmp_path, refused):
+    """60 kB of packed text that would cost seconds and gigabytes as samples."""
+    packed = tmp_path / "signals.csv.gz"
+    write_packed(packed, f"{head}\n", f"{line}\n", count)
+    out = ["-o", tmp_path / "out", "--no-report"]
+    assert said in refused("diagnose", packed, "--twin", ROOT / "config" / "quadrature.yaml", *out)
+
+
+@pytest.mark.parametrize(("line", "count"), [("1", 8_000_000), ("1 2 3 4", 2_000_000), ("", 16_000_000)])
+def test_tables_of_too_many_rows_are_refused(line, count, tmp_path, refused):
+    packed = tmp_path / "measured.csv"
+    write_packed(packed, "target_mm,direction,cycle,deviation_um\n", f"{line}\n", count)
+    machine = ROOT / "config" / "machines" / "xyzac_trt.yaml"
+    out = ["-o", tmp_path / "out"]
+    said = refused("calibrate", "positioning", packed, "--machine", machine, "--axis", "X", *out)
+    assert "lines; a CSV file is expected, of at most 200000" in said or "larger than" in said
+    said = refused("diagnose", packed, "--twin", ROOT / "config" / "mounts" / "cgx_l.yaml", *out)
+    assert "lines; a pointing file is expected, of at most 200000" in said or "larger than" in said
+
+
+def write_packed(path: Path, head: str, line: str, count: int) -> None:
+    with gzip.open(path, "wb", compresslevel=9) as file:
+        file.write(head.encode())
+        part = min(count, 1_000_000)
+        for _ in range(count // part):
+            file.write(line.encode() * part)
 
 
 @pytest.mark.parametrize(

@@ -121,6 +121,10 @@ def test_signals_are_read_in_both_forms(tmp_path):
         ("cos,sin\n" + "1,2\n" * 10, "10 samples; at least 500"),
         ("cos,sin\n" + "1,2\n" * 600 + "1,x\n", "expected numbers in columns cos and sin"),
         ("cos,sin\n" + "1,2\n" * 600 + "1,nan\n", r"a\.csv:602: .*finite"),
+        ("cos,sin\n\n\n" + "1,2\n" * 600 + "\n1,nan\n", r"a\.csv:605: .*finite"),
+        ("cos,sin\n" + "\n" * 600, "0 samples; at least 500"),
+        ("cos,sin\n" + "\r\n" * 600 + "1,2\n" * 10, "10 samples; at least 500"),
+        ("cos,sin\n" + "1,2\n" * 600 + "1" * 70_000, "a line of 7000. characters"),
     ],
 )
 def test_wrong_files_are_told(tmp_path, content, message):

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError, excerpt
-from rotary_error_monitor.files import read_text
+from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
 from rotary_error_monitor.twin.mount import FEWEST_POINTINGS, MountRecording
 from rotary_error_monitor.twin.refraction import Weather
 
@@ -41,7 +41,7 @@ def read_pointings(path: Path) -> MountRecording:
     Raises:
         InputError: the file cannot be read, a line has too few fields or a wrong value, or there are too few lines.
     """
-    return parse_pointings(read_text(path, "a pointing file"), str(path))
+    return parse_pointings(read_text(path, "a pointing file", most_lines=MOST_LINES), str(path))
 
 
 def parse_pointings(text: str, origin: str) -> MountRecording:
@@ -52,7 +52,7 @@ def parse_pointings(text: str, origin: str) -> MountRecording:
     """
     site: list[float] | None = None
     latitude, rows = 0.0, []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(lines_of(text), start=1):
         place, words = f"{origin}:{number}", line.split()
         if not words or (site is None and not (words[0][0] in "+-" or words[0][0].isdigit())):
             _check_option(words, place)
