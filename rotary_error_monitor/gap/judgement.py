@@ -89,14 +89,19 @@ def judge(
         if not _learns_outliers(problem, [posterior for _, posterior in tried]):
             break
         tried, learnt = _tried(problem, selection), True
+    believed: Judgement | None = None
     if tried:
         step, best = _likeliest(tried)
         if best.likelier:
-            return _believed(step, best, [posterior for other, posterior in tried if other is step])
+            believed = _believed(step, best, [posterior for other, posterior in tried if other is step])
+    if believed and believed.verdict is Verdict.EXPLAINED:
+        return believed
     alone = _passed_by(problem, null)
     # What the search passed by is believed only if it leaves nothing, and none of the others is likelier.
-    if alone and alone[0].settled and alone[0].likelier:
+    if alone and alone[0].settled and alone[0].likelier and (not believed or alone[0].total > best.total):
         return _believed(null, alone[0], alone)
+    if believed:
+        return believed
     unknown = 1 - max((posterior.probability for _, posterior in tried), default=0.0)
     fit, findings = null.fit, null.findings
     if learnt:

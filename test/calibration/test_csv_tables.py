@@ -36,7 +36,7 @@ def test_quotes_comments_and_a_byte_order_mark_are_read(tmp_path: Path) -> None:
         ("name,height_um\na," + "x" * 20_000, "heights.csv:2: height_um 'x{100} … x{100}' is no number"),
         ("name,height_um\na,3_5", "heights.csv:2: height_um '3_5' is no number"),
         ("name,height_um\na,0x10", "heights.csv:2: height_um '0x10' is no number"),
-        ("name,height_um\na,1\x00", "heights.csv:2: height_um '1\x00' is no number"),
+        ("name,height_um\na,1\x00", r"heights.csv:2: height_um '1\\x00' is no number"),
         ("name,height_um\na,nan", "heights.csv:2: height_um nan is no finite number; drop that reading"),
         ("x" * 5000 + "\n1\n", "heights.csv:1: header x{100} … x{100}; expected name,height_um"),
         (b"\xff\xfea\x00", r"heights.csv: cannot be read \(.*; give the path of a CSV file"),
