@@ -272,11 +272,11 @@ def _positioning(arguments: argparse.Namespace) -> int:
 
 
 def _straightness(arguments: argparse.Namespace) -> int:
-    profile = read_mirror_profile(arguments.mirror_profile) if arguments.mirror_profile else None
     flatness = None if arguments.mirror_flatness_um is None else arguments.mirror_flatness_um * 1e-6
-    mirror = Mirror(arguments.mirror_length_mm * 1e-3, flatness, profile)
     reading = Reading(arguments.noise_um * 1e-6, arguments.position_noise_mm * 1e-3, arguments.drop_outliers)
     with _job(arguments) as job:
+        profile = read_mirror_profile(arguments.mirror_profile) if arguments.mirror_profile else None
+        mirror = Mirror(arguments.mirror_length_mm * 1e-3, flatness, profile)
         result = calibrate_straightness(job, arguments.component, mirror, reading, monotone=arguments.monotone)
     print(reports.straightness_text(result, job.output))
     if arguments.figure:
