@@ -32,8 +32,7 @@ def test_radial_error_motion_follows_the_lvdt(case):
     assert len(found.stamp_ns) > 0.99 * 39_900
     assert found.rms <= 0.10e-6
     assert found.maximum <= 0.5e-6
-    # what a turn shows beside a calibration is partly uncertain, which makes the bounds a few per cent wider
-    assert 0.93 <= found.inside <= 0.98
+    assert 0.93 <= found.inside <= 0.97
 
 
 @pytest.mark.cases("open", "stage", "null", most=1)

@@ -19,6 +19,7 @@ PATIENCE = 10.0
 """How long a file is waited for, s: what changes a file takes some seconds, but for long identifications."""
 
 PAUSE = 0.05
+"""From one look at the lock to the next, s: too short for a person to notice, and next to no load over ten seconds."""
 
 
 class LockedError(InputError):

@@ -54,10 +54,6 @@ FEWEST = 3
 DEPARTURE = 0.05
 """Part of its described size by which a rotor's motion usually differs from its description."""
 
-LEAST_DOUBT = 0.08
-"""Probability that a calibration does not hold where a turn does not contradict it: no turn tells the vector from the
-rotor's own, so it stays within five of the standard deviations that are stated for it."""
-
 LEAVES = 0.5
 """Part of what comes and goes within a turn, such as a push for half of it, that looks as if it turned."""
 
@@ -74,10 +70,17 @@ class Claim:
     uncertainty: float
     own: float
 
-    def doubt(self, vector: float, rest: float) -> float:
-        """Probability that it does not hold, by the size of the vector that is not described and of all the rest."""
+    def doubt(self, vector: float, rest: float, deviation: float) -> float:
+        """Probability that it does not hold, by the size of the vector that is not described and of all the rest.
+
+        No turn tells the vector from the rotor's own: it stays within `FINDING` of the standard deviations that are
+        stated for a component, which hold half of its square by that probability beside the `deviation` of noise, but
+        for what comes and goes within the turn.
+        """
         variance = max(2.0 * self.uncertainty**2 + self.own**2 + (LEAVES * rest) ** 2, LEAST_NOISE**2)
-        return max(LEAST_DOUBT, _probability(vector**2 / variance - ODDS))
+        open_part = max(vector**2 - (LEAVES * rest) ** 2, 0.0) / FINDING**2 - deviation**2
+        least = 2.0 * open_part / vector**2 if vector > 0.0 else 0.0
+        return max(least, _probability(vector**2 / variance - ODDS))
 
 
 def departure(motion: Iterable[PlanarHarmonic]) -> float:
@@ -174,8 +177,12 @@ class FigureCheck:
         self.covered = float((self._count > 0).mean())
         return bool(new)
 
-    def judge(self) -> Finding | None:
-        """The mistake that explains most of what the description leaves; None where none does."""
+    def judge(self, deviation: float = 0.0) -> Finding | None:
+        """The mistake that explains most of what the description leaves; None where none does.
+
+        Args:
+            deviation: standard deviation of noise that is stated for a component, m or rad.
+        """
         visited = self._count > 0
         angles = int(visited.sum())
         if angles == 0:
@@ -188,7 +195,7 @@ class FigureCheck:
         self.unresolved = abs(vector)
         if self._claim is not None:
             rest = _size(seen - described - vector * self._turned[visited])
-            self.unresolved *= math.sqrt(self._claim.doubt(abs(vector), rest))
+            self.unresolved *= math.sqrt(self._claim.doubt(abs(vector), rest, deviation))
         best, highest = None, ODDS
         for name, rival in self._rivals(seen, described, vector * self._turned[visited]).items():
             explained = 1.0 - max(rival.square, least) / total

@@ -95,7 +95,7 @@ class RingBelief:
         off_x, off_y = window.pair("surplus")
         if not self.figure.add(window["theta"], (x, y), (x - off_x, y - off_y)) and window.number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
-        found = self.figure.judge()
+        found = self.figure.judge(math.sqrt(window["radial_variance"]))
         if found is None:
             return ""
         return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µm that is unexplained)"

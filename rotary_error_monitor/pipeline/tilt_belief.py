@@ -193,7 +193,7 @@ class TiltBelief:
         off_x, off_y = window.pair("tilt_surplus")
         if not self.figure.add(window["theta"], (x, y), (x - off_x, y - off_y)) and window.number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
-        found = self.figure.judge()
+        found = self.figure.judge(math.sqrt(window["tilt_variance"]))
         if found is None:
             return ""
         return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µrad that is unexplained)"

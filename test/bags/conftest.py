@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections import defaultdict
 from pathlib import Path
 
@@ -63,3 +64,13 @@ def read_by_mcap(folder: Path) -> list[tuple[str, int, bytes]]:
         assert summary is not None and summary.statistics is not None
         assert summary.statistics.message_count == len(rows)
     return sorted(rows)
+
+
+def records(content: bytes) -> list[tuple[int, int, int]]:
+    """Opcode, start and end of each record outside of chunks."""
+    found, position = [], 8
+    while position < len(content) - 8:
+        opcode, length = struct.unpack_from("<BQ", content, position)
+        found.append((opcode, position, position + 9 + length))
+        position += 9 + length
+    return found

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import shutil
-import struct
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +21,7 @@ from rotary_error_monitor.bags.writer import BagTopic, BagWriter
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.errors import InputError
 
-from .conftest import START, read_by_mcap, read_by_rosbags
+from .conftest import START, read_by_mcap, read_by_rosbags, records
 
 TOPICS = [BagTopic(f"/t/{name}", TYPES[Temperature]) for name in "ab"]
 COUNT, PER_CHUNK = 60, 5
@@ -62,16 +61,6 @@ def damaged(original: Path, tmp_path: Path) -> Callable[[bytes], Path]:
         return folder
 
     return make
-
-
-def records(content: bytes) -> list[tuple[int, int, int]]:
-    """Opcode, start and end of each record."""
-    found, position = [], 8
-    while position < len(content) - 8:
-        opcode, length = struct.unpack_from("<BQ", content, position)
-        found.append((opcode, position, position + 9 + length))
-        position += 9 + length
-    return found
 
 
 def chunks(content: bytes) -> list[tuple[int, int]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import shutil
-import struct
 from pathlib import Path
 
 import pytest
@@ -21,7 +20,7 @@ from rotary_error_monitor.bags.writer import BagTopic, BagWriter, write_messages
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 
-from .conftest import START, read_by_mcap, read_by_rosbags
+from .conftest import START, read_by_mcap, read_by_rosbags, records
 
 TOPICS = [BagTopic(f"/t/{name}", TYPES[Temperature]) for name in "ab"]
 COUNT = 24
@@ -48,20 +47,10 @@ def _file(bag: Path) -> Path:
     return file
 
 
-def _records(content: bytes) -> list[tuple[int, int, int]]:
-    """Opcode, start and end of each record outside of chunks."""
-    found, position = [], 8
-    while position < len(content) - 8:
-        opcode, length = struct.unpack_from("<BQ", content, position)
-        found.append((opcode, position, position + 9 + length))
-        position += 9 + length
-    return found
-
-
 def _interesting(content: bytes) -> list[int]:
     """Lengths around every border: of records, their heads, messages in chunks; and some in between."""
     borders = {0, 8, len(content) - 8, len(content)}
-    for opcode, start, end in _records(content):
+    for opcode, start, end in records(content):
         borders |= {start, start + 1, start + 9, end}
         if opcode == Opcode.CHUNK:
             borders |= {start + 9 + 40, start + 9 + 40 + 9}
@@ -157,7 +146,7 @@ def test_a_damaged_chunk_costs_its_own_messages_alone(bag: Path) -> None:
 def test_blocks_that_never_reached_the_disk_end_the_file(bag: Path) -> None:
     file = _file(bag)
     content = file.read_bytes()
-    chunk = [start for opcode, start, _ in _records(content) if opcode == Opcode.CHUNK][2]
+    chunk = [start for opcode, start, _ in records(content) if opcode == Opcode.CHUNK][2]
     file.write_bytes(content[:chunk] + bytes(5000))
     report = recover(bag)
     assert report.lost == 5000 and "without 5000 bytes at the end" in str(report)
@@ -182,7 +171,7 @@ def test_bags_of_other_recorders_are_recovered(tmp_path: Path, compression: Comp
         writer.finish()  # type: ignore[no-untyped-call]
     last = folder / "bag_1.mcap"
     content = last.read_bytes()
-    chunks = [start for opcode, start, _ in _records(content) if opcode == Opcode.CHUNK]
+    chunks = [start for opcode, start, _ in records(content) if opcode == Opcode.CHUNK]
     last.write_bytes(content[: chunks[3] + 200])
     expected = sum(topic.count for topic in BagReader(folder).topics.values())
     assert expected > COUNT + 3 * 3
@@ -198,7 +187,7 @@ def test_recovery_keeps_the_quality_of_service(tmp_path: Path, contents: dict[st
     expected = (folder / "metadata.yaml").read_text()
     file = _file(folder)
     content = file.read_bytes()
-    cut = next(start for opcode, start, _ in _records(content) if opcode == Opcode.DATA_END)
+    cut = next(start for opcode, start, _ in records(content) if opcode == Opcode.DATA_END)
     file.write_bytes(content[:cut])
     recover(folder)
     assert (folder / "metadata.yaml").read_text() == expected

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -11,8 +10,6 @@ from world import DESCRIPTIONS, FAULTS
 from faults.documenting import Row
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
-from rotary_error_monitor.pipeline.evidence import WINDOW_NS
-from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
 
 WRONG_DESCRIPTIONS = {f"described_{name}": each for name, each in DESCRIPTIONS.items()}
 """What can be wrong in the description of a stage; some faults of a recording have the same names."""
@@ -29,14 +26,6 @@ def command_bound(stage: StageDescription) -> Mapping[str, float]:
 def tilt_bound(stage: StageDescription) -> Mapping[str, float]:
     """A tilt that the stage itself can make, however it came about."""
     return {"eac": 2.0 * stage.limits.tilt, "ebc": 2.0 * stage.limits.tilt}
-
-
-def excursion_bound(stage: StageDescription) -> Mapping[str, float]:
-    """What a bearing makes from window to window, with what the noise of two windows can hide."""
-    instrument = stage.autocollimator
-    noise = math.hypot(instrument.noise, instrument.resolution / math.sqrt(12.0))
-    rise = 2.0 * stage.limits.tilt_rate * WINDOW_NS * 1e-9 + SIGMAS * math.sqrt(2.0) * noise
-    return {"eac": rise, "ebc": rise}
 
 
 def slow_head_bound(stage: StageDescription) -> Mapping[str, float]:
@@ -293,12 +282,10 @@ BEHAVIOUR = (
         "autocollimator",
         "samples refused: a spike; `error_estimator: estimate` names one of many samples: a step that no bearing makes",
         "what stands off from the median of five by more than noise and the samples before it explain is left out; a "
-        "step that came back may come again, and counts as "
-        "uncertainty for 10 s",
+        "step that came back may come again, and counts as uncertainty for 10 s",
         "everything, tilt with that uncertainty; of samples 10 ms apart and more, a spike of five that rises no "
         "faster than `limits.tilt_rate` and noise allow is a tilt",
         "after 0.5 s near what it was before",
-        excursion_bound,
         goes_on=(*_RADIAL, *_ECC),
     ),
     Behaviour(

@@ -198,5 +198,7 @@ def test_a_calibration_that_holds_leaves_the_rotor_its_own(own, other):
 
 def test_a_turn_within_a_stated_uncertainty_contradicts_nothing():
     for off in (1e-6, 5e-6, 1e-5):
-        assert calibrated(3, off, own=0.0, other=0.0, uncertainty=off) == pytest.approx(0.3 * off, rel=0.15)
+        assert calibrated(3, off, own=0.0, other=0.0, uncertainty=off) == pytest.approx(
+            np.sqrt(2.0) / 6.0 * off, rel=0.15
+        )
         assert calibrated(3, off, own=0.0, other=0.0, uncertainty=0.05 * off) == pytest.approx(off, rel=0.1)
