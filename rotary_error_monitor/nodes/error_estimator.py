@@ -231,6 +231,12 @@ class ErrorEstimator(ManagedNode):
                     "rotary_error_monitor calibrate assembly tells"
                 ),
             )
+        if belief.ring.apart > 0.0:
+            yield (
+                Level.WARN,
+                f"the ring is displaced in proportion to the speed, as where stamps of heads are "
+                f"{belief.ring.apart * 1e3:.3g} ms apart: {belief.ring.late * 1e6:.3g} µm count as uncertainty now",
+            )
         if belief.verified < 1.0:
             yield Level.WARN, f"the description is held against the stage: {belief.verified:.0%} of a turn so far"
 

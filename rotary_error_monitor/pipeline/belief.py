@@ -44,9 +44,9 @@ class Verdict:
         most: contradiction of the heads that is borne, in standard deviations.
         settled: bit mask of the heads that have not been silent, or are where they were before; without redundancy a
             tick that rests on others is not verified.
-        lag: what a delay of heads and command against one another makes at the present speed, rad.
-        unresolved: what mistakes in the description that are not told from the rotor's motion make of the radial error
-            motion, m; `unresolved_tilt` of the tilt, rad.
+        lag: what a delay of heads and command, or of some heads, against one another makes at the present speed, rad.
+        unresolved: what mistakes in the description that are not told from the rotor's motion, and heads that are late,
+            make of the radial error motion, m; `unresolved_tilt` of the tilt, rad.
     """
 
     excluded: int = 0
@@ -151,6 +151,7 @@ class Belief:
         self._grid, self._period_ns = WindowGrid(period_ns), period_ns
         self.streams = StreamBelief(streams)
         self._check_turns = min(check_turns, 1.0)
+        self._radius = stage.encoder.disc_radius
         self.heads = HeadBelief(heads, stage.encoder, stage.limits, disagreement_limit, stage.timing("encoder"))
         self.tilt = TiltBelief(stage)
         self.ring = RingBelief(stage)
@@ -338,8 +339,9 @@ class Belief:
             sum(1 << bit for bit, name in enumerate(DOUBTS) if doubts[name]),
             self.heads.scale,
             self.tilt.scale,
-            self.command.lag,
-            self._unresolved(self.ring.figure),
+            math.hypot(self.command.lag, self.ring.late / self._radius),
+            # a component may have all of what is late, but only half the square of what turns with the rotor
+            math.hypot(self._unresolved(self.ring.figure), math.sqrt(2.0) * self.ring.late),
             self._unresolved(self.tilt.figure),
             self.heads.most,
             sum(self._bits[name] for name in self.heads.settled),

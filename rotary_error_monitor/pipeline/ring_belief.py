@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections import deque
 
-import numpy as np
-
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, FigureCheck, departure
 from rotary_error_monitor.pipeline.evidence import Reach, Window
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
+from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 
 CONFIDENT = 0.2
 """Stated noise over what is seen, the other way round: a stage whose heads scatter by less than a fifth of it is not
@@ -22,9 +21,9 @@ STEADY = 0.25
 ACCELERATION = 100.0
 """Angular acceleration, rad/s², that direct drives of rotary tables reach."""
 
-SLOPE_CHANCE = 1e-9
-"""Probability by which chance makes a delay between rotation and command that counts as seen, by Student's t:
-of few windows a rotor that hardly changes its speed shows any delay."""
+TURN_ORDERS = 3
+"""Orders of the rotation beside which the ring's way over the speed is seen: eccentricity, and what a rotor that swings
+to and fro over the same angles makes alike with its speed. Higher ones are small in a bearing."""
 
 
 class RingBelief:
@@ -33,11 +32,13 @@ class RingBelief:
     Attributes:
         doubt: why the description is not believed; empty while it is.
         figure: of the ring's centre over the rotation.
+        late: displacement that goes with the speed, at the present one, m: no bearing makes it, but stamps of heads
+            that are apart by the same time do, where these are too many for the others to contradict them.
     """
 
     def __init__(self, stage: StageDescription) -> None:
         """Judge of the ring of a stage."""
-        self._limit = stage.limits.radial
+        self._limit, self._radius = stage.limits.radial, stage.encoder.disc_radius
         noise = math.hypot(stage.encoder.noise, stage.encoder.resolution / math.sqrt(12.0)) * stage.encoder.disc_radius
         stated = stage.uncertainty.get("encoder.eccentricity")
         claim = None if stated is None else Claim(stated, departure(stage.spindle.radial))
@@ -53,9 +54,17 @@ class RingBelief:
         """Believe the description again, until it is contradicted anew."""
         self.doubt = ""
         self.figure.forget()
+        self.late = 0.0
+        self._last: Window | None = None
+        self._slope = SpeedSlope(10 * LONG, 2, TURN_ORDERS)
         self._agreeing = 0.0
         self._agreement: deque[float] = deque(maxlen=LONG)
         self._turned: deque[float] = deque(maxlen=LONG)
+
+    @property
+    def apart(self) -> float:
+        """Time by which stamps of heads are apart, s, where the displacement goes with the speed; else zero."""
+        return self._slope.length / self._radius
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -63,12 +72,14 @@ class RingBelief:
         self._agreeing = 0.0
         self._agreement.clear()
         self._turned.clear()
+        self._slope.forget()
 
     def judge(self, window: Window) -> None:
         """Take in a window of believed heads."""
         if not window.has("heads"):
             self._agreeing = 0.0
             return
+        self._measure(window)
         wrong = self._beyond(window)
         if not wrong and window.has("radial"):
             wrong = self._misread(window) or self._too_quiet(window)
@@ -89,6 +100,17 @@ class RingBelief:
             f"{_BEYOND} of {motion * 1e6:.3g} µm; the stage's is {self._limit * 1e6:.3g} at most. "
             "Eccentricity, radius of the ring or places of the heads are not as described"
         )
+
+    def _measure(self, window: Window) -> None:
+        """The part of the displacement that goes with the speed."""
+        last, self._last = self._last, window
+        if last is None or last.number != window.number - 1:
+            return
+        speed = (window["theta"] - last["theta"]) / window.duration
+        self._slope.add(window["theta"], speed, *window.pair("surplus"))
+        if window.number % SHORT == 0 and len(self._slope) >= SHORT:
+            self._slope.measure()
+        self.late = abs(speed) * self._slope.length
 
     def _misread(self, window: Window) -> str:
         x, y = window.pair("centre")
@@ -132,9 +154,6 @@ class CommandBelief:
 
     def __init__(self, stage: StageDescription) -> None:
         """Judge of the command of a stage."""
-        from scipy.special import stdtrit  # loads for a third of a second: now, not when a sample waits
-
-        self._quantile = stdtrit
         self._limits, self._timing = stage.limits, stage.timing("command")
         self._noise = math.hypot(stage.encoder.noise, stage.encoder.resolution)
         farthest = stage.limits.following_error + stage.limits.latency * stage.limits.speed
@@ -154,7 +173,8 @@ class CommandBelief:
         self._last: Window | None = None
         self._compared: int | None = None
         self._still = self._speed = 0.0
-        self._pairs: deque[tuple[float, float]] = deque(maxlen=10 * LONG)
+        self._distances: deque[float] = deque(maxlen=2)
+        self._slope = SpeedSlope(10 * LONG)
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -164,7 +184,8 @@ class CommandBelief:
         self._last = self._compared = None
         self._squares.clear()
         self._within.clear()
-        self._pairs.clear()
+        self._distances.clear()
+        self._slope.forget()
 
     def agrees(self, window: Window) -> bool:
         """Whether the window that was judged last has shown that rotation and command belong together."""
@@ -241,25 +262,15 @@ class CommandBelief:
 
     def _measure(self, window: Window, speed: float) -> None:
         """Scatter of the distance, and its slope over the speed, where that stands out from the scatter."""
-        pairs = self._pairs
-        if len(pairs) >= 2:
-            self._squares.append((pairs[-1][1] - 0.5 * (pairs[-2][1] + window["ecc"])) ** 2)
+        before = self._distances
+        if len(before) >= 2:
+            self._squares.append((before[-1] - 0.5 * (before[-2] + window["ecc"])) ** 2)
             self._within.append(window.scattering("ecc") ** 2)
-        pairs.append((speed, window["ecc"]))
-        if window.number % SHORT == 0 and len(pairs) >= SHORT:
-            self._measure_delay()
-
-    def _measure_delay(self) -> None:
-        pairs = np.array(self._pairs)
-        speed, ecc = (pairs - pairs.mean(axis=0)).T
-        spread = float(speed @ speed)
-        if spread <= 0.0:
-            return
-        slope = float(speed @ ecc) / spread
-        rest = float(np.sum((ecc - slope * speed) ** 2))
-        freedom = max(0.1 * len(pairs) - 2.0, 1.0)  # neighbouring windows see the same jitter: one in ten counts
-        deviation = math.sqrt(rest / spread / freedom)
-        self.delay = -slope if abs(slope) > float(self._quantile(freedom, 1.0 - SLOPE_CHANCE)) * deviation else 0.0
+        before.append(window["ecc"])
+        self._slope.add(window["theta"], speed, window["ecc"])
+        if window.number % SHORT == 0 and len(self._slope) >= SHORT:
+            self._slope.measure()
+            self.delay = -float(self._slope.value[0])
 
     def _late(self) -> str:
         if abs(self.delay) <= self._limits.latency:

@@ -1,0 +1,76 @@
+"""What of a quantity goes with the speed of the rotor: that is how a delay between two instruments shows."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+CHANCE = 1e-9
+"""Probability by which chance makes a slope that counts as seen, by Student's t: of few windows a rotor that hardly
+changes its speed shows any slope."""
+
+
+class SpeedSlope:
+    """Slope over the speed of what windows show, by least squares; a level and some orders of the rotation beside it.
+
+    Attributes:
+        value: the slope (k,) where it stands out from what is left, in the unit of the values times s/rad; zero
+            elsewhere.
+    """
+
+    def __init__(self, kept: int, size: int = 1, orders: int = 0) -> None:
+        """Slope of `size` values over the `kept` latest windows, beside orders of the rotation up to `orders`."""
+        from scipy.special import stdtrit  # loads for a third of a second: now, not when a sample waits
+
+        self._quantile = stdtrit
+        self._orders = np.arange(1, orders + 1)
+        self._rows: deque[tuple[float, ...]] = deque(maxlen=kept)
+        self.value = np.zeros(size)
+
+    def forget(self) -> None:
+        """Forget the windows; what they have shown stays."""
+        self._rows.clear()
+
+    def add(self, theta: float, speed: float, *values: float) -> None:
+        """Take in what a window shows at a rotation (rad) and a speed (rad/s)."""
+        self._rows.append((theta, speed, *values))
+
+    def measure(self) -> None:
+        """Renew the slope by what was taken in."""
+        rows = np.array(self._rows)
+        angles = rows[:, :1] * self._orders
+        known = np.column_stack([np.ones(len(rows)), np.cos(angles), np.sin(angles)])
+        if len(rows) <= known.shape[1] + 1:
+            return
+        others, _ = np.linalg.qr(known)
+        free = rows[:, 1:] - others @ (others.T @ rows[:, 1:])
+        speed, values = free[:, 0], free[:, 1:]
+        spread = float(speed @ speed)
+        if spread <= 0.0:
+            return
+        slope = speed @ values / spread
+        rest = values - speed[:, None] * slope
+        freedom = np.maximum(_independent(rest) - known.shape[1] - 1.0, 1.0)
+        margin = self._quantile(freedom, 1.0 - CHANCE) * np.sqrt(np.square(rest).sum(axis=0) / spread / freedom)
+        # at a constant speed nothing is seen of it: what was seen before holds until it is contradicted
+        self.value = np.where(
+            np.abs(slope) > margin, slope, np.where(np.abs(slope - self.value) > margin, 0, self.value)
+        )
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def length(self) -> float:
+        """Length of the slope as a vector."""
+        return math.sqrt(float(self.value @ self.value))
+
+
+def _independent(rest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How many of n residuals (n, k) count where neighbours are alike (Bayley and Hammersley 1946, first order)."""
+    square = np.square(rest).sum(axis=0)
+    alike = (rest[1:] * rest[:-1]).sum(axis=0)
+    return np.asarray(len(rest) * (square - alike).clip(0.0) / np.maximum(square + np.abs(alike), 1e-300))

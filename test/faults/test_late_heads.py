@@ -1,0 +1,86 @@
+"""Two neighbouring heads that are late alike, as two channels of one card: no third head contradicts both."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from world import Options, Recording, make_recording, random_stage
+from world.fault import shifted
+from world.recording import head_topic
+
+from faults.documenting import Row, shows
+from faults.judging import Judgement, judge
+from faults.recordings import MOST_WRONG
+from rotary_error_monitor.description.stage import stage_from_mapping
+
+SEEDS = range(6)
+DURATION = 12.0
+MOTIONS = ("both_directions", "s_curves", "indexing", "oscillation")
+UNCERTAINTY = {"encoder.eccentricity": 1e-8, "mirror.tilt": 1e-7}
+SEEN = 0.5
+"""How long the speed must have changed until what goes with it is seen, s."""
+
+
+@cache
+def recorded(seed: int) -> Recording:
+    """A random stage with four heads."""
+    drawn = (random_stage(number) for number in range(1000 * seed, 1000 * seed + 1000))
+    stage = next(each for each in drawn if len(each["encoder"]["heads"]) == 4)
+    options = Options(motion=MOTIONS[seed % len(MOTIONS)], odd_rates=False, peak_speed=2.0)
+    return make_recording(seed, duration=DURATION, stage=stage, options=options)
+
+
+@cache
+def judged(seed: int, delay: float) -> Judgement:
+    """Two neighbours' stamps are off by a delay (s); the description is calibrated, so that nothing else is unsure."""
+    recording = recorded(seed)
+    places = {name: head["azimuth"] for name, head in recording.stage["encoder"]["heads"].items()}
+    pair = [head_topic(name) for name in sorted(places, key=lambda name: float(np.mod(places[name], 2 * np.pi)))[:2]]
+    shift = -round(delay * 1e9)
+    late = recording.with_topics({each: shifted(recording, each, recording.start_ns, shift) for each in pair})
+    return judge(late if shift else recording, dict(recording.stage) | {"uncertainty": UNCERTAINTY})
+
+
+def until_seen(recording: Recording) -> float:
+    """Part of the recording after which what goes with the speed must be seen: its first change, and `SEEN`."""
+    times = recording.start_ns + np.arange(0, round(DURATION * 1e9), 10_000_000)
+    speed = np.diff(recording.truth(times).theta) / 0.01
+    changed = np.abs(speed - speed[0]) > 0.1 * np.abs(speed).max()
+    return (0.01 * int(np.argmax(changed)) + SEEN) / DURATION
+
+
+@shows(
+    Row(
+        "heads",
+        "Two neighbouring heads are stamped 0.03 ms to 0.1 ms off alike, so that no other head contradicts them",
+        "`error_estimator: estimate` says by how many ms, once the speed has changed for half a second: the ring is "
+        "displaced in proportion to it",
+        "what goes with the speed counts as uncertainty of the radial motion and of the rotation",
+        "everything; before the speed has changed for half a second, a positioning error that is off by half of the "
+        "delay times the speed",
+        "when a change of speed shows no delay",
+    )
+)
+@pytest.mark.parametrize("delay", [-1e-4, 3e-5, 1e-4])
+def test_heads_that_are_late_alike_are_uncertain(delay):
+    for seed in SEEDS:
+        found = judged(seed, delay)
+        assert max(found.wrong["exc"], found.wrong["eyc"]) <= MOST_WRONG, (seed, found.wrong)
+        assert found.wrong["ecc"] <= until_seen(recorded(seed)) + MOST_WRONG, (seed, found.wrong)
+
+
+def test_heads_in_time_are_as_certain_as_ever():
+    for seed in SEEDS:
+        belief = judged(seed, 0.0).estimator.belief
+        limits = stage_from_mapping(recorded(seed).stage).limits
+        assert belief.ring.apart < 0.03 * limits.latency, seed
+
+
+def test_how_far_apart_they_are_is_told():
+    """As a share of the delay that follows from where the two heads sit: half of it, turned by the layout's angle."""
+    for seed in SEEDS:
+        found = judged(seed, 1e-4)
+        if not found.estimator.belief.ring.doubt:
+            assert 0.4e-4 < found.estimator.belief.ring.apart < 1.5e-4, seed
