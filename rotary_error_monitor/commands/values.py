@@ -1,0 +1,96 @@
+"""Values on the command line: numbers as types of arguments, and words of an axis with its value."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.errors import InputError
+
+
+def positive(text: str) -> float:
+    """A number above zero, as an argument's type."""
+    value = float(text)
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"{text} is not above 0")
+    return value
+
+
+def finite(text: str) -> float:
+    """A number, as an argument's type."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is not finite")
+    return value
+
+
+def not_negative(text: str) -> float:
+    """A number that is zero or above, as an argument's type."""
+    value = float(text)
+    if not (math.isfinite(value) and value >= 0):
+        raise argparse.ArgumentTypeError(f"{text} is below 0")
+    return value
+
+
+def flatness_um(text: str) -> float | None:
+    """Flatness in µm, as an argument's type; None where it is unknown."""
+    if text == "unknown":
+        return None
+    try:
+        return not_negative(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number, and not 'unknown'") from None
+
+
+def limits_of(words: list[str], machine: MachineDescription) -> dict[str, tuple[float, float]]:
+    """Limits (m or rad) by axis from words such as X=-100,100 in mm or degrees.
+
+    Raises:
+        InputError: a word is none of these; the message names it.
+    """
+    limits = {}
+    for name, value in map(split_word, words):
+        # Division keeps -1400 mm at -1.4 m; a product with 1e-3 would leave the travel by its last bit.
+        scale = 1e3 if machine.axis(name).kind == "linear" else 180 / math.pi
+        low, comma, high = value.partition(",")
+        if not comma:
+            raise InputError(f"{name}={value}: expected two numbers, such as {name}=-100,100")
+        limits[name] = (number_of(low, f"{name}={value}") / scale, number_of(high, f"{name}={value}") / scale)
+    return limits
+
+
+def split_word(word: str) -> tuple[str, str]:
+    """Axis and value of a word such as X=5.
+
+    Raises:
+        InputError: there is no equals sign; the message names the word.
+    """
+    name, mark, value = word.partition("=")
+    if not mark:
+        raise InputError(f"'{word}': expected an axis, =, and a value, such as X=5")
+    return name, value
+
+
+def count_of(text: str, what: str) -> int:
+    """A whole number; `what` is named where it is none.
+
+    Raises:
+        InputError: it is no whole number.
+    """
+    value = number_of(text, what)
+    if not value.is_integer():
+        raise InputError(f"{what}: expected a whole number of points")
+    return int(value)
+
+
+def number_of(text: str, what: str) -> float:
+    """A number; `what` is named where it is none.
+
+    Raises:
+        InputError: it is no number.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{what}: '{text}' is no number") from None
