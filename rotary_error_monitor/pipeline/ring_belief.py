@@ -105,7 +105,6 @@ class RingBelief:
         """The part of the displacement that goes with the speed."""
         last, self._last = self._last, window
         if last is None or last.number != window.number - 1:
-            self._slope.pause()
             return
         speed = (window["theta"] - last["theta"]) / window.duration
         self._slope.add(window["theta"], speed, *window.pair("surplus"))
@@ -198,7 +197,6 @@ class CommandBelief:
         self.reach = self._anywhere
         if not (window.has("command") and window.has("heads")) or last is None or window.number != last.number + 1:
             self._agreeing = 0.0
-            self._slope.pause()
             return
         self._compared = window.number
         speed = (window["theta"] - last["theta"]) / window.duration

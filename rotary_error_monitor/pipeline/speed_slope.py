@@ -12,14 +12,14 @@ CHANCE = 1e-9
 """Probability by which chance makes a slope that counts as seen, by Student's t: of few windows a rotor that hardly
 changes its speed shows any slope."""
 
+TREND = 2
+"""Power of time up to which what is seen may drift, as where a stage warms up."""
+
 Array = NDArray[np.float64]
 
 
 class SpeedSlope:
-    """Slope over the speed of what windows show, by least squares, from one window to the next.
-
-    What drifts, or comes and goes slowly, hardly changes within 10 ms, whereas a delay shows at the moment at which the
-    speed changes.
+    """Slope over the speed of what windows show, by least squares; drift and some orders of the rotation beside it.
 
     Attributes:
         value: the slope (k,) where it stands out from what is left, in the unit of the values times s/rad; zero
@@ -39,10 +39,6 @@ class SpeedSlope:
         """Forget the windows; what they have shown stays."""
         self._rows.clear()
 
-    def pause(self) -> None:
-        """What is added next does not follow upon the last."""
-        self._rows.append((math.nan,) * (2 + len(self.value)))
-
     def add(self, theta: float, speed: float, *values: float) -> None:
         """Take in what a window shows at a rotation (rad) and a speed (rad/s)."""
         self._rows.append((theta, speed, *values))
@@ -58,22 +54,19 @@ class SpeedSlope:
 
     def _regress(self, rows: Array) -> tuple[Array, Array]:
         """Slope (k,), and how large it can be by chance, from rows of angle, speed and values."""
-        angles = rows[:, :1] * self._orders
-        changes = np.diff(np.column_stack([np.cos(angles), np.sin(angles), rows[:, 1:]]), axis=0)
-        changes = changes[np.isfinite(changes).all(axis=1)]
-        known, changes = np.split(changes, [2 * len(self._orders)], axis=1)
-        if len(changes) < 2 * known.shape[1] + 2:
+        angles, time = rows[:, :1] * self._orders, np.linspace(-1.0, 1.0, len(rows))
+        known = np.column_stack([time[:, None] ** np.arange(TREND + 1), np.cos(angles), np.sin(angles)])
+        if len(rows) < 2 * known.shape[1]:
             return np.zeros_like(self.value), np.full_like(self.value, np.inf)
         others, _ = np.linalg.qr(known)
-        changes = changes - others @ (others.T @ changes)
-        speed, values = changes[:, 0], changes[:, 1:]
+        free = rows[:, 1:] - others @ (others.T @ rows[:, 1:])
+        speed, values = free[:, 0], free[:, 1:]
         spread = max(float(speed @ speed), np.finfo(float).tiny)
         slope = speed @ values / spread
         rest = values - speed[:, None] * slope
-        # as many changes count as have a part in the slope, and of these as many as are independent
-        part = spread**2 / max(float(np.sum(speed**4)), np.finfo(float).tiny)
-        freedom = np.maximum(part * _independent(rest) - 1.0, 1.0)
-        return slope, self._quantile(freedom, 1.0 - CHANCE) * np.sqrt(np.square(rest).mean(axis=0) / spread)
+        freedom = np.maximum(_independent(rest) - known.shape[1] - 1.0, 1.0)
+        deviation = np.sqrt(np.square(rest).sum(axis=0) / spread / freedom)
+        return slope, self._quantile(freedom, 1.0 - CHANCE) * deviation
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -85,7 +78,7 @@ class SpeedSlope:
 
 
 def _independent(rest: Array) -> Array:
-    """Part of the residuals (n, k) that counts where neighbours are alike (Bayley and Hammersley 1946, first order)."""
+    """How many of n residuals (n, k) count where neighbours are alike (Bayley and Hammersley 1946, first order)."""
     square = np.square(rest).sum(axis=0)
     alike = (rest[1:] * rest[:-1]).sum(axis=0).clip(0.0)
-    return np.asarray((square - alike) / np.maximum(square + alike, 1e-300))
+    return np.asarray(len(rest) * (square - alike) / np.maximum(square + alike, np.finfo(float).tiny))

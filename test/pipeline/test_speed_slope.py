@@ -54,15 +54,3 @@ def test_what_was_seen_holds_at_constant_speed_and_goes_when_it_is_contradicted(
     jittering = np.ones(600) + 1e-4 * generator.normal(size=600)
     np.testing.assert_array_equal(filled(slope, theta, jittering, 1e-4 + noise).value, seen)
     np.testing.assert_array_equal(filled(slope, theta, speed, noise).value, [0.0])
-
-
-def test_what_happened_in_a_pause_is_no_delay():
-    """The speed and the level are others after it."""
-    generator = np.random.default_rng(9)
-    slope = SpeedSlope(400)
-    for level, rate in ((0.0, 0.5), (1e-3, 1.5)):
-        for value in 1e-6 * generator.normal(size=200):
-            slope.add(0.0, rate + 1e-3 * generator.normal(), level + value)
-        slope.pause()
-    slope.measure()
-    assert slope.length == 0.0
