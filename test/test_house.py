@@ -12,7 +12,7 @@ import pytest
 import rotary_error_monitor
 
 PACKAGE = Path(rotary_error_monitor.__file__).parent
-LEAVES = {"errors", "files", "resources", "start"}
+LEAVES = {"errors", "files", "plugins", "resources", "start"}
 CORE = {"description", "signals", *LEAVES}
 ROOMS = {
     "description": LEAVES,
@@ -25,6 +25,7 @@ ROOMS = {
     "effects": CORE | {"metrology", "machine"},
     "twin": CORE | {"metrology", "machine", "effects"},
     "gap": CORE | {"metrology", "machine", "effects", "twin", "bags"},
+    "kinds": CORE | {"machine", "effects", "twin", "gap"},
     "bags": CORE,
     "blind_check": CORE | {"metrology", "machine", "effects", "twin", "gap", "bags", "plant"},
     "calibration": CORE | {"metrology", "machine", "bags"},

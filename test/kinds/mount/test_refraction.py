@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.twin.refraction import Weather, refraction_constants, refraction_of
+from rotary_error_monitor.kinds.mount.refraction import Weather, refraction_constants, refraction_of
 
 
 def test_constants_are_those_that_the_reference_library_tests_itself_with():

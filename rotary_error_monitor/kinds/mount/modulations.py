@@ -14,7 +14,7 @@ from rotary_error_monitor.gap.pose_modulations import Quantity, departures_at_po
 from rotary_error_monitor.gap.problem import Array
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.mount.problem import MountProblem
+    from rotary_error_monitor.kinds.mount.problem import MountProblem
 
 HOUR = 3600.0
 """s; a night of pointings is some hours."""

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rotary_error_monitor.description.quadrature import QuadratureDescription, load_quadrature
 from rotary_error_monitor.effects.library import load_effects
-from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
-from rotary_error_monitor.gap.quadrature.problem import QuadratureProblem, radius_scatter
-from rotary_error_monitor.gap.quadrature.signals import read_quadrature, read_signals
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.twin.quadrature import QuadratureRecording, true_phase
+from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription, load_quadrature
+from rotary_error_monitor.kinds.quadrature.effects import QuadratureEffect
+from rotary_error_monitor.kinds.quadrature.problem import QuadratureProblem, radius_scatter
+from rotary_error_monitor.kinds.quadrature.signals import read_quadrature, read_signals
+from rotary_error_monitor.kinds.quadrature.twin import QuadratureRecording, true_phase
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 REAL = ROOT.parent / "shared" / "real" / "nmm_quadrature"
 EFFECTS = load_effects(QuadratureEffect)
 TWIN = QuadratureDescription("signals", 3.164e-7, 500.0, 50.0, 0.29)

@@ -7,8 +7,8 @@ import pytest
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
-from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
-from rotary_error_monitor.twin.quadrature import distorted, predict_radius, true_phase
+from rotary_error_monitor.kinds.quadrature.effects import QuadratureEffect
+from rotary_error_monitor.kinds.quadrature.twin import distorted, predict_radius, true_phase
 
 A = 500.0
 PHASE = np.linspace(-np.pi, np.pi, 400, endpoint=False) + 0.003

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.description.mount import MountDescription, MountGeometry
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
-from rotary_error_monitor.effects.mount_effect import MountEffect
-from rotary_error_monitor.twin.mount import MountRecording, MountTwin
-from rotary_error_monitor.twin.refraction import Weather, refraction_of
+from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
+from rotary_error_monitor.kinds.mount.effects import MountEffect
+from rotary_error_monitor.kinds.mount.refraction import Weather, refraction_of
+from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
 
 LATITUDE = 0.68
 RNG = np.random.default_rng(3)

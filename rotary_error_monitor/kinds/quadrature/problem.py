@@ -10,14 +10,14 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.quadrature import QuadratureDescription
 from rotary_error_monitor.effects.effect import Cause, Role, among, order_location
-from rotary_error_monitor.effects.quadrature_effect import Complex, QuadratureEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
-from rotary_error_monitor.twin.quadrature import QuadratureRecording, predict_radius, true_phase
+from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription
+from rotary_error_monitor.kinds.quadrature.effects import Complex, QuadratureEffect
+from rotary_error_monitor.kinds.quadrature.twin import QuadratureRecording, predict_radius, true_phase
 
 CHANNEL = "radius"
 NAME = "/quadrature/signals.radius"

@@ -1,4 +1,7 @@
-"""How well a mount repeats: what neighbouring pointings do not share, whatever causes what they share."""
+"""The sky around a pointing: patches that are left out whole, and how well a mount repeats among neighbours.
+
+What neighbouring pointings do not share is noise, whatever causes what they share.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.gap.problem import Array, Conditions
+
+FOLDS = 6
+BLOCKS = 24
+"""Patches; every sixth of them is left out together, so that the others lie around it."""
 
 NEIGHBOURS = 12
 OUTLIER = 8.0
@@ -14,6 +21,18 @@ MOST_OUTLIERS = 0.05
 
 _NINE_TENTHS = 1.6449
 """Nine tenths of normal numbers are closer to zero than this many standard deviations."""
+
+
+def sky_patches(readings: Array) -> list[NDArray[np.intp]]:
+    """Rows of each patch, from readings (n, 2): halves, and halves of these, across the wider axis; at last thirds."""
+    return _split(readings, np.arange(len(readings), dtype=np.intp), BLOCKS)
+
+
+def sky_conditions(patches: list[NDArray[np.intp]]) -> Conditions:
+    """Blocks of pointings that are arranged patch after patch."""
+    edges = np.concatenate([[0], np.cumsum([len(patch) for patch in patches])]) - 0.5
+    labels = (np.arange(len(patches)) % FOLDS).astype(np.intp)
+    return Conditions(edges, labels, tuple(f"patches {i + 1}/{FOLDS}" for i in range(FOLDS)))
 
 
 def neighbourhood(places: Array) -> tuple[NDArray[np.intp], Array]:
@@ -52,3 +71,12 @@ def estimate_repeatability(errors: Array, places: Array) -> tuple[Array, NDArray
         distance = np.max(np.abs(alone) / np.maximum(spread, 1e-300), axis=1)
         kept = distance < max(OUTLIER, float(np.quantile(distance, 1 - MOST_OUTLIERS)))
     return np.sqrt(np.mean(np.square(alone[kept]), axis=0)), kept
+
+
+def _split(readings: Array, rows: NDArray[np.intp], parts: int) -> list[NDArray[np.intp]]:
+    if parts == 1:
+        return [rows]
+    wider = int(np.argmax(np.ptp(readings[rows], axis=0)))
+    rows = rows[np.argsort(readings[rows, wider], kind="stable")]
+    pieces = 2 if parts % 2 == 0 else parts
+    return [patch for piece in np.array_split(rows, pieces) for patch in _split(readings, piece, parts // pieces)]

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.mount import MountDescription, MountGeometry, mount_machine
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.mount_effect import MountEffect, PointingState, cross, dot
+from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry, mount_machine
+from rotary_error_monitor.kinds.mount.effects import MountEffect, PointingState, cross, dot
+from rotary_error_monitor.kinds.mount.refraction import Weather, refraction_of
 from rotary_error_monitor.machine.kinematics import arrange_machine, stand
 from rotary_error_monitor.machine.transforms import rotate, rotation_by
 from rotary_error_monitor.twin.finite import check_finite
-from rotary_error_monitor.twin.refraction import Weather, refraction_of
 
 Array = NDArray[np.float64]
 

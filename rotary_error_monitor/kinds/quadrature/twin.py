@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.quadrature_effect import CircleState, Complex, QuadratureEffect
+from rotary_error_monitor.kinds.quadrature.effects import CircleState, Complex, QuadratureEffect
 from rotary_error_monitor.twin.finite import check_finite
 
 Array = NDArray[np.float64]

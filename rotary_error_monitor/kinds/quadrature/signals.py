@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rotary_error_monitor.effects.quadrature_effect import Complex
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import check_lines, read_first_line, read_unpacked
-from rotary_error_monitor.twin.quadrature import FEWEST_SAMPLES, QuadratureRecording
+from rotary_error_monitor.kinds.quadrature.effects import Complex
+from rotary_error_monitor.kinds.quadrature.twin import FEWEST_SAMPLES, QuadratureRecording
 
 _POLAR, _CARTESIAN = ("phase (deg)", "radius"), ("cos", "sin")
 _KIND = "a .csv or .csv.gz file of signals"

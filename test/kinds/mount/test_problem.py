@@ -7,20 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_pointings import LATITUDE, Pointings, pointing_file, simulate_pointings
 
-from rotary_error_monitor.description.mount import MountDescription, load_mount
 from rotary_error_monitor.effects.library import load_effects
-from rotary_error_monitor.effects.mount_effect import MountEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
-from rotary_error_monitor.gap.mount.noise import estimate_repeatability
-from rotary_error_monitor.gap.mount.pointings import parse_pointings, read_pointings
-from rotary_error_monitor.gap.mount.problem import MountProblem
-from rotary_error_monitor.gap.mount.sky_blocks import BLOCKS, sky_conditions, sky_patches
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.plant.mount import LATITUDE, Pointings, pointing_file, simulate_pointings
+from rotary_error_monitor.kinds.mount.description import MountDescription, load_mount
+from rotary_error_monitor.kinds.mount.effects import MountEffect
+from rotary_error_monitor.kinds.mount.pointings import parse_pointings, read_pointings
+from rotary_error_monitor.kinds.mount.problem import MountProblem
+from rotary_error_monitor.kinds.mount.sky import BLOCKS, estimate_repeatability, sky_conditions, sky_patches
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 REAL = ROOT.parent / "shared" / "real" / "telescope_two_axis_pointing"
 EFFECTS = load_effects(MountEffect)
 MOUNT = MountDescription("mount", 5e-6)

@@ -15,10 +15,10 @@ from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Finding, Rows, Share
 from rotary_error_monitor.gap.telling_apart import advise_best
 from rotary_error_monitor.gap.views import View
-from rotary_error_monitor.twin.mount import MountRecording, MountTwin
+from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.mount.problem import MountProblem
+    from rotary_error_monitor.kinds.mount.problem import MountProblem
 
 ARCSEC = np.degrees(1.0) * 3600
 WAYS = {"hour": "/mount/pointing.hour_angle", "declination": "/mount/pointing.declination"}

@@ -12,18 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from rotary_error_monitor.description.mount import MountDescription, MountGeometry
 from rotary_error_monitor.effects.effect import Cause, Role, among
-from rotary_error_monitor.effects.mount_effect import MountEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.mount.modulations import mount_departures
-from rotary_error_monitor.gap.mount.noise import estimate_repeatability
-from rotary_error_monitor.gap.mount.sky_blocks import sky_conditions, sky_patches
-from rotary_error_monitor.gap.mount.where import mount_advice, mount_figures, mount_structure, mount_views, mount_where
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
-from rotary_error_monitor.twin.mount import MountRecording, MountTwin
+from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
+from rotary_error_monitor.kinds.mount.effects import MountEffect
+from rotary_error_monitor.kinds.mount.modulations import mount_departures
+from rotary_error_monitor.kinds.mount.sky import estimate_repeatability, sky_conditions, sky_patches
+from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
+from rotary_error_monitor.kinds.mount.where import (
+    mount_advice,
+    mount_figures,
+    mount_structure,
+    mount_views,
+    mount_where,
+)
 
 CHANNELS = ("hour", "declination")
 

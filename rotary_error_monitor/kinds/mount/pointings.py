@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
-from rotary_error_monitor.twin.mount import FEWEST_POINTINGS, MountRecording
-from rotary_error_monitor.twin.refraction import Weather
+from rotary_error_monitor.kinds.mount.refraction import Weather
+from rotary_error_monitor.kinds.mount.twin import FEWEST_POINTINGS, MountRecording
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from simulated_pointings import pointing_file, simulate_pointings
 
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.plant.mount import pointing_file, simulate_pointings
 
 CONFIG = Path(__file__).parents[2] / "config"
 MOUNTS = sorted((CONFIG / "mounts").glob("*.yaml"))
@@ -57,7 +57,7 @@ def test_an_effect_of_a_users_own_takes_part(pointings, tmp_path):
     own.write_text(
         "import numpy as np\n"
         "from rotary_error_monitor.effects.effect import Parameter\n"
-        "from rotary_error_monitor.effects.mount_effect import MountEffect\n\n\n"
+        "from rotary_error_monitor.kinds.mount.effects import MountEffect\n\n\n"
         "class Wind(MountEffect):\n"
         "    name = 'wind'\n"
         "    parameters = (Parameter('push', 'rad', 1e-4),)\n\n"
@@ -73,8 +73,8 @@ def test_an_effect_of_a_users_own_takes_part(pointings, tmp_path):
 MINE = """\
 import numpy as np
 from rotary_error_monitor.effects.effect import Parameter
-from rotary_error_monitor.effects.mount_effect import MountEffect
-from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
+from rotary_error_monitor.kinds.mount.effects import MountEffect
+from rotary_error_monitor.kinds.quadrature.effects import QuadratureEffect
 
 
 class Mine(%s):

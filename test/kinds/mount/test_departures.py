@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import binom
+from simulated_pointings import pointing_file, simulate_pointings
 
-from rotary_error_monitor.description.mount import MountDescription
 from rotary_error_monitor.effects.effect import Role
 from rotary_error_monitor.effects.library import load_effects
-from rotary_error_monitor.effects.mount_effect import MountEffect
 from rotary_error_monitor.gap.departures import SHARE
 from rotary_error_monitor.gap.diagnosis import diagnose
-from rotary_error_monitor.gap.mount.pointings import parse_pointings
-from rotary_error_monitor.gap.mount.problem import MountProblem
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.plant.mount import pointing_file, simulate_pointings
+from rotary_error_monitor.kinds.mount.description import MountDescription
+from rotary_error_monitor.kinds.mount.effects import MountEffect
+from rotary_error_monitor.kinds.mount.pointings import parse_pointings
+from rotary_error_monitor.kinds.mount.problem import MountProblem
 
 EFFECTS = load_effects(MountEffect)
 SEEDS = range(3)

@@ -1,0 +1,103 @@
+"""What a kind of thing that can be diagnosed gives: description, problem, and how causes are written to a twin."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.effects.effect import AnyEffect, Cause
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.problem import DiagnosableProblem
+
+ENTRY_POINTS = "rotary_error_monitor.kinds"
+"""Group in which a kind is registered, by the name of the section that makes a YAML file a twin of it."""
+
+Thing = TypeVar("Thing")
+Own = TypeVar("Own", bound=AnyEffect)
+Posed = TypeVar("Posed", bound=DiagnosableProblem)
+
+
+@dataclass(frozen=True)
+class TwinFile(Generic[Thing, Own]):
+    """A twin as read from a file.
+
+    Attributes:
+        section: of the file that holds the description, which is the name of its kind.
+        description: as the kind reads it.
+        effects: the effects known in this run, of its kind.
+        known: effects that the twin already has besides its parameters.
+    """
+
+    path: Path
+    section: str
+    kind: Kind[Thing, Own, Any]
+    description: Thing
+    effects: tuple[Own, ...]
+    known: tuple[Cause, ...] = ()
+
+
+class Kind(ABC, Generic[Thing, Own, Posed]):
+    """A kind of thing that can be diagnosed; made without arguments.
+
+    Attributes:
+        effect: base of its effects.
+    """
+
+    effect: type[Own]
+
+    @abstractmethod
+    def describe(self, path: Path) -> Thing:
+        """The description in a twin's file.
+
+        Raises:
+            InputError: it is wrong; the message names file, line, value and what is expected.
+        """
+
+    @abstractmethod
+    def problem(self, recording: Path, twin: TwinFile[Thing, Own], most_rate: float) -> Posed:
+        """A recording beside a twin.
+
+        Args:
+            recording: its bag or file.
+            twin: that is held against it.
+            most_rate: samples a second (Hz) of one sensor that are used, for kinds that sample in time.
+
+        Raises:
+            InputError: the recording does not hold what the twin needs.
+        """
+
+    def attempt(self, problem: Posed, cause: Cause) -> None:
+        """Predict with an effect that is not the package's own; whatever is raised is told with the effect's name."""
+        problem.signature(cause, range(cause.effect.size))
+
+    def amended(self, description: Thing, cause: Cause) -> Thing:
+        """The description with a cause in its parameters; as it was where the cause has no place there."""
+        return description
+
+    def mapping(self, description: Thing) -> dict[str, Any] | None:
+        """Content of the section, the inverse of `describe`; None where no cause has a place there."""
+        return None
+
+
+AnyKind = Kind[Any, Any, Any]
+
+
+@contextmanager
+def opened_bag(path: Path) -> Iterator[BagReader]:
+    """A bag; what is found wrong with what it holds is told with its remarks, such as that its end is missing.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    reader = BagReader(path)
+    try:
+        yield reader
+    except InputError as error:
+        raise InputError(
+            "; ".join([str(error), *(each for each in reader.remarks if each not in str(error))])
+        ) from error
