@@ -49,7 +49,13 @@ class PointingState:
 
 
 class MountEffect(Effect[MachineDescription]):
-    """An effect of a two-axis mount; a concrete one has `amend`, `turn`, or both."""
+    """An effect of a two-axis mount; a concrete one has `amend`, `turn`, or both.
+
+    Attributes:
+        harmonic_orders: orders of the axis that its parameter `order` may have; 0 for an effect without one.
+    """
+
+    harmonic_orders: ClassVar[tuple[int, ...]] = (0,)
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """The mount's machine with the effect in it."""
@@ -113,7 +119,7 @@ class AxisHarmonic(_AxisEffect):
         Parameter("cos", "rad", 3e-4, bound=0.1),
         Parameter("sin", "rad", 3e-4, bound=0.1),
     )
-    harmonic_orders: ClassVar[tuple[int, ...]] = (2, 3, 4)
+    harmonic_orders = (2, 3, 4)
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """Add the order to the axis's positioning error."""

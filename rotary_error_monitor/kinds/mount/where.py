@@ -1,4 +1,4 @@
-"""Where the gap of a mount lies, what is left of it, how far it shrinks in arcseconds, and what to point at next."""
+"""What pointings may depend on, how far a mount's gap shrinks in arcseconds, and what to point at next."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.gap.dependence import explained_by, name_dependences
-from rotary_error_monitor.gap.p_values import log_chi_square_tail
-from rotary_error_monitor.gap.problem import Array, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.gap.table import Shapes
 from rotary_error_monitor.gap.telling_apart import advise_best
-from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
 
 if TYPE_CHECKING:
@@ -24,11 +22,10 @@ ARCSEC = np.degrees(1.0) * 3600
 WAYS = {"hour": "/mount/pointing.hour_angle", "declination": "/mount/pointing.declination"}
 """Channels of rows as the diagnosis names them: on the sky, along the way of each axis."""
 
-TELLING = 0.05
 ORDERS = 4
 
 
-def _shapes(recording: MountRecording, upward: Array) -> dict[str, list[tuple[str, Array]]]:
+def mount_shapes(recording: MountRecording, upward: Array) -> Shapes:
     """Smooth functions of what a pointing may depend on, with their names, grouped by that."""
     hour, declination = recording.readings.T
     time = (recording.time - recording.time.mean()) / max(float(np.ptp(recording.time)), 1.0)
@@ -55,91 +52,15 @@ def _shapes(recording: MountRecording, upward: Array) -> dict[str, list[tuple[st
     }
 
 
-def mount_structure(problem: MountProblem, rest: Rows) -> list[Finding]:
-    """One test for each channel and group: the smooth function of it that explains most of what is left."""
-    shapes = _shapes(problem.recording, problem.twin.seen[2])
-    findings = []
-    for channel in problem.channels:
-        white = rest[channel][:, 0]
-        for group, rows in shapes.items():
-            names = [name for name, _ in rows]
-            table = np.stack([shape for _, shape in rows], axis=1) * problem.kept[:, None]
-            table = table - problem.kept[:, None] * table.sum(axis=0) / problem.kept.sum()
-            power = np.sum(np.square(table), axis=0)
-            gains = np.where(power > 1e-9, np.square(table.T @ white) / np.maximum(power, 1e-9), 0.0)
-            best = int(np.argmax(gains))
-            chance = min(0.0, log_chi_square_tail(float(gains[best]), 1) + float(np.log(len(names))))
-            pattern = f"{group}: {names[best]}"
-            findings.append(Finding(channel, group, chance, max(0.0, float(gains[best]) - 1), pattern))
-    return findings
-
-
-def mount_where(problem: MountProblem, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
-    """Shares of the two ways, larger one first; empty if nothing exceeds the noise."""
-    if explained:
-        signals = shown_by(problem, causes)
-        powers = np.mean(np.square(signals), axis=1)
-    else:
-        signals = np.stack([rest[channel][:, 0] for channel in problem.channels]) * problem.std[:, None]
-        squares = np.sum(np.square(signals), axis=1) / problem.kept.sum()
-        powers = np.maximum(0.0, squares - np.square(problem.std))
-    total = float(powers.sum())
-    if total <= 0:
-        return []
-    return [
-        Share(
-            WAYS[problem.channels[i]],
-            float(powers[i]) / total,
-            float(np.sqrt(powers[i])),
-            float(problem.std[i]),
-            _describe(problem, signals[i], float(powers[i])),
-        )
-        for i in np.argsort(-powers)
-    ]
-
-
-def shown_by(problem: MountProblem, causes: Sequence[Cause]) -> Array:
-    """(2, n) what the causes do to the pointing beyond what geometry can do, rad."""
-    geometry = problem.geometry(causes)
-    change = problem.twin.error(geometry) - problem.twin.error(geometry, causes)
-    table = _geometry_columns(problem, causes)
-    rows = np.concatenate(list(change))
-    fitted, *_ = np.linalg.lstsq(table, rows, rcond=None)
-    return np.asarray((rows - table @ fitted).reshape(2, -1), np.float64)
-
-
-def _geometry_columns(problem: MountProblem, causes: Sequence[Cause]) -> Array:
-    """(2 n, 6) derivatives of the pointing with respect to the geometry, in its uncertainties, not whitened."""
-    rows = problem.nuisance(causes)
-    return np.concatenate([rows[c] * std for c, std in zip(problem.channels, problem.std, strict=True)])
-
-
-def _describe(problem: MountProblem, values: Array, power: float) -> str:
-    """Groups of quantities on which one way's part of the gap depends, with what each explains alone."""
-    if power <= 0:
-        return "noise"
-    groups = _shapes(problem.recording, problem.twin.seen[2]).items()
-    tables = {group: np.stack([shape for _, shape in rows], axis=1) for group, rows in groups}
-    excess = power * len(values)
-    return name_dependences(((explained_by(table, values) / excess, name) for name, table in tables.items()), TELLING)
-
-
-def mount_views(problem: MountProblem, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
-    """Residuals over hour angle, declination, altitude and time, before and after the causes, in arcsec."""
-    before, after = problem.error(()) * ARCSEC, problem.error(causes) * ARCSEC
-    recording, kept = problem.recording, problem.kept
-    quantities = {
+def mount_quantities(problem: MountProblem) -> Mapping[str, Array]:
+    """(n,) hour angle, declination, altitude and time of each pointing, in the units that people use."""
+    recording = problem.recording
+    return {
         "hour axis, °": np.degrees(recording.readings[:, 0]),
         "declination axis, °": np.degrees(recording.readings[:, 1]),
         "altitude, °": np.degrees(np.arcsin(problem.twin.seen[2])),
         "time, h": (recording.time - recording.time.min()) / 3600,
     }
-    rows = {name: i for i, name in enumerate(WAYS.values())}
-    return [
-        View(channel, words, x[kept], before[rows[channel], kept], after[rows[channel], kept], "arcsec")
-        for channel in channels
-        for words, x in quantities.items()
-    ]
 
 
 def mount_figures(problem: MountProblem, causes: Sequence[Cause]) -> Mapping[str, float]:
@@ -147,7 +68,7 @@ def mount_figures(problem: MountProblem, causes: Sequence[Cause]) -> Mapping[str
 
     Sums of squares of both ways, as pointing analysis gives its `sky RMS`; outliers are left out.
     """
-    table = _geometry_columns(problem, causes)
+    table = problem.geometry_columns(causes)
     own = [problem.signature(cause, cause.effect.indices(Role.LINEAR), causes) for cause in causes]
     effects = [
         np.concatenate([rows[c] * std for c, std in zip(problem.channels, problem.std, strict=True)]) for rows in own
@@ -156,7 +77,7 @@ def mount_figures(problem: MountProblem, causes: Sequence[Cause]) -> Mapping[str
     sizes = np.concatenate([c.values[c.effect.indices(Role.LINEAR)] for c in causes]) if causes else np.zeros(0)
     columns = np.concatenate([table, *effects], axis=1)
     without = np.concatenate(list(problem.error(())))
-    plain = _geometry_columns(problem, ())
+    plain = problem.geometry_columns(())
     indices = problem.mount.geometry.plus((*problem.geometry(()).as_tuple()[:2], 0.0, 0.0, 0.0, 0.0))
     synchronised = np.concatenate(list(problem.twin.error(indices)))
     found = {

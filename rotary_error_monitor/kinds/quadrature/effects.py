@@ -43,10 +43,12 @@ class QuadratureEffect(Effect[QuadratureDescription]):
         rank: effects act in rising order: optics and photodiodes first, converters last.
         rescales: whether it is looked at beside the causes found: where signals are cut off, a gain shows otherwise.
             Not so harmonics and saturation: beside each other they differ by next to nothing, and that must not count.
+        ends: whether its parameter `level` is where the recorded signals end.
     """
 
     rank: ClassVar[int] = 0
     rescales: ClassVar[bool] = False
+    ends: ClassVar[bool] = False
 
     def displacement(self, values: Values, location: str, state: CircleState) -> Complex:
         """(n,) by how much the point is displaced, cosine + i sine, counts."""
@@ -155,7 +157,7 @@ class SignalClipping(QuadratureEffect):
         Parameter("part", "1", 1.0, bound=2.0),
     )
     rank = 5
-    has_level = True
+    ends = True
 
     def displacement(self, values: Values, location: str, state: CircleState) -> Complex:
         """Takes away a part of what exceeds the levels (cosine above, below, sine above, below); part 1 cuts it off."""

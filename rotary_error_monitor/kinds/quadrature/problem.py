@@ -6,21 +6,19 @@ Without a reference of position the phase itself cannot be tested, but whatever 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.effects.effect import Cause, Role, among, order_location
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
-from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.gap.table import TableProblem, acting
 from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription
 from rotary_error_monitor.kinds.quadrature.effects import Complex, QuadratureEffect
 from rotary_error_monitor.kinds.quadrature.twin import QuadratureRecording, predict_radius, true_phase
-
-CHANNEL = "radius"
-NAME = "/quadrature/signals.radius"
 
 SECTORS, FOLDS = 24, 6
 CELLS = 1440
@@ -36,11 +34,9 @@ OUTLIER = 8.0
 OFF = 0.5
 """Mean radius, in amplitudes off the twin's, from which the twin is of other signals."""
 
-_STEP = 1e-2
 
-
-class QuadratureProblem:
-    """Signals beside their twin.
+class QuadratureProblem(TableProblem[float]):
+    """Signals beside their twin: the mean radius of each cell that holds a sample, in rising order of its phase.
 
     Args:
         description: that the twin has.
@@ -50,11 +46,12 @@ class QuadratureProblem:
 
     Attributes:
         samples: (n,) all signals, those that are outliers left out, cosine + i sine.
-        signals: (m,) mean signal of each cell that holds a sample, at the mean phase, in rising order.
-        std: noise of the radius of one sample, counts.
+        signals: (m,) mean signal of each cell, at the mean phase.
+        std: (1,) noise of the radius of one sample, counts.
     """
 
-    channels = (CHANNEL,)
+    names: ClassVar[Mapping[str, str]] = {"radius": "/quadrature/signals.radius"}
+    unit = ("counts", 1.0)
     m_open = True
 
     def __init__(
@@ -66,70 +63,39 @@ class QuadratureProblem:
     ) -> None:
         self.description = description
         self.recording = recording
-        self.effects = tuple(effects)
-        self.known = tuple(known)
         scatter, kept = radius_scatter(recording.signals)
         self.samples = recording.signals[kept]
-        self.std = max(scatter, description.noise)
+        noise = max(scatter, description.noise)
         self.phase, self.radius, count = _cell_means(self.samples)
         self.signals = self.radius * np.exp(1j * self.phase)
-        self._scale: Array = np.sqrt(count) / self.std
-        self._expected = np.ones(len(count))
-        self._index = np.arange(len(count), dtype=np.float64)
+        self._scale: Array = np.sqrt(count) / noise
         edges = np.linspace(0, len(count), SECTORS + 1) - 0.5
         labels = (np.arange(SECTORS) % FOLDS).astype(np.intp)
-        self._conditions = Conditions(edges, labels, tuple(f"sectors {i + 1}/{FOLDS}" for i in range(FOLDS)))
+        sectors = Conditions(edges, labels, tuple(f"sectors {i + 1}/{FOLDS}" for i in range(FOLDS)))
         real, imaginary = self.samples.real, self.samples.imag
         self._ends = (real.max(), -real.min(), imaginary.max(), -imaginary.min())
-        self._amplitudes: dict[tuple[tuple[str, str, bytes], ...], float] = {}
-
-    @property
-    def conditions(self) -> Conditions:
-        """Sectors of the circle; every sixth is left out together with it."""
-        return self._conditions
-
-    def times(self, channel: str) -> Array:
-        """(m,) number of each cell."""
-        return self._index
-
-    def expected(self, channel: str) -> Array:
-        """(m,) 1: the mean of each cell is white."""
-        return self._expected
+        super().__init__(description, sectors, self.radius[None], np.array([noise]), effects, known)
 
     def amplitude(self, causes: Sequence[Cause]) -> float:
         """Radius of the ideal circle, counts, that fits best beside causes of these sizes."""
-        fitted = _fitted(causes)
-        key = tuple((*cause.key, cause.values.tobytes()) for cause in fitted)
-        if key not in self._amplitudes:
-            best = float(np.mean(self.radius))
-            for _ in range(3):
-                column = self._scale * self._grown(best, fitted)
-                left = self._scale * (self.radius - self._predicted(fitted, best))
-                best += float(column @ left / (column @ column))
-            self._amplitudes[key] = best
-        return self._amplitudes[key]
+        return self.settled(causes)
 
-    def error(self, causes: Sequence[Cause]) -> Array:
-        """(m,) mean radius minus that of the twin, counts, the amplitude fitted."""
-        return np.asarray(self.radius - self._predicted(causes), np.float64)
+    def settle(self, causes: Sequence[Cause]) -> float:
+        """The amplitude that fits best."""
+        best = float(np.mean(self.radius))
+        for _ in range(3):
+            column = self._scale * self._grown(best, causes)
+            left = self._scale * (self.radius - self._predicted(best, causes))
+            best += float(column @ left / (column @ column))
+        return best
 
-    def residual(self, causes: Sequence[Cause]) -> Rows:
-        """White rows (m, 1) of measured minus predicted."""
-        return self._rows(self.error(causes)[:, None])
+    def predict(self, state: float, causes: Sequence[Cause]) -> Array:
+        """(1, m) radius of the twin with this amplitude, counts."""
+        return self._predicted(state, causes)[None]
 
-    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
-        """White rows of the derivative of the radius with respect to values of `cause`, beside `others`."""
-        causes, columns = among(cause, others), []
-        amplitude = self.amplitude(causes)
-        base = self._predicted(causes, amplitude)
-        for index in indices:
-            shape = index in cause.effect.indices(Role.SHAPE)
-            step = 1e-4 * float(cause.values[index]) if shape else _STEP * cause.effect.scales()[index]
-            step = cause.effect.inward(cause.values, index, step)
-            values = cause.values.copy()
-            values[index] += step
-            columns.append((self._predicted(among(cause.with_values(values), others), amplitude) - base) / step)
-        return self._rows(np.stack(columns, axis=1))
+    def white(self, values: Array) -> Rows:
+        """White rows of values (1, m, p): those of means of many samples."""
+        return {"radius": values[0] * self._scale[:, None]}
 
     def distortions(self, candidates: Sequence[Candidate], causes: Sequence[Cause]) -> Sequence[float]:
         """Where signals are cut off, a gain shows all otherwise."""
@@ -140,32 +106,36 @@ class QuadratureProblem:
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows (m, 1) of one standard uncertainty of the amplitude."""
         column = self._grown(self.amplitude(causes), causes)
-        return self._rows(self.description.uncertainty * column[:, None])
+        return self.white(self.description.uncertainty * column[None, :, None])
 
-    def candidates(self, rest: Rows, causes: Sequence[Cause]) -> tuple[Candidate, ...]:
-        """Every effect; harmonics of every order; clipping where the samples end."""
-        return tuple(candidate for effect in self.effects for candidate in self._of(effect))
+    def candidates_of(self, effect: AnyEffect) -> Iterator[Candidate]:
+        """One effect; harmonics of every order; clipping where the samples end."""
+        for candidate in super().candidates_of(effect):
+            if isinstance(effect, QuadratureEffect) and effect.ends:
+                candidate.start[effect.slices()["level"]] = self._ends
+            yield candidate
+
+    def quantities(self) -> Mapping[str, Array]:
+        """The phase, once round and folded to a quarter."""
+        degrees = np.degrees(self.phase)
+        return {"phase, °": degrees, "phase within a quarter, °": np.mod(degrees, 90.0)}
 
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of every order of the radius up to 16, and of every place on the circle."""
-        white = rest[CHANNEL][:, 0]
+        white = rest["radius"][:, 0]
         findings = []
         for order in range(1, ORDERS + 1):
             waves = np.exp(1j * order * self.phase) * self._scale
             power = 2 * abs(np.dot(waves, white)) ** 2 / float(np.sum(np.square(self._scale)))
             chance = log_chi_square_tail(power, 2)
-            findings.append(Finding(CHANNEL, "order", chance, max(0.0, power - 2), f"phase: order {order}"))
+            findings.append(Finding("radius", "order", chance, max(0.0, power - 2), f"phase: order {order}"))
         place = (self.phase * PLACES / (2 * np.pi)).astype(np.intp) % PLACES
         squares = np.bincount(place, np.square(self._scale), PLACES)
         z = np.bincount(place, self._scale * white, PLACES) / np.sqrt(np.maximum(squares, 1e-300))
         best = int(np.argmax(np.abs(z)))
         chance = min(0.0, log_normal_tail(abs(float(z[best]))) + float(np.log(2 * PLACES)))
         words = f"phase: place {(best + 0.5) * 360 / PLACES:.0f}°"
-        return [*findings, Finding(CHANNEL, "place", chance, max(0.0, float(z[best]) ** 2 - 1), words)]
-
-    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
-        """Nothing to learn: noise is the scatter at one phase, whatever the causes."""
-        return False
+        return [*findings, Finding("radius", "place", chance, max(0.0, float(z[best]) ** 2 - 1), words)]
 
     def check_plausible(self) -> None:
         """Refuse signals of another size.
@@ -182,7 +152,7 @@ class QuadratureProblem:
 
     def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
         """The radius, with the orders of phase that the gap depends on."""
-        values = self.error(()) - self.error(causes) if explained else rest[CHANNEL][:, 0] / self._scale
+        values = (self.error(()) - self.error(causes))[0] if explained else rest["radius"][:, 0] / self._scale
         weight = np.square(self._scale) / np.sum(np.square(self._scale))
         used = values - weight @ values
         floor = 0.0 if explained else float(np.sum(weight / np.square(self._scale)))
@@ -193,7 +163,7 @@ class QuadratureProblem:
         parts = 2 * np.square(np.abs(waves @ (weight * used))) / power
         told = [k for k in np.argsort(-parts)[:4] if parts[k] > TELLING]
         words = ", ".join(f"order {k + 1} ({min(parts[k], 1.0):.0%})" for k in told) or "no single order"
-        return [Share(NAME, 1.0, float(np.sqrt(power)), self.std, f"phase: {words}")]
+        return [Share(self.names["radius"], 1.0, float(np.sqrt(power)), float(self.std[0]), f"phase: {words}")]
 
     def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
         """What tells effects apart that have the same radius."""
@@ -208,18 +178,9 @@ class QuadratureProblem:
         lost, count = len(self.recording.signals) - len(self.samples), len(self.recording.signals)
         return (
             *self.recording.remarks,
-            f"the radius scatters by {self.std:.2f} counts at one phase: that is taken for noise",
+            f"the radius scatters by {self.std[0]:.2f} counts at one phase: that is taken for noise",
             *([f"{lost} of {count} samples are outliers and were left out"] if lost else []),
         )
-
-    def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
-        """Radius before and after over the phase, once round and folded to a quarter."""
-        before, after, degrees = self.error(()), self.error(causes), np.degrees(self.phase)
-        return [
-            View(channel, words, x, before, after, "counts")
-            for channel in channels
-            for words, x in (("phase, °", degrees), ("phase within a quarter, °", np.mod(degrees, 90.0)))
-        ]
 
     def figures(self, causes: Sequence[Cause]) -> Mapping[str, float]:
         """Spread of the radius before and after, and what the causes do to the phase, in counts, rad and the unit."""
@@ -233,58 +194,33 @@ class QuadratureProblem:
             "amplitude_counts": amplitude,
             "radius_std_before_counts": float(np.std(before)),
             "radius_std_after_counts": float(np.std(after)),
-            "noise_counts": self.std,
+            "noise_counts": float(self.std[0]),
             "phase_error_rms_rad": float(np.std(change)),
             "phase_error_largest_rad": float(np.max(np.abs(change))),
             "position_error_rms_nm": 1e9 * per_radian * float(np.std(change)),
             "position_error_largest_nm": 1e9 * per_radian * float(np.max(np.abs(change))),
         }
 
-    def _predicted(self, causes: Sequence[Cause], amplitude: float | None = None) -> Array:
-        size = self.amplitude(causes) if amplitude is None else amplitude
-        return predict_radius(self.signals, size, (*self.known, *_fitted(causes)))
+    def _predicted(self, amplitude: float, causes: Sequence[Cause]) -> Array:
+        return predict_radius(self.signals, amplitude, (*self.known, *acting(causes)))
 
     def _grown(self, amplitude: float, causes: Sequence[Cause]) -> Array:
         """(m,) change of the radius with the amplitude."""
         step = 1e-4 * amplitude
-        return np.asarray((self._predicted(causes, amplitude + step) - self._predicted(causes, amplitude)) / step)
-
-    def _rows(self, values: Array) -> Rows:
-        return {CHANNEL: values * self._scale[:, None]}
-
-    def _of(self, effect: QuadratureEffect) -> Iterator[Candidate]:
-        if getattr(effect, "has_level", False):
-            start = effect.start("")
-            start[effect.slices()["level"]] = self._ends
-            yield Candidate(effect, "", start)
-        elif effect.orders:
-            for order in range(effect.lowest, effect.orders + 1):
-                place = order_location(order)
-                count = effect.orders + 1 - effect.lowest
-                yield Candidate(effect, place, effect.start(place), count, effect.log_prior_of(order))
-        else:
-            yield Candidate(effect, "", effect.start(""))
-
-    def _centred(self, columns: Array) -> Array:
-        """White columns without what the amplitude can make of them."""
-        base = self._rows(self._grown(self.amplitude(()), ())[:, None])[CHANNEL][:, 0]
-        return np.asarray(columns - np.outer(base, base @ columns / (base @ base)), np.float64)
+        return np.asarray((self._predicted(amplitude + step, causes) - self._predicted(amplitude, causes)) / step)
 
     def _alike(self, first: tuple[str, ...], second: tuple[str, str], causes: Sequence[Cause]) -> float:
-        """Part of the first's change of the radius that the second can make."""
-        cause = next(c for c in causes if c.key == first)
-        effect = next(e for e in self.effects if e.name == second[0])
-        start = next(c for c in self._of(effect) if c.location == second[1]).start
-        linear = cause.effect.indices(Role.LINEAR)
-        wanted = self._centred(self.signature(cause, linear)[CHANNEL]) @ cause.values[linear]
-        table = self._centred(self.signature(Cause(effect, second[1], start), effect.indices(Role.LINEAR))[CHANNEL])
+        """Part of the first's change of the radius that the second can make, beyond what the amplitude can."""
+        cause, other = next(c for c in causes if c.key == first), self.at_zero(second)
+        base = self.white(self._grown(self.amplitude(()), ())[None, :, None])["radius"][:, 0]
+
+        def columns(of: Cause) -> Array:
+            white = self.signature(of, of.effect.indices(Role.LINEAR))["radius"]
+            return np.asarray(white - np.outer(base, base @ white / (base @ base)), np.float64)
+
+        wanted, table = columns(cause) @ cause.values[cause.effect.indices(Role.LINEAR)], columns(other)
         fitted, *_ = np.linalg.lstsq(table, wanted, rcond=None)
         return max(0.0, 1 - float(np.sum(np.square(wanted - table @ fitted)) / np.sum(np.square(wanted))))
-
-
-def _fitted(causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """Those causes that do something."""
-    return tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
 
 
 def _cell_means(samples: Complex) -> tuple[Array, Array, Array]:
