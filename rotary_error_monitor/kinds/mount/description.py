@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -84,11 +83,7 @@ def load_mount(path: Path) -> MountDescription:
     Raises:
         InputError: the file is missing or wrong; the message names file, line, value and what is expected.
     """
-    return mount_from_mapping(schema.load(path, "mount")["mount"])
-
-
-def mount_from_mapping(section: Mapping[str, Any]) -> MountDescription:
-    """Mount from the content of a `mount` section that is valid by the schema."""
+    section = schema.load(path, "mount")["mount"]
     geometry = dict(section.get("geometry", {}))
     x, y = geometry.pop("polar_tilt", (0.0, 0.0))
     latitude = section.get("latitude")

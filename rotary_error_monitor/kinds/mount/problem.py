@@ -8,29 +8,26 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from rotary_error_monitor.effects.effect import AnyEffect, Cause
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.problem import Array, Candidate, Finding, Rows
 from rotary_error_monitor.gap.table import Shapes, TableProblem
+from rotary_error_monitor.kinds.mount.advice import mount_advice
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.modulations import mount_departures
 from rotary_error_monitor.kinds.mount.sky import estimate_repeatability, sky_conditions, sky_patches
 from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
-from rotary_error_monitor.kinds.mount.where import (
-    ARCSEC,
-    WAYS,
-    mount_advice,
-    mount_figures,
-    mount_quantities,
-    mount_shapes,
-)
+
+ARCSEC = np.degrees(1.0) * 3600
+ORDERS = 4
 
 ANOTHER_MOUNT = np.radians(3.0)
 """A rigid mount that misses its stars by this much at the median is another one."""
@@ -60,7 +57,10 @@ class MountProblem(TableProblem[MountGeometry]):
         kept: (n,) pointings that are no outliers.
     """
 
-    names = WAYS
+    names: ClassVar[Mapping[str, str]] = {
+        "hour": "/mount/pointing.hour_angle",
+        "declination": "/mount/pointing.declination",
+    }
     unit = ("arcsec", ARCSEC)
     m_open = True
 
@@ -115,12 +115,40 @@ class MountProblem(TableProblem[MountGeometry]):
             yield Candidate(effect, place, start, trials, -float(np.log(trials)))
 
     def quantities(self) -> Mapping[str, Array]:
-        """Hour angle, declination, altitude and time."""
-        return mount_quantities(self)
+        """Hour angle, declination, altitude and time, in the units that people use."""
+        time, (hour, declination) = self.recording.time, np.degrees(self.recording.readings.T)
+        return {
+            "hour axis, °": hour,
+            "declination axis, °": declination,
+            "altitude, °": np.degrees(np.arcsin(self.twin.seen[2])),
+            "time, h": (time - time.min()) / 3600,
+        }
 
     def shapes(self) -> Shapes:
         """Smooth functions of both readings, side, altitude, time and direction."""
-        return mount_shapes(self.recording, self.twin.seen[2])
+        (hour, declination), direction, upward = self.recording.readings.T, self.recording.direction, self.twin.seen[2]
+        time = (self.recording.time - self.recording.time.mean()) / max(float(np.ptp(self.recording.time)), 1.0)
+        waves = [
+            [
+                (f"order {k}, {wave.__name__}", wave(k * angle))
+                for k in range(1, ORDERS + 1)
+                for wave in (np.cos, np.sin)
+            ]
+            for angle in (hour, declination)
+        ]
+        products = [
+            (f"{a.__name__} of hour angle, {b.__name__} of declination", a(hour) * b(declination))
+            for a, b in itertools.product((np.cos, np.sin), repeat=2)
+        ]
+        return {
+            "pose, hour angle": waves[0],
+            "pose, declination": waves[1],
+            "pose, both axes": products,
+            "pose, side of the pier": [("step", self.twin.side), ("slope", self.twin.side * hour)],
+            "pose, altitude": [("sine", upward), ("cosine", np.sqrt(np.maximum(1 - upward**2, 0)))],
+            "time": [(f"power {k}", time**k) for k in (1, 2, 3)],
+            "direction": [("of hour axis", direction[:, 0]), ("of declination axis", direction[:, 1])],
+        }
 
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
         """Estimate again how well the mount repeats, the causes taken out; whether the rows have changed by it."""
@@ -145,15 +173,13 @@ class MountProblem(TableProblem[MountGeometry]):
 
     def shown(self, causes: Sequence[Cause]) -> Array:
         """(2, n) what the causes do to the pointing beyond what geometry can do, rad."""
-        geometry, table = self.geometry(causes), self.geometry_columns(causes)
-        change = self.twin.error(geometry) - self.twin.error(geometry, causes)
-        rows = np.concatenate(list(change))
+        geometry, table = self.geometry(causes), self.raw(self.nuisance(causes))
+        rows = np.concatenate(list(self.twin.error(geometry) - self.twin.error(geometry, causes)))
         fitted, *_ = np.linalg.lstsq(table, rows, rcond=None)
         return np.asarray((rows - table @ fitted).reshape(2, -1), np.float64)
 
-    def geometry_columns(self, causes: Sequence[Cause]) -> Array:
-        """(2 n, 6) derivatives of the pointing with respect to the geometry, in its uncertainties, not whitened."""
-        rows = self.nuisance(causes)
+    def raw(self, rows: Rows) -> Array:
+        """(2 n, p) both ways of white rows one after the other, rad."""
         return np.concatenate([rows[c] * std for c, std in zip(self.channels, self.std, strict=True)])
 
     def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
@@ -162,18 +188,51 @@ class MountProblem(TableProblem[MountGeometry]):
 
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """Noise as found, and outliers that were left out."""
-        arcsec = np.degrees(self.std) * 3600
-        words = f"neighbouring pointings differ by {arcsec[0]:.1f}″ in hour angle and {arcsec[1]:.1f}″ in declination: "
+        hour, declination = self.std * ARCSEC
+        words = f"neighbouring pointings differ by {hour:.1f}″ in hour angle and {declination:.1f}″ in declination: "
         lost = int(np.count_nonzero(~self.kept))
         return (
-            *self.recording.remarks,
             words + "that is taken for noise",
             *([f"{lost} of {len(self.kept)} pointings are outliers and were left out"] if lost else []),
         )
 
     def figures(self, causes: Sequence[Cause]) -> Mapping[str, float]:
-        """Root mean squares on patches left out, in arcsec: indices only, all of the geometry, and the causes too."""
-        return mount_figures(self, causes)
+        """Root mean squares on the sky, arcsec, of patches predicted from all others; noise; and the geometry itself.
+
+        With indices only, all of the geometry, and the causes too. Sums of squares of both ways, as pointing analysis
+        gives its `sky RMS`; outliers are left out.
+        """
+        plain, geometry = self.raw(self.nuisance(())), self.geometry(causes)
+        indices = self.mount.geometry.plus((*self.geometry(()).as_tuple()[:2], 0.0, 0.0, 0.0, 0.0))
+        found = {
+            "held_out_indices_arcsec": self._held_out(self.twin.error(indices), plain[:, :2]),
+            "held_out_geometry_arcsec": self._held_out(self.error(()), plain),
+        }
+        if causes:
+            linear = [cause.effect.indices(Role.LINEAR) for cause in causes]
+            own = [self.raw(self.signature(c, i, causes)) for c, i in zip(causes, linear, strict=True)]
+            sizes = np.concatenate([cause.values[i] for cause, i in zip(causes, linear, strict=True)])
+            columns = np.concatenate([self.raw(self.nuisance(causes)), *own], axis=1)
+            added = (columns[:, 6:] @ sizes).reshape(2, -1)
+            found["held_out_causes_arcsec"] = self._held_out(self.twin.error(geometry, causes) + added, columns)
+        found["noise_arcsec"] = float(np.hypot(*self.std) * ARCSEC)
+        names = ("hour_index", "declination_index", "orthogonality", "collimation", "polar_tilt_x", "polar_tilt_y")
+        angles = np.array(geometry.as_tuple()) * ARCSEC
+        return found | {f"{name}_arcsec": float(angle) for name, angle in zip(names, angles, strict=True)}
+
+    def _held_out(self, error: Array, columns: Array) -> float:
+        """Root mean square on the sky, arcsec, of (2, n) less what columns (2 n, p) do, fitted on the other patches.
+
+        Both ways count alike, as they do in the figure.
+        """
+        kept, values = np.tile(self.kept, 2), error.ravel()
+        table, left = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), np.zeros(len(values))
+        for label in np.unique(self.labels):
+            test = np.tile(self.labels == label, 2)
+            train = kept & ~test
+            fitted, *_ = np.linalg.lstsq(table[train], values[train], rcond=None)
+            left[test] = (values - table @ fitted)[test]
+        return float(np.sqrt(np.sum(np.square(left[kept])) / self.kept.sum()) * ARCSEC)
 
     def settle(self, causes: Sequence[Cause]) -> MountGeometry:
         """The six angles that fit best beside causes of these sizes."""

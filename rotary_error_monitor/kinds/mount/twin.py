@@ -33,7 +33,6 @@ class MountRecording:
         time: (n,) s.
         latitude: rad.
         weather: for refraction.
-        remarks: what a reader should know.
     """
 
     readings: Array
@@ -42,12 +41,11 @@ class MountRecording:
     time: Array
     latitude: float
     weather: Weather
-    remarks: tuple[str, ...] = ()
 
     def chosen(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> MountRecording:
         """Some of the pointings, in that order."""
         parts = (self.readings[rows], self.direction[rows], self.stars[rows], self.time[rows])
-        return MountRecording(*parts, self.latitude, self.weather, self.remarks)
+        return MountRecording(*parts, self.latitude, self.weather)
 
 
 class MountTwin:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rotary_error_monitor.description import schema
 
@@ -34,10 +32,6 @@ def load_quadrature(path: Path) -> QuadratureDescription:
     Raises:
         InputError: the file is missing or wrong; the message names file, line, value and what is expected.
     """
-    return quadrature_from_mapping(schema.load(path, "quadrature")["quadrature"])
-
-
-def quadrature_from_mapping(section: Mapping[str, Any]) -> QuadratureDescription:
-    """Signals from the content of a `quadrature` section that is valid by the schema."""
+    section = schema.load(path, "quadrature")["quadrature"]
     numbers = {name: float(section[name]) for name in ("period", "amplitude", "uncertainty", "noise")}
     return QuadratureDescription(name=section["name"], **numbers)

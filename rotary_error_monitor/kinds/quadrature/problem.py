@@ -177,7 +177,6 @@ class QuadratureProblem(TableProblem[float]):
         """Noise as found, and outliers that were left out."""
         lost, count = len(self.recording.signals) - len(self.samples), len(self.recording.signals)
         return (
-            *self.recording.remarks,
             f"the radius scatters by {self.std[0]:.2f} counts at one phase: that is taken for noise",
             *([f"{lost} of {count} samples are outliers and were left out"] if lost else []),
         )

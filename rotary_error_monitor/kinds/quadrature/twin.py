@@ -28,11 +28,9 @@ class QuadratureRecording:
 
     Attributes:
         signals: (n,) cosine + i sine, counts.
-        remarks: what a reader should know.
     """
 
     signals: Complex
-    remarks: tuple[str, ...] = ()
 
 
 def distorted(turning: Complex, amplitude: float, causes: Sequence[Cause]) -> Complex:
