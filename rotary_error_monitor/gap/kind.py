@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
@@ -46,9 +46,11 @@ class Kind(ABC, Generic[Thing, Own, Posed]):
 
     Attributes:
         effect: base of its effects.
+        rank: of several kinds whose sections one file has it is a twin of that with the highest.
     """
 
     effect: type[Own]
+    rank: ClassVar[int] = 0
 
     @abstractmethod
     def describe(self, path: Path) -> Thing:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -25,7 +26,7 @@ def load_twin(path: Path, effect_files: Sequence[Path] = ()) -> AnyTwinFile:
     """Twin of the kind whose section the file has.
 
     Raises:
-        InputError: the file is missing, holds no section of a kind or several, or breaks its schema.
+        InputError: the file is missing, holds no section of a kind, or breaks its schema.
     """
     content = _content(path)
     section, kind = _kind_of(content, path)
@@ -79,12 +80,17 @@ def _sections() -> str:
 
 
 def _kind_of(content: Mapping[str, Any], path: Path) -> tuple[str, AnyKind]:
+    """Name and kind of the section that makes the file a twin; of several that of the highest rank, else the first."""
     entries = [entry for entry in plugins_of(ENTRY_POINTS) if entry.name in content]
-    if not entries:
+    for one, other in itertools.pairwise(entries):
+        if one.name == other.name:
+            raise InputError(f"{path}: {origin_of(one)} and {origin_of(other)}: two kinds of one name; remove one")
+    kinds: dict[str, AnyKind] = {}
+    for entry in entries:
+        found = load_plugin(entry)
+        if not (isinstance(found, type) and issubclass(found, Kind)):
+            raise InputError(f"{origin_of(entry)}: {entry.value} is no kind; name a class derived from Kind")
+        kinds[entry.name] = found()
+    if not kinds:
         raise InputError(f"{path}: no section {_sections()}; it has {sorted(map(str, content)) or 'nothing'}")
-    if len(entries) > 1:
-        raise InputError(f"{path}: {' and '.join(map(origin_of, entries))} each read it; expected one kind of twin")
-    found = load_plugin(entries[0])
-    if not (isinstance(found, type) and issubclass(found, Kind)):
-        raise InputError(f"{origin_of(entries[0])}: {entries[0].value} is no kind; name a class derived from Kind")
-    return entries[0].name, found()
+    return max(kinds.items(), key=lambda named: named[1].rank)

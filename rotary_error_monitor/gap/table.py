@@ -1,4 +1,4 @@
-"""A problem whose channels have one row each for every pose, pointing or place: what most kinds of thing share."""
+"""A problem whose channels have one row each for every pose or place: what most kinds of thing share."""
 
 from __future__ import annotations
 
@@ -230,6 +230,12 @@ class TableProblem(ABC, Generic[State]):
         excess = float(power) * len(values)
         parts = ((explained_by(_stacked(rows), values) / excess, group) for group, rows in self.shapes().items())
         return name_dependences(parts, TELLING)
+
+
+def folded(edges: Array, folds: int, name: str) -> Conditions:
+    """Blocks of rows between the numbers `edges` (b + 1,); every so-manieth is held out with it."""
+    labels = (np.arange(len(edges) - 1) % folds).astype(np.intp)
+    return Conditions(edges - 0.5, labels, tuple(f"{name} {i + 1}/{folds}" for i in range(folds)))
 
 
 def _stacked(rows: Sequence[tuple[str, Array]]) -> Array:

@@ -23,6 +23,7 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
     """Rotary stages."""
 
     effect = StageEffect
+    rank = 1  # a machine beside it in one file is that which carries the stage
 
     def describe(self, path: Path) -> StageDescription:
         """Section `stage`."""

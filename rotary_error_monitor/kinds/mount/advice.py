@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -12,19 +11,23 @@ from scipy.optimize import least_squares
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.gap.telling_apart import advise_best
+from rotary_error_monitor.kinds.mount.description import MountGeometry
 from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
 
-if TYPE_CHECKING:
-    from rotary_error_monitor.kinds.mount.problem import MountProblem
 
+def mount_advice(twin: MountTwin, geometry: MountGeometry, std: Array, first: Cause, rivals: Sequence[Cause]) -> str:
+    """Words for the pointings that tell the first effect apart from its rivals best.
 
-def mount_advice(problem: MountProblem, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
-    """Words for the pointings that tell the first of these effects apart from the others best."""
-    first = next(cause for cause in causes if cause.key == tuple(keys[0]))
-    rivals = [problem.at_zero(key) for key in keys[1:]]
+    Args:
+        twin: with the pointings that there are.
+        geometry: of the mount beside the first effect.
+        std: (2,) noise of a pointing along each way, rad.
+        first: as fitted.
+        rivals: without size.
+    """
     scored = [
-        (min(_distance(problem, first, rival, planned) for rival in rivals), words)
-        for words, planned in _experiments(problem.recording)
+        (min(_distance(MountTwin(twin.mount, planned, twin.known), geometry, std, first, one) for one in rivals), words)
+        for words, planned in _experiments(twin.recording)
     ]
     return advise_best(scored, "no pointings that were tried tell them apart: the best")
 
@@ -59,20 +62,19 @@ def _with(recording: MountRecording, readings: Array, direction: Array, time: Ar
     )
 
 
-def _distance(problem: MountProblem, first: Cause, rival: Cause, planned: MountRecording) -> float:
+def _distance(twin: MountTwin, geometry: MountGeometry, std: Array, first: Cause, rival: Cause) -> float:
     """Standard deviations between the first cause as fitted and the nearest that rival and geometry can do.
 
     Exact in all rotations: products of a large effect and the geometry must not pass for a difference.
     """
-    twin = MountTwin(problem.mount, planned, problem.known)
-    geometry, linear = problem.geometry((first,)), rival.effect.indices(Role.LINEAR)
+    linear = rival.effect.indices(Role.LINEAR)
     wanted, sizes = twin.error(geometry, (first,)), rival.effect.scales()[linear]
 
     def misfit(moved: Array) -> Array:
         values = rival.values.copy()
         values[linear] += moved[6:] * sizes
         made = twin.error(geometry.plus(tuple(1e-3 * moved[:6])), (rival.with_values(rival.effect.held(values)),))
-        return np.asarray(((made - wanted) / problem.std[:, None]).ravel(), np.float64)
+        return np.asarray(((made - wanted) / std[:, None]).ravel(), np.float64)
 
     found = least_squares(misfit, np.zeros(6 + len(linear)), method="lm", x_scale="jac")
     return float(np.sqrt(2 * found.cost))

@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.departures import Departures, grows, percent
 from rotary_error_monitor.gap.pose_modulations import Quantity, departures_at_poses, waves_around, with_direction
-from rotary_error_monitor.gap.problem import Array
-
-if TYPE_CHECKING:
-    from rotary_error_monitor.kinds.mount.problem import MountProblem
+from rotary_error_monitor.gap.problem import Array, Rows
+from rotary_error_monitor.kinds.mount.twin import MountTwin
 
 HOUR = 3600.0
 """s; a night of pointings is some hours."""
 
 
-def mount_departures(problem: MountProblem, place: int, causes: Sequence[Cause]) -> Departures:
-    """Ways in which the cause at one place among the causes may depart from its textbook form."""
-    cause = causes[place]
-    rows = problem.signature(cause, cause.effect.indices(Role.LINEAR), causes)
-    units = dict(zip(problem.channels, map(float, problem.std), strict=True))
-    return departures_at_poses(place, cause, rows, units, problem.recording.time, _quantities(problem, cause), {})
+def mount_departures(twin: MountTwin, place: int, cause: Cause, rows: Rows, units: Mapping[str, float]) -> Departures:
+    """Ways in which a cause may depart from its textbook form; arguments as of `departures_at_poses`."""
+    return departures_at_poses(place, cause, rows, units, twin.recording.time, _quantities(twin, cause), {})
 
 
-def _quantities(problem: MountProblem, cause: Cause) -> dict[str, Quantity]:
-    recording, letters = problem.recording, problem.twin.machine.letters
+def _quantities(twin: MountTwin, cause: Cause) -> dict[str, Quantity]:
+    recording, letters = twin.recording, twin.machine.letters
     quantities = {
         "time": Quantity("time", recording.time, _with_time),
-        "side": Quantity("side of the pier", problem.twin.side, _with_side),
+        "side": Quantity("side of the pier", twin.side, _with_side),
     }
     own = [letter for letter in letters if letter == cause.location]
     for letter in own or letters:
@@ -42,18 +36,18 @@ def _quantities(problem: MountProblem, cause: Cause) -> dict[str, Quantity]:
     for letter in own:
         for i, wave in enumerate(waves_around(recording.readings[:, letters.index(letter)])):
             quantities[f"order {i} of {letter}"] = Quantity("orders", wave, partial(_with_orders, letter))
-    for name, values in _places(problem).items():
+    for name, values in _places(twin).items():
         for i, shape in enumerate((values, np.square(values - values.mean()))):
             quantities[f"{name} {i}"] = Quantity(name, shape, partial(_with_place, name))
     return quantities
 
 
-def _places(problem: MountProblem) -> dict[str, Array]:
+def _places(twin: MountTwin) -> dict[str, Array]:
     """Where the tube points, in rad: altitude, on which gravity's pull depends, and the star's place."""
-    hour, declination = problem.recording.stars.T
+    hour, declination = twin.recording.stars.T
     # Hour angles are told from the meridian, whatever turn the file has them in.
     return {
-        "altitude": np.arcsin(np.clip(problem.twin.seen[2], -1.0, 1.0)),
+        "altitude": np.arcsin(np.clip(twin.seen[2], -1.0, 1.0)),
         "hour angle": np.angle(np.exp(1j * hour)),
         "declination": declination,
     }

@@ -92,7 +92,9 @@ class MountProblem(TableProblem[MountGeometry]):
 
     def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
         """Ways in which each cause may depart from its textbook form."""
-        return tuple(mount_departures(self, i, causes) for i in range(len(causes)))
+        units = dict(zip(self.channels, map(float, self.std), strict=True))
+        own = [self.signature(cause, cause.effect.indices(Role.LINEAR), causes) for cause in causes]
+        return tuple(mount_departures(self.twin, i, causes[i], own[i], units) for i in range(len(causes)))
 
     def nuisance(self, causes: Sequence[Cause]) -> Rows:
         """White rows of one standard uncertainty of each angle of the geometry."""
@@ -184,7 +186,8 @@ class MountProblem(TableProblem[MountGeometry]):
 
     def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
         """Pointings that would tell effects apart."""
-        return mount_advice(self, keys, causes)
+        first, rivals = next(c for c in causes if c.key == tuple(keys[0])), [self.at_zero(key) for key in keys[1:]]
+        return mount_advice(self.twin, self.geometry((first,)), self.std, first, rivals)
 
     def remarks(self, rest: Rows) -> tuple[str, ...]:
         """Noise as found, and outliers that were left out."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from rotary_error_monitor.gap.problem import Array, Conditions
+from rotary_error_monitor.gap.table import folded
 
 FOLDS = 6
 BLOCKS = 24
@@ -30,9 +31,7 @@ def sky_patches(readings: Array) -> list[NDArray[np.intp]]:
 
 def sky_conditions(patches: list[NDArray[np.intp]]) -> Conditions:
     """Blocks of pointings that are arranged patch after patch."""
-    edges = np.concatenate([[0], np.cumsum([len(patch) for patch in patches])]) - 0.5
-    labels = (np.arange(len(patches)) % FOLDS).astype(np.intp)
-    return Conditions(edges, labels, tuple(f"patches {i + 1}/{FOLDS}" for i in range(FOLDS)))
+    return folded(np.concatenate([[0], np.cumsum([len(patch) for patch in patches])]), FOLDS, "patches")
 
 
 def neighbourhood(places: Array) -> tuple[NDArray[np.intp], Array]:

@@ -56,6 +56,7 @@ class MountTwin:
         sought: (3, n) the same without refraction.
         side: (n,) of the pier, as `PointingState` has it.
         machine: the mount's machine as the description has it.
+        known: effects that the twin has.
     """
 
     def __init__(self, mount: MountDescription, recording: MountRecording, known: Sequence[Cause] = ()) -> None:
@@ -63,7 +64,7 @@ class MountTwin:
         self.recording = recording
         self.latitude = recording.latitude if mount.latitude is None else mount.latitude
         self.machine = mount_machine(self.latitude, mount.geometry)
-        self._known = tuple(known)
+        self.known = tuple(known)
         self._positions = np.ascontiguousarray(recording.readings.T)
         self._direction = np.ascontiguousarray(recording.direction.T)
         self.sought = star_directions(recording.stars, self.latitude)
@@ -78,7 +79,7 @@ class MountTwin:
     def state(self, geometry: MountGeometry, causes: Sequence[Cause] = ()) -> PointingState:
         """Where the mount stands, the causes' rotations not yet made."""
         machine = mount_machine(self.latitude, geometry)
-        for cause in (*self._known, *causes):
+        for cause in (*self.known, *causes):
             assert isinstance(cause.effect, MountEffect)
             machine = cause.effect.amend(machine, cause.values, cause.location)
         model = arrange_machine(machine)
@@ -104,13 +105,13 @@ class MountTwin:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # what is not finite is told below
             state = self.state(geometry, causes)
             total = np.zeros_like(state.tube)
-            for cause in (*self._known, *causes):
+            for cause in (*self.known, *causes):
                 assert isinstance(cause.effect, MountEffect)
                 turn = cause.effect.turn(cause.values, cause.location, state)
                 if turn is not None:
                     total = total + turn
             pointing = rotate(rotation_by(total), state.tube)
-        check_finite("the tube's direction", pointing, (*self._known, *causes))
+        check_finite("the tube's direction", pointing, (*self.known, *causes))
         return pointing
 
     def error(self, geometry: MountGeometry, causes: Sequence[Cause] = ()) -> Array:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
-from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
-from rotary_error_monitor.gap.table import TableProblem, acting
+from rotary_error_monitor.gap.problem import Array, Candidate, Finding, Rows, Share
+from rotary_error_monitor.gap.table import TableProblem, acting, folded
 from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription
 from rotary_error_monitor.kinds.quadrature.effects import Complex, QuadratureEffect
 from rotary_error_monitor.kinds.quadrature.twin import QuadratureRecording, predict_radius, true_phase
@@ -69,9 +69,7 @@ class QuadratureProblem(TableProblem[float]):
         self.phase, self.radius, count = _cell_means(self.samples)
         self.signals = self.radius * np.exp(1j * self.phase)
         self._scale: Array = np.sqrt(count) / noise
-        edges = np.linspace(0, len(count), SECTORS + 1) - 0.5
-        labels = (np.arange(SECTORS) % FOLDS).astype(np.intp)
-        sectors = Conditions(edges, labels, tuple(f"sectors {i + 1}/{FOLDS}" for i in range(FOLDS)))
+        sectors = folded(np.linspace(0, len(count), SECTORS + 1), FOLDS, "sectors")
         real, imaginary = self.samples.real, self.samples.imag
         self._ends = (real.max(), -real.min(), imaginary.max(), -imaginary.min())
         super().__init__(description, sectors, self.radius[None], np.array([noise]), effects, known)
