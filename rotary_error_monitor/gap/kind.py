@@ -9,8 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
+import numpy as np
+
 from rotary_error_monitor.bags.reader import BagReader
-from rotary_error_monitor.effects.effect import AnyEffect, Cause
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 
@@ -73,9 +76,15 @@ class Kind(ABC, Generic[Thing, Own, Posed]):
             InputError: the recording does not hold what the twin needs.
         """
 
+    def acted_on(self, problem: Posed, description: Thing) -> object:
+        """What the effects act on, and are asked with for their places: as a rule the description."""
+        return description
+
     def attempt(self, problem: Posed, cause: Cause) -> None:
         """Predict with an effect that is not the package's own; whatever is raised is told with the effect's name."""
-        problem.signature(cause, range(cause.effect.size))
+        columns = problem.signature(cause, cause.effect.indices(Role.LINEAR, Role.SHAPE))
+        for channel, rows in columns.items() if isinstance(columns, dict) else ():
+            check_signal(channel, rows, rows.shape)
 
     def amended(self, description: Thing, cause: Cause) -> Thing:
         """The description with a cause in its parameters; as it was where the cause has no place there."""
@@ -103,3 +112,25 @@ def opened_bag(path: Path) -> Iterator[BagReader]:
         raise InputError(
             "; ".join([str(error), *(each for each in reader.remarks if each not in str(error))])
         ) from error
+
+
+def check_amended(amended: object) -> None:
+    """Refuse what is no description of a machine.
+
+    Raises:
+        TypeError: it is something else.
+    """
+    if not isinstance(amended, MachineDescription):
+        raise TypeError(f"amend gives {type(amended).__name__}; expected the description of a machine")
+
+
+def check_signal(name: str, given: object, shape: tuple[int, ...]) -> None:
+    """Refuse what is not one finite number for each sample.
+
+    Raises:
+        ValueError: it has another shape, or is not finite.
+    """
+    if np.shape(np.asarray(given)) != shape:
+        raise ValueError(f"{name} gets shape {np.shape(np.asarray(given))}; expected {shape}")
+    if not np.isfinite(np.asarray(given)).all():
+        raise ValueError(f"{name} gets values that are not finite")

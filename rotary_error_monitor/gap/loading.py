@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.description.yaml_files import read_yaml
-from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.library import load_effects
+from rotary_error_monitor.effects.effect import Cause, Role, order_location
+from rotary_error_monitor.effects.library import is_foreign, load_effects
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import ENTRY_POINTS, AnyKind, Kind, TwinFile
 from rotary_error_monitor.gap.problem import DiagnosableProblem
-from rotary_error_monitor.gap.trial import try_effects
 from rotary_error_monitor.plugins import load_plugin, origin_of, plugins_of
 from rotary_error_monitor.twin.document import causes_from_rows, effect_rows
 from rotary_error_monitor.twin.rates import MOST_RATE
@@ -47,7 +45,7 @@ def load_problem(recording: Path, twin: AnyTwinFile, most_rate: float = MOST_RAT
         InputError: the file does not hold what the twin needs, values are not finite, or the recording is too short.
     """
     problem: DiagnosableProblem = twin.kind.problem(recording, twin, most_rate)
-    try_effects(twin.effects, twin.description, partial(twin.kind.attempt, problem))
+    _try_foreign(problem, twin)
     return problem
 
 
@@ -66,6 +64,27 @@ def improved_twin(twin: AnyTwinFile, causes: Sequence[Cause]) -> dict[str, Any]:
     if others:
         content["effects"] = effect_rows(others)
     return content
+
+
+def _try_foreign(problem: DiagnosableProblem, twin: AnyTwinFile) -> None:
+    """Predict with each foreign effect, at its first place and at its usual size.
+
+    Raises:
+        InputError: an effect fails, or what it gives has another type or shape than expected or is not finite.
+    """
+    thing = twin.kind.acted_on(problem, twin.description)
+    for effect in filter(is_foreign, twin.effects):
+        places = (order_location(effect.lowest),) if effect.orders else effect.locations(thing)
+        for place in places[:1]:
+            values = effect.start(place)
+            amplitudes = effect.indices(Role.LINEAR, Role.SHAPE)
+            values[amplitudes] = effect.scales()[amplitudes]
+            try:
+                twin.kind.attempt(problem, Cause(effect, place, values))
+            except Exception as error:  # whatever a user's effect raises is reported with its name
+                module = type(effect).__module__.rpartition(".")[2]
+                told = f"{type(error).__name__}: {error}"
+                raise InputError(f"effect '{effect.name}' of {module} fails: {told}") from error
 
 
 def _content(path: Path) -> dict[str, Any]:

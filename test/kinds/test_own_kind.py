@@ -99,7 +99,13 @@ def test_what_it_refuses_is_told(thermometer, recording, twin, tmp_path, capsys)
     assert f"{twin}: thermometer: expected the numbers 'noise' and 'zero'" in capsys.readouterr().err
 
 
-def test_a_mistake_in_an_effect_of_its_own_is_told_before_it_takes_part(thermometer, recording, twin, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [("temperature + values * time[:3]", "could not be broadcast"), ("temperature * float('nan')", "not finite")],
+)
+def test_a_mistake_in_an_effect_is_told_before_it_takes_part(
+    given, told, thermometer, recording, twin, tmp_path, capsys
+):
     own = tmp_path / "mine.py"
     own.write_text(
         "from bath_thermometer.effects import ThermometerEffect\n"
@@ -108,11 +114,12 @@ def test_a_mistake_in_an_effect_of_its_own_is_told_before_it_takes_part(thermome
         "    name = 'leak'\n"
         "    parameters = (Parameter('rate', 'K/s', 1e-3),)\n\n"
         "    def shown(self, values, time, temperature):\n"
-        "        return temperature + values * time[:3]\n"
+        f"        return {given}\n"
     )
     options = ["--twin", str(twin), "-o", str(tmp_path / "out"), "--no-report", "--effects", str(own)]
     assert main(["diagnose", str(recording), *options]) == 2
-    assert "effect 'leak' of mine fails: ValueError" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "effect 'leak' of mine fails: ValueError" in error and told in error
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,8 @@ def test_an_effect_of_a_users_own_takes_part(pointings, tmp_path):
         "class Wind(MountEffect):\n"
         "    name = 'wind'\n"
         "    parameters = (Parameter('push', 'rad', 1e-4),)\n\n"
+        "    def locations(self, machine):\n"
+        "        return machine.letters\n\n"
         "    def turn(self, values, location, state):\n"
         "        return values[0] * state.tube[[1, 2, 0]] ** 2\n"
     )

@@ -11,13 +11,12 @@ import numpy as np
 
 from rotary_error_monitor.bags.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.machine_section import machine_mapping
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.kind import Kind, TwinFile, opened_bag
+from rotary_error_monitor.gap.kind import Kind, TwinFile, check_amended, opened_bag
 from rotary_error_monitor.gap.machine.problem import MachineProblem
-from rotary_error_monitor.gap.trial import check_amended
-from rotary_error_monitor.twin.document import machine_mapping
 from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
 
 POSE = "/machine/joint_states"

@@ -10,8 +10,7 @@ from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.kind import Kind, TwinFile, opened_bag
-from rotary_error_monitor.gap.trial import check_signal
+from rotary_error_monitor.gap.kind import Kind, TwinFile, check_signal, opened_bag
 from rotary_error_monitor.twin.document import stage_mapping
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.gap.kind import Kind, TwinFile
-from rotary_error_monitor.gap.trial import check_amended, check_signal
+from rotary_error_monitor.gap.kind import Kind, TwinFile, check_amended, check_signal
 from rotary_error_monitor.kinds.mount.description import MountDescription, load_mount
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.pointings import read_pointings
@@ -25,6 +25,10 @@ class MountKind(Kind[MountDescription, MountEffect, MountProblem]):
     def problem(self, recording: Path, twin: TwinFile[MountDescription, MountEffect], most_rate: float) -> MountProblem:
         """A pointing file."""
         return MountProblem(twin.description, read_pointings(recording), twin.effects, twin.known)
+
+    def acted_on(self, problem: MountProblem, description: MountDescription) -> MachineDescription:
+        """The mount as a machine of two axes."""
+        return problem.twin.machine
 
     def attempt(self, problem: MountProblem, cause: Cause) -> None:
         """The effect gives a description, and no rotation or a small one at each pointing."""

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.gap.kind import Kind, TwinFile
-from rotary_error_monitor.gap.trial import check_signal
+from rotary_error_monitor.gap.kind import Kind, TwinFile, check_signal
 from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription, load_quadrature
 from rotary_error_monitor.kinds.quadrature.effects import CircleState, QuadratureEffect
 from rotary_error_monitor.kinds.quadrature.problem import QuadratureProblem
