@@ -109,9 +109,8 @@ def opened_bag(path: Path) -> Iterator[BagReader]:
     try:
         yield reader
     except InputError as error:
-        raise InputError(
-            "; ".join([str(error), *(each for each in reader.remarks if each not in str(error))])
-        ) from error
+        told = (remark for remark in reader.remarks if remark not in str(error))
+        raise InputError("; ".join([str(error), *told])) from error
 
 
 def check_amended(amended: object) -> None:
@@ -130,7 +129,8 @@ def check_signal(name: str, given: object, shape: tuple[int, ...]) -> None:
     Raises:
         ValueError: it has another shape, or is not finite.
     """
-    if np.shape(np.asarray(given)) != shape:
-        raise ValueError(f"{name} gets shape {np.shape(np.asarray(given))}; expected {shape}")
-    if not np.isfinite(np.asarray(given)).all():
+    values = np.asarray(given)
+    if values.shape != shape:
+        raise ValueError(f"{name} gets shape {values.shape}; expected {shape}")
+    if not np.isfinite(values).all():
         raise ValueError(f"{name} gets values that are not finite")
