@@ -95,5 +95,13 @@ setup(
             f"{PACKAGE} = {PACKAGE}.start:command",
             *(f"{node} = {PACKAGE}.start:{node}" for node in NODES),
         ],
+        # What can be diagnosed, by the section of its twin, and effects beside the package's own folder of them.
+        f"{PACKAGE}.kinds": [
+            f"stage = {PACKAGE}.gap.stage.kind:StageKind",
+            f"machine = {PACKAGE}.gap.machine.kind:MachineKind",
+            f"mount = {PACKAGE}.kinds.mount.kind:MountKind",
+            f"quadrature = {PACKAGE}.kinds.quadrature.kind:QuadratureKind",
+        ],
+        f"{PACKAGE}.effects": [f"{kind} = {PACKAGE}.kinds.{kind}.effects" for kind in ("mount", "quadrature")],
     },
 )

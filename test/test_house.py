@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 import rotary_error_monitor
 
 PACKAGE = Path(rotary_error_monitor.__file__).parent
-LEAVES = {"errors", "files", "resources", "start"}
+LEAVES = {"errors", "files", "plugins", "resources", "start"}
 CORE = {"description", "signals", *LEAVES}
 ROOMS = {
     "description": LEAVES,
@@ -25,6 +26,7 @@ ROOMS = {
     "effects": CORE | {"metrology", "machine"},
     "twin": CORE | {"metrology", "machine", "effects"},
     "gap": CORE | {"metrology", "machine", "effects", "twin", "bags"},
+    "kinds": CORE | {"machine", "effects", "twin", "gap"},
     "bags": CORE,
     "blind_check": CORE | {"metrology", "machine", "effects", "twin", "gap", "bags", "plant"},
     "calibration": CORE | {"metrology", "machine", "bags"},
@@ -58,9 +60,14 @@ def modules() -> Iterator[tuple[str, Path]]:
 
 
 @cache
-def imports(path: Path) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def imports(path: Path, typed: bool = True) -> set[str]:
+    """Names that a file imports; `typed`: also those that only types need."""
+    found, tree = set(), ast.parse(path.read_text(encoding="utf-8"))
+    only = [node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    left_out = set() if typed else {id(inner) for node in only for inner in ast.walk(node)}
+    for node in ast.walk(tree):
+        if id(node) in left_out:
+            continue
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -108,3 +115,52 @@ def test_the_plant_shares_no_formula_with_what_it_tests():
             if name == room:
                 waiting |= rooms_of(imports(path)) - seen
     assert not seen & tested
+
+
+WITHIN = PACKAGE / "kinds"
+ELSEWHERE = {"sources": "quadrature", "controller": "mount"}
+"""Rooms in which a word of a kind means something else: counters of Linux, and its command."""
+
+
+def test_only_its_own_folder_names_a_kind():
+    """A kind is found by its entry point: neither its name nor a class of it stands anywhere else in the package."""
+    kinds = sorted(path.parent.name for path in WITHIN.glob("*/__init__.py"))
+    assert kinds == ["mount", "quadrature"]
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in WITHIN.rglob("*.py")]
+    classes = {node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    classes -= {"AxisBacklash"}  # machine tools have an effect of this name, too
+    assert {"MountProblem", "QuadratureEffect"} <= classes
+    for room, path in modules():
+        if room == "kinds":
+            continue
+        text = path.read_text(encoding="utf-8")
+        named = {kind for kind in kinds if re.search(rf"(?i)(?<![a-z]){kind}s?(?![a-z])", text)}
+        assert not named - {ELSEWHERE.get(room)}, f"{path.relative_to(PACKAGE)} names {sorted(named)}"
+        assert not classes & set(re.findall(r"\w+", text)), path.relative_to(PACKAGE)
+
+
+def test_a_kind_imports_the_core_and_no_other_kind():
+    for path in WITHIN.rglob("*.py"):
+        others = {name.split(".")[2] for name in imports(path) if name.startswith(f"{PACKAGE.name}.kinds.")}
+        assert others <= {path.parent.name}, path.relative_to(PACKAGE)
+
+
+def below(path: Path) -> set[Path]:
+    """Files of the package that a file imports, those for types alone left out."""
+    parts = [name.split(".")[1:] for name in imports(path, typed=False) if name.split(".")[0] == PACKAGE.name]
+    named = [part[:count] for part in parts for count in (len(part) - 1, len(part)) if count]
+    return {file for part in named if (file := PACKAGE.joinpath(*part).with_suffix(".py")).is_file()}
+
+
+def test_no_files_import_one_another_in_a_circle():
+    done: set[Path] = set()
+
+    def visit(path: Path, way: tuple[Path, ...]) -> None:
+        assert path not in way, f"circle: {[str(each.relative_to(PACKAGE)) for each in (*way, path)]}"
+        if path not in done:
+            for each in sorted(below(path)):
+                visit(each, (*way, path))
+            done.add(path)
+
+    for _, path in modules():
+        visit(path, ())

@@ -82,7 +82,7 @@ def test_the_table_of_mounts_holds_the_figures(key, diagnoses):
 def test_the_table_of_signals_holds_the_figures_and_the_authors(key, diagnoses):
     import numpy as np
 
-    from rotary_error_monitor.gap.quadrature.signals import read_signals
+    from rotary_error_monitor.kinds.quadrature.signals import read_signals
 
     figures = diagnosis_of(key, diagnoses)["figures"]
     folder = REAL / FOLDERS["tutorial_quadrature"]

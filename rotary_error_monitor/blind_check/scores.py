@@ -166,9 +166,9 @@ def _ranked(plan: CasePlan, diagnosis: Mapping[str, Any], wanted: Sequence[Key])
 def _within(truth: Mapping[str, Any], diagnosis: Mapping[str, Any], share: float) -> tuple[int, int]:
     """Parameters of true causes within 3 standard deviations of the truth, and how many there are.
 
-    With a departure of the `share` its width, `share` times the size of the parameter as a vector, is added in
-    quadrature; then the truth is the parameter at the reference or that of the best textbook form, whichever is nearer:
-    of an effect that changes with temperature both are meant.
+    With a departure of the `share` its width, `share` times the size of the parameter as a vector, is added as
+    variances are; then the truth is the parameter at the reference or that of the best textbook form, whichever is
+    nearer: of an effect that changes with temperature both are meant.
     """
     inside = total = 0
     for row in diagnosis["causes"]:

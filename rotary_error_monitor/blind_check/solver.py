@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 import sys
 import time
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
-from rotary_error_monitor.gap.loading import TwinFile, load_problem, load_twin
+from rotary_error_monitor.gap.loading import AnyTwinFile, load_problem, load_twin
 from rotary_error_monitor.gap.normal import stack, width_of
 from rotary_error_monitor.gap.problem import Problem
 
@@ -57,8 +58,8 @@ def diagnose_case(place: Path, left_out: tuple[str, ...] = ()) -> tuple[dict[str
     """
     start = time.perf_counter()
     twin = load_twin(place / "twin.yaml")
-    effects: Any = tuple(effect for effect in twin.effects if effect.name not in left_out)
-    known = TwinFile(twin.path, twin.description, effects, twin.known)
+    effects = tuple(effect for effect in twin.effects if effect.name not in left_out)
+    known = replace(twin, effects=effects)
     diagnosis = diagnose(load_problem(place / "bag", known))
     seconds = time.perf_counter() - start
     content = diagnosis.as_mapping()
@@ -67,7 +68,7 @@ def diagnose_case(place: Path, left_out: tuple[str, ...] = ()) -> tuple[dict[str
     return content, seconds
 
 
-def _gap_elsewhere(bag: Path, twin: TwinFile, diagnosis: Diagnosis) -> dict[str, float]:
+def _gap_elsewhere(bag: Path, twin: AnyTwinFile, diagnosis: Diagnosis) -> dict[str, float]:
     problem = load_problem(bag, twin)
     causes = tuple(found.cause for found in diagnosis.causes)
     return {"before": _rms(problem, ()), "after": _rms(problem, causes)}

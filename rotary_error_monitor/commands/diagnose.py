@@ -26,10 +26,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "diagnose", help="say where, why and how far a recording differs from its digital twin", epilog=_EPILOG
     )
     parser.add_argument(
-        "bag", type=Path, metavar="BAG", help="bag of a stage or machine; text file of a mount or of signals"
+        "bag", type=Path, metavar="BAG", help="bag of a stage or a machine; of another kind, the file that it reads"
     )
     parser.add_argument(
-        "--twin", type=Path, required=True, help="YAML with a section 'stage', 'machine', 'mount' or 'quadrature'"
+        "--twin", type=Path, required=True, help="YAML with the section of its kind, such as 'stage' or 'machine'"
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder for the results")
     parser.add_argument(

@@ -68,7 +68,7 @@ class SubdivisionalError(StageEffect):
 
     name = "subdivisional_error"
     title = "sub-divisional error of a head"
-    source = "Heydemann 1981 (quadrature signals); one period per line"
+    source = "Heydemann 1981 (sine and cosine signals); one period per line"
     parameters = (Parameter("cos", "rad", 5e-7, bound=1e-4), Parameter("sin", "rad", 5e-7, bound=1e-4))
     acts_on = (HEAD,)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 import importlib.util
 import inspect
 import logging
@@ -17,6 +16,7 @@ from typing import TypeVar
 import rotary_error_monitor.effects as room
 from rotary_error_monitor.effects.effect import AnyEffect, Effect
 from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.plugins import load_plugin, origin_of, plugins_of
 
 ENTRY_POINTS = "rotary_error_monitor.effects"
 _OF_USER = f"{ENTRY_POINTS}.of_user."
@@ -39,8 +39,11 @@ def load_effects(kind: type[Kind], files: Sequence[Path] = ()) -> tuple[Kind, ..
     found: dict[str, Kind] = {}
     for module in _own_modules():
         _collect(found, kind, module, module.__name__)
-    for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
-        _collect(found, kind, _plugged_module(entry), _origin(entry))
+    for entry in plugins_of(ENTRY_POINTS):
+        plugged = load_plugin(entry)
+        if not isinstance(plugged, ModuleType):
+            raise InputError(f"{origin_of(entry)}: {entry.value} is no module; name the module that holds the effects")
+        _collect(found, kind, plugged, origin_of(entry))
     for file in files:
         module = _module_of(file)
         if not any(_defined(Effect, module)):
@@ -52,7 +55,7 @@ def load_effects(kind: type[Kind], files: Sequence[Path] = ()) -> tuple[Kind, ..
 def is_foreign(effect: AnyEffect) -> bool:
     """Whether an effect is of a plug-in or of a user's file."""
     module = type(effect).__module__
-    return not module.startswith(f"{room.__name__}.") or module.startswith(_OF_USER)
+    return not module.startswith(f"{room.__name__.partition('.')[0]}.") or module.startswith(_OF_USER)
 
 
 def effect_named(name: str, effects: Iterable[Kind]) -> Kind:
@@ -70,22 +73,6 @@ def effect_named(name: str, effects: Iterable[Kind]) -> Kind:
 def _own_modules() -> list[ModuleType]:
     names = sorted(info.name for info in pkgutil.iter_modules(room.__path__))
     return [importlib.import_module(f"{room.__name__}.{name}") for name in names]
-
-
-def _plugged_module(entry: importlib.metadata.EntryPoint) -> ModuleType:
-    _LOG.warning("%s: %s runs as code", _origin(entry), entry.value)
-    try:
-        module = entry.load()
-    except Exception as error:  # whatever a plug-in raises is reported with its name
-        raise InputError(f"{_origin(entry)}: cannot be loaded: {type(error).__name__}: {error}") from error
-    if not isinstance(module, ModuleType):
-        raise InputError(f"{_origin(entry)}: {entry.value} is no module; name the module that holds the effects")
-    return module
-
-
-def _origin(entry: importlib.metadata.EntryPoint) -> str:
-    package = f" of {entry.dist.name}" if entry.dist is not None else ""
-    return f"entry point '{entry.name}'{package}"
 
 
 def _module_of(file: Path) -> ModuleType:

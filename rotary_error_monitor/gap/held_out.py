@@ -1,9 +1,8 @@
 """Whether causes predict conditions that had no part in sizing them, where more than they is at work.
 
 On a stage or a machine tool a cause that leaves much behind is taken for a mere resemblance. There are M-open problems
-(Bernardo and Smith, Bayesian Theory, 1994, section 6.1), such as a telescope mount against the sky, in which no known
-effects ever explain everything: there a cause is believed if conditions that were left out are predicted better with
-it than without it, by more than chance.
+(Bernardo and Smith, Bayesian Theory, 1994, section 6.1) in which no known effects explain everything: there a cause
+is believed if conditions that were left out are predicted better with it than without it, by more than chance.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What modulations of a machine's and a mount's effects share: their recordings are poses, not samples in time."""
+"""What modulations of effects share where recordings are poses, not samples in time."""
 
 from __future__ import annotations
 

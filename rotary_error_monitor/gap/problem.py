@@ -219,7 +219,7 @@ class Problem(Protocol):
 
     @property
     def m_open(self) -> bool:
-        """Whether something unknown is always at work beside the known effects, as in the pointing of a telescope."""
+        """Whether something unknown is always at work beside the known effects."""
 
     def times(self, channel: str) -> Array:
         """(m,) time of each row, s (or number of the pose)."""

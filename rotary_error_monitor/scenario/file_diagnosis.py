@@ -12,7 +12,7 @@ import yaml
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, diagnose
-from rotary_error_monitor.gap.loading import TwinFile, improved_twin, load_problem, load_twin
+from rotary_error_monitor.gap.loading import AnyTwinFile, improved_twin, load_problem, load_twin
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.report.diagnosis import write_report
@@ -25,13 +25,13 @@ class FileDiagnosis:
     """What is diagnosed, how, and where the results go.
 
     Attributes:
-        recording: bag of a stage or machine, text file of a mount or of signals.
+        recording: bag or file of what is diagnosed, as its kind reads it.
         twin: YAML that is held against it.
         output: folder for the results; made where it does not exist.
         effects: files with effects of the user's own.
         false_alarms: largest chance that anything is found where there is no gap.
         most_causes: effects combined at most.
-        most_rate: samples a second (Hz) that are used of one sensor of a stage.
+        most_rate: samples a second (Hz) that are used of one sensor, for kinds that sample in time.
         improved: file for the twin with the causes added; None writes none.
     """
 
@@ -68,7 +68,7 @@ class FileDiagnosis:
         return diagnosis
 
     def _write(
-        self, twin: TwinFile, problem: DiagnosableProblem, diagnosis: Diagnosis, painter: Painter | None
+        self, twin: AnyTwinFile, problem: DiagnosableProblem, diagnosis: Diagnosis, painter: Painter | None
     ) -> None:
         self.output.mkdir(parents=True, exist_ok=True)
         content = json.dumps(diagnosis.as_mapping(), indent=1, allow_nan=False)
@@ -79,7 +79,7 @@ class FileDiagnosis:
             self.improved.write_text(_improved(twin, diagnosis.causes), encoding="utf-8")
 
 
-def _improved(twin: TwinFile, causes: Sequence[FoundCause]) -> str:
+def _improved(twin: AnyTwinFile, causes: Sequence[FoundCause]) -> str:
     """The twin with the causes and those of their departures that it can hold; the others stand in comments."""
     content = improved_twin(twin, [cause for found in causes for cause in (found.cause, *found.beside)])
     lacking = [

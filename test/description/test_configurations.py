@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_from_mapping
 from rotary_error_monitor.description.machine_section import machine_mapping
-from rotary_error_monitor.description.mount import load_mount, mount_machine
-from rotary_error_monitor.description.quadrature import load_quadrature
 from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
 from rotary_error_monitor.description.wire import load_wire, markdown_table
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.kinds.mount.description import load_mount, mount_machine
+from rotary_error_monitor.kinds.quadrature.description import load_quadrature
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.pipeline.estimation import Estimator

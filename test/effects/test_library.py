@@ -8,10 +8,10 @@ import pytest
 from rotary_error_monitor.effects.effect import order_of
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
-from rotary_error_monitor.effects.mount_effect import MountEffect
-from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.kinds.mount.effects import MountEffect
+from rotary_error_monitor.kinds.quadrature.effects import QuadratureEffect
 
 OWN = '''
 from rotary_error_monitor.effects.effect import Parameter

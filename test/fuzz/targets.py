@@ -11,12 +11,12 @@ from shutil import copytree, rmtree
 
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from simulated_pointings import pointing_file, simulate_pointings
 
 from rotary_error_monitor.bags.contents import TYPES
 from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.plant.cases import make_stage_case
-from rotary_error_monitor.plant.mount import pointing_file, simulate_pointings
 
 from .bags import pose_contents, stage_contents, write_bag, write_mcap, write_with_rosbags
 from .mutations import BINARY, MCAP, TEXT, Mutation, mutate

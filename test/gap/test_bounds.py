@@ -10,15 +10,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
+from simulated_pointings import pointing_file, simulate_pointings
 
 from rotary_error_monitor.blind_check.cases import draw_machine
-from rotary_error_monitor.description.mount import MountDescription
-from rotary_error_monitor.description.quadrature import QuadratureDescription
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
-from rotary_error_monitor.effects.mount_effect import MountEffect
-from rotary_error_monitor.effects.quadrature_effect import QuadratureEffect
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.bounded import descend_within, solve_within
@@ -26,19 +23,22 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
 from rotary_error_monitor.gap.machine.problem import MachineProblem
-from rotary_error_monitor.gap.mount.pointings import parse_pointings
-from rotary_error_monitor.gap.mount.problem import MountProblem
 from rotary_error_monitor.gap.normal import combine
-from rotary_error_monitor.gap.quadrature.problem import QuadratureProblem
 from rotary_error_monitor.gap.sentences import describe_cause
 from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.kinds.mount.description import MountDescription
+from rotary_error_monitor.kinds.mount.effects import MountEffect
+from rotary_error_monitor.kinds.mount.pointings import parse_pointings
+from rotary_error_monitor.kinds.mount.problem import MountProblem
+from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription
+from rotary_error_monitor.kinds.quadrature.effects import QuadratureEffect
+from rotary_error_monitor.kinds.quadrature.problem import QuadratureProblem
+from rotary_error_monitor.kinds.quadrature.twin import QuadratureRecording
 from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
-from rotary_error_monitor.plant.mount import pointing_file, simulate_pointings
 from rotary_error_monitor.twin.document import causes_from_rows
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording
-from rotary_error_monitor.twin.quadrature import QuadratureRecording
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 
 KINDS = {"stage": StageEffect, "machine": MachineEffect, "mount": MountEffect, "quadrature": QuadratureEffect}

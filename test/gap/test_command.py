@@ -168,7 +168,7 @@ def test_a_torn_bag_gives_what_is_readable(stage_case, tmp_path, capsys):
     ("content", "message"),
     [
         ("stage: {encoder: {}}", "twin.yaml:1"),
-        ("motor: {}", "no section 'stage' or 'machine'"),
+        ("motor: {}", "no section 'machine' or 'mount' or 'quadrature' or 'stage'"),
         ("[1, 2]", "expected a mapping"),
         ("stage: [", "no valid YAML"),
     ],

@@ -1,1 +1,0 @@
-"""The two-axis mount as a problem of diagnosis."""

@@ -1,1 +1,0 @@
-"""Sine and cosine signals as a problem of diagnosis."""

@@ -1,0 +1,69 @@
+"""Rotary stages as a kind of thing to be diagnosed: bags of their sensors' streams."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.kind import Kind, TwinFile, check_signal, opened_bag
+from rotary_error_monitor.twin.document import stage_mapping
+from rotary_error_monitor.twin.recording import record_stage, stage_topic
+
+if TYPE_CHECKING:
+    from rotary_error_monitor.gap.stage.problem import StageProblem
+
+
+class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
+    """Rotary stages."""
+
+    effect = StageEffect
+    rank = 1  # a machine beside it in one file is that which carries the stage
+
+    def describe(self, path: Path) -> StageDescription:
+        """Section `stage`."""
+        return load_stage(path)
+
+    def problem(self, recording: Path, twin: TwinFile[StageDescription, StageEffect], most_rate: float) -> StageProblem:
+        """A bag of heads, autocollimator and command, with LVDT, force and temperature where they are recorded.
+
+        A bag whose end or one of whose files is missing gives what is readable, and the problem's remarks say how much
+        that is and what its streams lack.
+        """
+        # The libraries of a stage's signals take a second to load, which who only looks at a twin need not wait for.
+        from rotary_error_monitor.gap.stage.stretches import stage_problem
+
+        with opened_bag(recording) as reader:
+            letters = sorted(twin.description.encoder.azimuths)
+            needed = [stage_topic(name) for name in (*(f"head_{x}" for x in letters), "autocollimator", "command")]
+            reader.check_topics(needed)
+            optional = [stage_topic(name) for name in ("lvdt", "force", "temperature")]
+            names = [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
+            window = reader.window(names)
+            blocks = reader.read_blocks(names, window)
+            elsewhere = [name for name in needed if not blocks[name]]
+            if elsewhere and window is not None:
+                lost = f"{', '.join(elsewhere)} and the others do not overlap in time: {window.remark}"
+                raise InputError(f"{reader.path}: {lost}")
+            streams = record_stage(blocks, letters, most_rate)
+            overlap = (window.remark,) if window is not None and window.remark else ()
+            streams = replace(streams, remarks=(*reader.remarks, *overlap, *streams.remarks))
+            return stage_problem(twin.description, streams, twin.effects, twin.known)
+
+    def attempt(self, problem: StageProblem, cause: Cause) -> None:
+        """Every signal of the recording with the effect keeps its shape and is finite."""
+        for name, signal in problem.twin.predict((cause,)).items():
+            check_signal(name, signal, problem.recording.streams[name].values.shape)
+
+    def amended(self, description: StageDescription, cause: Cause) -> StageDescription:
+        """The description with what an effect changes of it."""
+        assert isinstance(cause.effect, StageEffect)
+        return cause.effect.amend(description, cause.values, cause.location)
+
+    def mapping(self, description: StageDescription) -> dict[str, Any]:
+        """Content of section `stage`."""
+        return stage_mapping(description)

@@ -1,0 +1,1 @@
+"""Two-axis mounts of telescopes: pointing files, held against the stars."""

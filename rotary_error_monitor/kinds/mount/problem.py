@@ -1,0 +1,263 @@
+"""A two-axis mount as a problem of diagnosis: the rows are where each star was found, along the ways of both axes.
+
+Nobody knows how a mount was set up: its six angles are sought in the recording, beside the causes, whenever those
+change. They are the nuisances of the diagnosis; what only they can explain is no gap.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.departures import Departures
+from rotary_error_monitor.gap.problem import Array, Candidate, Finding, Rows
+from rotary_error_monitor.gap.table import Shapes, TableProblem
+from rotary_error_monitor.kinds.mount.advice import mount_advice
+from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
+from rotary_error_monitor.kinds.mount.effects import MountEffect
+from rotary_error_monitor.kinds.mount.modulations import mount_departures
+from rotary_error_monitor.kinds.mount.sky import estimate_repeatability, sky_conditions, sky_patches
+from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
+
+ARCSEC = np.degrees(1.0) * 3600
+ORDERS = 4
+
+ANOTHER_MOUNT = np.radians(3.0)
+"""A rigid mount that misses its stars by this much at the median is another one."""
+
+SAME_NOISE = 0.05
+"""Relative change of the noise that is not worth looking at all rows again."""
+
+MOST_EVALUATIONS = 100
+"""Evaluations of a fit of the geometry: 15 do as a rule, and beside a cause of no sensible size it has no end."""
+
+_GEOMETRY_STEP = 1e-6
+
+
+class MountProblem(TableProblem[MountGeometry]):
+    """Pointings of a mount beside its twin; where each star was found, against zero.
+
+    Args:
+        mount: the description that the twin has.
+        recording: readings and stars.
+        effects: the known effects.
+        known: effects that the twin has.
+
+    Attributes:
+        recording: the pointings, arranged patch after patch of the sky.
+        labels: (n,) number of the group of patches that a pointing is left out with.
+        std: (2,) noise of a pointing along each way, rad.
+        kept: (n,) pointings that are no outliers.
+    """
+
+    names: ClassVar[Mapping[str, str]] = {
+        "hour": "/mount/pointing.hour_angle",
+        "declination": "/mount/pointing.declination",
+    }
+    unit = ("arcsec", ARCSEC)
+    m_open = True
+
+    def __init__(
+        self,
+        mount: MountDescription,
+        recording: MountRecording,
+        effects: Sequence[MountEffect],
+        known: Sequence[Cause] = (),
+    ) -> None:
+        patches = sky_patches(recording.readings)
+        conditions = sky_conditions(patches)
+        self.mount = mount
+        self.recording = recording.chosen(np.concatenate(patches))
+        self.twin = MountTwin(mount, self.recording, known)
+        self.labels = np.repeat(conditions.labels, [len(patch) for patch in patches])
+        self._found_without: Array = np.zeros(6)
+        still, std = np.zeros((2, len(self.labels))), np.full(2, mount.noise)
+        super().__init__(self.twin.machine, conditions, still, std, effects, known)
+        self._learn(*self._repeatability(()))
+
+    def geometry(self, causes: Sequence[Cause]) -> MountGeometry:
+        """The six angles that fit best beside causes of these sizes."""
+        return self.settled(causes)
+
+    def predict(self, state: MountGeometry, causes: Sequence[Cause]) -> Array:
+        """(2, n) pointing minus star, rad, with this geometry."""
+        return -self.twin.error(state, causes)
+
+    def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
+        """Ways in which each cause may depart from its textbook form."""
+        units = dict(zip(self.channels, map(float, self.std), strict=True))
+        own = [self.signature(cause, cause.effect.indices(Role.LINEAR), causes) for cause in causes]
+        return tuple(mount_departures(self.twin, i, causes[i], own[i], units) for i in range(len(causes)))
+
+    def nuisance(self, causes: Sequence[Cause]) -> Rows:
+        """White rows of one standard uncertainty of each angle of the geometry."""
+        geometry, uncertainty = self.geometry(causes), self.mount.geometry_uncertainty()
+        base, columns = self.twin.error(geometry, causes), []
+        for step, size in zip(_GEOMETRY_STEP * np.eye(6), uncertainty, strict=True):
+            moved = self.twin.error(geometry.plus(tuple(step)), causes)
+            columns.append((base - moved) * (size / _GEOMETRY_STEP))
+        return self.white(np.stack(columns, axis=2))
+
+    def candidates_of(self, effect: AnyEffect) -> Iterator[Candidate]:
+        """One effect at every place, harmonics at every order."""
+        assert isinstance(effect, MountEffect)
+        places, orders = effect.locations(self.twin.machine), effect.harmonic_orders
+        trials = len(places) * len(orders)
+        for place, order in itertools.product(places, orders):
+            start = effect.start(place)
+            if order:
+                start[effect.slices()["order"]] = order
+            yield Candidate(effect, place, start, trials, -float(np.log(trials)))
+
+    def quantities(self) -> Mapping[str, Array]:
+        """Hour angle, declination, altitude and time, in the units that people use."""
+        time, (hour, declination) = self.recording.time, np.degrees(self.recording.readings.T)
+        return {
+            "hour axis, °": hour,
+            "declination axis, °": declination,
+            "altitude, °": np.degrees(np.arcsin(self.twin.seen[2])),
+            "time, h": (time - time.min()) / 3600,
+        }
+
+    def shapes(self) -> Shapes:
+        """Smooth functions of both readings, side, altitude, time and direction."""
+        (hour, declination), direction, upward = self.recording.readings.T, self.recording.direction, self.twin.seen[2]
+        time = (self.recording.time - self.recording.time.mean()) / max(float(np.ptp(self.recording.time)), 1.0)
+        waves = [
+            [
+                (f"order {k}, {wave.__name__}", wave(k * angle))
+                for k in range(1, ORDERS + 1)
+                for wave in (np.cos, np.sin)
+            ]
+            for angle in (hour, declination)
+        ]
+        products = [
+            (f"{a.__name__} of hour angle, {b.__name__} of declination", a(hour) * b(declination))
+            for a, b in itertools.product((np.cos, np.sin), repeat=2)
+        ]
+        return {
+            "pose, hour angle": waves[0],
+            "pose, declination": waves[1],
+            "pose, both axes": products,
+            "pose, side of the pier": [("step", self.twin.side), ("slope", self.twin.side * hour)],
+            "pose, altitude": [("sine", upward), ("cosine", np.sqrt(np.maximum(1 - upward**2, 0)))],
+            "time": [(f"power {k}", time**k) for k in (1, 2, 3)],
+            "direction": [("of hour axis", direction[:, 0]), ("of declination axis", direction[:, 1])],
+        }
+
+    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+        """Estimate again how well the mount repeats, the causes taken out; whether the rows have changed by it."""
+        std, kept = self._repeatability(causes)
+        if np.all(np.abs(std / self.std - 1) < SAME_NOISE) and np.array_equal(kept, self.kept):
+            return False
+        self._learn(std, kept)
+        return True
+
+    def check_plausible(self) -> None:
+        """Refuse a recording that no rigid mount comes near to.
+
+        Raises:
+            InputError: the readings are not of a mount like the twin.
+        """
+        off = float(np.median(np.hypot(*self.error(()))))
+        if off > ANOTHER_MOUNT:
+            raise InputError(
+                f"the twin is off by {np.degrees(off):.1f}° at the median, whatever its geometry: "
+                "the recording is not of an equatorial mount, or its latitude is wrong"
+            )
+
+    def shown(self, causes: Sequence[Cause]) -> Array:
+        """(2, n) what the causes do to the pointing beyond what geometry can do, rad."""
+        geometry, table = self.geometry(causes), self.raw(self.nuisance(causes))
+        rows = np.concatenate(list(self.twin.error(geometry) - self.twin.error(geometry, causes)))
+        fitted, *_ = np.linalg.lstsq(table, rows, rcond=None)
+        return np.asarray((rows - table @ fitted).reshape(2, -1), np.float64)
+
+    def raw(self, rows: Rows) -> Array:
+        """(2 n, p) both ways of white rows one after the other, rad."""
+        return np.concatenate([rows[c] * std for c, std in zip(self.channels, self.std, strict=True)])
+
+    def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
+        """Pointings that would tell effects apart."""
+        first, rivals = next(c for c in causes if c.key == tuple(keys[0])), [self.at_zero(key) for key in keys[1:]]
+        return mount_advice(self.twin, self.geometry((first,)), self.std, first, rivals)
+
+    def remarks(self, rest: Rows) -> tuple[str, ...]:
+        """Noise as found, and outliers that were left out."""
+        hour, declination = self.std * ARCSEC
+        words = f"neighbouring pointings differ by {hour:.1f}″ in hour angle and {declination:.1f}″ in declination: "
+        lost = int(np.count_nonzero(~self.kept))
+        return (
+            words + "that is taken for noise",
+            *([f"{lost} of {len(self.kept)} pointings are outliers and were left out"] if lost else []),
+        )
+
+    def figures(self, causes: Sequence[Cause]) -> Mapping[str, float]:
+        """Root mean squares on the sky, arcsec, of patches predicted from all others; noise; and the geometry itself.
+
+        With indices only, all of the geometry, and the causes too. Sums of squares of both ways, as pointing analysis
+        gives its `sky RMS`; outliers are left out.
+        """
+        plain, geometry = self.raw(self.nuisance(())), self.geometry(causes)
+        indices = self.mount.geometry.plus((*self.geometry(()).as_tuple()[:2], 0.0, 0.0, 0.0, 0.0))
+        found = {
+            "held_out_indices_arcsec": self._held_out(self.twin.error(indices), plain[:, :2]),
+            "held_out_geometry_arcsec": self._held_out(self.error(()), plain),
+        }
+        if causes:
+            linear = [cause.effect.indices(Role.LINEAR) for cause in causes]
+            own = [self.raw(self.signature(c, i, causes)) for c, i in zip(causes, linear, strict=True)]
+            sizes = np.concatenate([cause.values[i] for cause, i in zip(causes, linear, strict=True)])
+            columns = np.concatenate([self.raw(self.nuisance(causes)), *own], axis=1)
+            added = (columns[:, 6:] @ sizes).reshape(2, -1)
+            found["held_out_causes_arcsec"] = self._held_out(self.twin.error(geometry, causes) + added, columns)
+        found["noise_arcsec"] = float(np.hypot(*self.std) * ARCSEC)
+        names = ("hour_index", "declination_index", "orthogonality", "collimation", "polar_tilt_x", "polar_tilt_y")
+        angles = np.array(geometry.as_tuple()) * ARCSEC
+        return found | {f"{name}_arcsec": float(angle) for name, angle in zip(names, angles, strict=True)}
+
+    def _held_out(self, error: Array, columns: Array) -> float:
+        """Root mean square on the sky, arcsec, of (2, n) less what columns (2 n, p) do, fitted on the other patches.
+
+        Both ways count alike, as they do in the figure.
+        """
+        kept, values = np.tile(self.kept, 2), error.ravel()
+        table, left = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), np.zeros(len(values))
+        for label in np.unique(self.labels):
+            test = np.tile(self.labels == label, 2)
+            train = kept & ~test
+            fitted, *_ = np.linalg.lstsq(table[train], values[train], rcond=None)
+            left[test] = (values - table @ fitted)[test]
+        return float(np.sqrt(np.sum(np.square(left[kept])) / self.kept.sum()) * ARCSEC)
+
+    def settle(self, causes: Sequence[Cause]) -> MountGeometry:
+        """The six angles that fit best beside causes of these sizes."""
+        uncertainty = np.array(self.mount.geometry_uncertainty())
+
+        def misfit(moved: Array) -> Array:
+            geometry = self.mount.geometry.plus(tuple(moved * uncertainty))
+            white = self.twin.error(geometry, causes) / self.std[:, None] * self.kept
+            return np.concatenate([white.ravel(), moved])
+
+        start = self._found_without / uncertainty
+        found = least_squares(misfit, start, x_scale="jac", method="lm", max_nfev=MOST_EVALUATIONS)
+        if not causes:
+            self._found_without = found.x * uncertainty
+        return self.mount.geometry.plus(tuple(float(value) for value in found.x * uncertainty))
+
+    def _learn(self, std: Array, kept: NDArray[np.bool_]) -> None:
+        self.std, self.kept = std, kept
+        self._settled.clear()
+
+    def _repeatability(self, causes: Sequence[Cause]) -> tuple[Array, NDArray[np.bool_]]:
+        time = self.recording.time / max(float(np.ptp(self.recording.time)), 1.0)
+        places = np.column_stack([self.recording.readings, time])
+        found, kept = estimate_repeatability(self.error(causes).T, places)
+        return np.maximum(found, self.mount.noise), kept

@@ -1,0 +1,160 @@
+"""`doc/kinds.md` and its example: a kind of somebody else's is found when it is installed, and diagnosed like any."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from rotary_error_monitor.cli import main
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.gap.kind import ENTRY_POINTS, Kind
+from rotary_error_monitor.gap.loading import load_twin
+from rotary_error_monitor.gap.table import TableProblem
+
+DOC = Path(__file__).parents[2] / "doc"
+EXAMPLE = DOC / "examples" / "bath_thermometer"
+LAG = 7.5
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """Function that leaves a package in a folder for `import` as pip would, its entry points as they are given."""
+
+    def installed(package, entry_points):
+        site = tmp_path / f"site_of_{package.name}"
+        shutil.copytree(package, site / package.name)
+        info = site / f"{package.name}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package.name}\nVersion: 1.0\n")
+        lines = [
+            line for group, rows in entry_points.items() for line in (f"[{group}]", *map(" = ".join, rows.items()))
+        ]
+        (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+        monkeypatch.syspath_prepend(str(site))
+        for name in [name for name in sys.modules if name.partition(".")[0] == package.name]:
+            monkeypatch.delitem(sys.modules, name)
+
+    return installed
+
+
+@pytest.fixture
+def thermometer(install):
+    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    install(EXAMPLE, project["entry-points"])
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """A bath that is heated and cooled, and a thermometer that follows it by Newton's law, in small steps of time."""
+    rng = np.random.default_rng(4)
+    fine = np.arange(0, 1200, 0.01)
+    bath = 40 + 8 * np.sin(2 * np.pi * fine / 300) + 3 * np.sin(2 * np.pi * fine / 71)
+    reading = np.empty_like(bath)
+    reading[0] = bath[0]
+    for i in range(len(fine) - 1):
+        reading[i + 1] = reading[i] + (bath[i] - reading[i]) * 0.01 / LAG
+    table = np.column_stack([fine, bath, reading + 0.02 * rng.normal(size=len(fine)) + 0.05])[::100]
+    file = tmp_path / "bath.csv"
+    np.savetxt(file, table, delimiter=",", header="time,bath,thermometer", comments="")
+    return file
+
+
+@pytest.fixture
+def twin(tmp_path):
+    file = tmp_path / "twin.yaml"
+    file.write_text("thermometer: {noise: 0.02, zero: 0.1}\n")
+    return file
+
+
+def test_it_is_diagnosed_and_its_improved_twin_has_no_gap(thermometer, recording, twin, tmp_path, capsys, caplog):
+    improved, out = tmp_path / "improved.yaml", tmp_path / "out"
+    options = ["--twin", str(twin), "-o", str(out), "--write-twin", str(improved)]
+    assert main(["diagnose", str(recording), *options]) == 10
+    assert "Explained by thermometer_lag" in capsys.readouterr().out
+    assert "entry point 'thermometer' of bath_thermometer: bath_thermometer.kind:ThermometerKind runs as code" in (
+        caplog.text
+    )
+    assert {path.name for path in out.iterdir()} == {"diagnosis.json", "diagnosis.html", "diagnosis.png"}
+    written = json.loads((out / "diagnosis.json").read_text())
+    found = written["causes"][0]["parameters"]["constant"]
+    assert found["value"] == pytest.approx(LAG, abs=4 * found["std"]) and found["std"] < 0.02 * LAG
+    assert written["where"][0]["channel"] == "/thermometer/reading.temperature"
+    assert yaml.safe_load(improved.read_text())["effects"][0]["effect"] == "thermometer_lag"
+    again = ["--twin", str(improved), "-o", str(tmp_path / "again"), "--no-report"]
+    assert main(["diagnose", str(recording), *again]) == 0
+
+
+def test_what_it_refuses_is_told(thermometer, recording, twin, tmp_path, capsys):
+    out = ["-o", str(tmp_path / "out"), "--no-report"]
+    twin.write_text("thermometer: {noise: much}\n")
+    assert main(["diagnose", str(recording), "--twin", str(twin), *out]) == 2
+    assert f"{twin}: thermometer: expected the numbers 'noise' and 'zero'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [("temperature + values * time[:3]", "could not be broadcast"), ("temperature * float('nan')", "not finite")],
+)
+def test_a_mistake_in_an_effect_is_told_before_it_takes_part(
+    given, told, thermometer, recording, twin, tmp_path, capsys
+):
+    own = tmp_path / "mine.py"
+    own.write_text(
+        "from bath_thermometer.effects import ThermometerEffect\n"
+        "from rotary_error_monitor.effects.effect import Parameter\n\n\n"
+        "class Leak(ThermometerEffect):\n"
+        "    name = 'leak'\n"
+        "    parameters = (Parameter('rate', 'K/s', 1e-3),)\n\n"
+        "    def shown(self, values, time, temperature):\n"
+        f"        return {given}\n"
+    )
+    options = ["--twin", str(twin), "-o", str(tmp_path / "out"), "--no-report", "--effects", str(own)]
+    assert main(["diagnose", str(recording), *options]) == 2
+    error = capsys.readouterr().err
+    assert "effect 'leak' of mine fails: ValueError" in error and told in error
+
+
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        ({"lever": "lever.nothing:Kind"}, r"entry point 'lever' of lever: cannot be loaded: ModuleNotFoundError"),
+        ({"lever": "lever"}, r"entry point 'lever' of lever: lever is no kind; name a class derived from Kind"),
+        ({"lever": "lever:Lever"}, r"entry point 'lever' of lever: lever:Lever is no kind"),
+        ({"stage": "lever:Lever"}, r"entry point 'stage' of .* and entry point 'stage' of .*: two kinds of one name"),
+        ({}, r"no section 'machine' or 'mount' or 'quadrature' or 'stage'; it has \['lever', 'stage'\]"),
+    ],
+)
+def test_a_kind_with_a_mistake_is_named(install, tmp_path, entries, message):
+    package, twin = tmp_path / "lever", tmp_path / "twin.yaml"
+    package.mkdir()
+    (package / "__init__.py").write_text("class Lever:\n    pass\n")
+    install(package, {ENTRY_POINTS: entries})
+    sections = entries or ("lever", "stage")
+    twin.write_text("".join(f"{section if entries else section + 's'}: {{}}\n" for section in sections))
+    with pytest.raises(InputError, match=message.replace("'lever', 'stage'", "'levers', 'stages'")):
+        load_twin(twin)
+
+
+def test_a_file_that_describes_a_stage_and_its_machine_is_a_twin_of_the_stage(tmp_path):
+    config, both = DOC.parent / "config", tmp_path / "both.yaml"
+    texts = [(config / name).read_text(encoding="utf-8") for name in ("machines/pan2013.yaml", "stage.yaml")]
+    both.write_text("\n".join(texts), encoding="utf-8")
+    assert load_twin(both).section == "stage"
+
+
+def test_the_document_names_every_hook_and_both_entry_points():
+    text = (DOC / "kinds.md").read_text(encoding="utf-8")
+    hooks = set(re.findall(r"^\| `(\w+)\(", text, re.MULTILINE))
+    own = {name for kind in (Kind, TableProblem) for name, item in vars(kind).items() if callable(item)}
+    required = Kind.__abstractmethods__ | TableProblem.__abstractmethods__
+    assert required < hooks <= own
+    (shown,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    assert shown in (EXAMPLE / "pyproject.toml").read_text(encoding="utf-8")
