@@ -231,7 +231,7 @@ class ErrorEstimator(ManagedNode):
                     "rotary_error_monitor calibrate assembly tells"
                 ),
             )
-        if belief.ring.apart > 0.0:
+        if belief.ring.late_stands_out:
             yield (
                 Level.WARN,
                 f"the ring is displaced in proportion to the speed, as where stamps of heads are "

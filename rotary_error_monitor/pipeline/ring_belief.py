@@ -40,6 +40,7 @@ class RingBelief:
         """Judge of the ring of a stage."""
         self._limit, self._radius = stage.limits.radial, stage.encoder.disc_radius
         noise = math.hypot(stage.encoder.noise, stage.encoder.resolution / math.sqrt(12.0)) * stage.encoder.disc_radius
+        self._noise = noise
         stated = stage.uncertainty.get("encoder.eccentricity")
         claim = None if stated is None else Claim(stated, departure(stage.spindle.radial))
         self.figure = FigureCheck(MIRRORED, noise, 0.5 * self._limit, "eccentricity of the ring, m,", claim=claim)
@@ -65,6 +66,11 @@ class RingBelief:
     def apart(self) -> float:
         """Time by which stamps of heads are apart, s, where the displacement goes with the speed; else zero."""
         return self._slope.length / self._radius
+
+    @property
+    def late_stands_out(self) -> bool:
+        """Whether what goes with the speed is more than the noise of a reading now."""
+        return self.late > self._noise
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""

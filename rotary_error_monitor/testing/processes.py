@@ -54,7 +54,7 @@ class NodeProcess:
         self.name = name
         self.expected = False
         self.judged = False
-        self._output = tempfile.TemporaryFile(mode="w+", encoding="utf-8")  # noqa: SIM115 (close() closes it)
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115 (close() closes it)
         self._process = subprocess.Popen(
             [
                 *within,
@@ -91,8 +91,9 @@ class NodeProcess:
     @property
     def output(self) -> str:
         """What it wrote so far on standard output and standard error."""
-        self._output.seek(0)
-        return self._output.read()
+        # the process writes at the place that it shares with this file: reading must not move it
+        file = self._output.fileno()
+        return os.pread(file, os.fstat(file).st_size, 0).decode("utf-8", "replace")
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal, after which its end is no surprise."""

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.testing import Cell
 from rotary_error_monitor.testing.domains import own_domain
-from rotary_error_monitor.testing.processes import parameter_arguments, postponed_signals
+from rotary_error_monitor.testing.processes import NodeProcess, parameter_arguments, postponed_signals
 
 
 def is_alive(pid: int) -> bool:
@@ -131,3 +131,18 @@ def test_parameters_on_a_command_line():
         *("-p", "c:='x y'"),
         *("-p", "d:=[1, 2.5]"),
     ]
+
+
+LINES = "i=0; while [ $i -lt 3000 ]; do echo out $i; echo err $i >&2; i=$((i+1)); done"
+
+
+def test_what_a_process_writes_is_all_there_however_often_it_is_read():
+    """It goes on where it stood, not where the reader stands."""
+    process = NodeProcess("encoder_head", "head", 1, [], within=("sh", "-c", LINES))
+    try:
+        while process.exit_code is None:
+            _ = process.output
+        said = [f"{kind} {number}" for number in range(3000) for kind in ("out", "err")]
+        assert process.output.splitlines() == said
+    finally:
+        process.close()
