@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.pipeline.joint_checks import PROVEN
 
 BEYOND = "beyond its range"
 FAST = "faster than a machine warms"
@@ -30,7 +31,9 @@ class Warmth:
 class Thermometer:
     """The machine's temperature, from a sensor that may be absent, silent or wrong.
 
-    A temperature that is not believed is replaced by the last one that was, with an uncertainty that grows as fast as a
+    The first one may be what a driver says that is not connected yet: it is as uncertain as its range until others have
+    agreed with it for `PROVEN`, and one that contradicts it before takes its place. A temperature that is not believed
+    after that is replaced by the last one that was, with an uncertainty that grows as fast as a
     machine can warm; without any by the reference temperature, uncertain by all that its range allows.
 
     What is believed is held against a follower that goes to it no faster than the machine warms. While the sensor is
@@ -49,13 +52,15 @@ class Thermometer:
         self.refused: Counter[str] = Counter()
         self.doubt = ""
         self._last: tuple[int, float] | None = None
+        self._since_ns: int | None = None  # the first that all after it agree with; none once it is proven
+        self._proven = False
         self._followed: tuple[int, float] | None = None
         self._heard_ns = 0
         self._silent = 0.0  # s, since the last one that was believed
 
     def reset(self) -> None:
         """Believe the next temperature wherever it is in its range."""
-        self._last, self._followed, self.doubt = None, None, ""
+        self._last, self._followed, self._since_ns, self._proven, self.doubt = None, None, None, False, ""
 
     @property
     def last_ns(self) -> int | None:
@@ -75,11 +80,14 @@ class Thermometer:
         self._heard_ns = stamp_ns if self._last is None else max(self._heard_ns, stamp_ns)
         warmed = self._warmed(stamp_ns)
         self.doubt = self._judge(stamp_ns, temperature, warmed)
-        if self.doubt:
+        if self.doubt and (self._proven or self._last is None or not self._is_possible(temperature)):
             return False
+        if self.doubt or self._since_ns is None:
+            self._since_ns, self._followed = stamp_ns, None
         self._follow(stamp_ns, temperature, warmed)
         self._last, self._silent = (stamp_ns, temperature), 0.0
-        return True
+        self._proven = self._proven or stamp_ns - self._since_ns >= PROVEN * 1e9
+        return not self.doubt
 
     def at(self, time_ns: int) -> Warmth:
         """What is known at `time_ns`, timestamp (ns)."""
@@ -88,6 +96,8 @@ class Thermometer:
         if self._last is None:
             return Warmth(self._reference, widest if self.needed else 0.0)
         stamp_ns, temperature = self._last
+        if not self._proven and self.needed:
+            return Warmth(temperature, widest)
         old = max(0.0, (time_ns - stamp_ns) * 1e-9 - self._limits.temperature_age)
         return Warmth(temperature, min(widest, self._limits.temperature_rate * old))
 
@@ -97,6 +107,8 @@ class Thermometer:
             return f"temperature not believed: {self.doubt}"
         if self._last is None:
             return "no temperature: that of reference stands in" if self.needed else ""
+        if not self._proven and self.needed:
+            return f"{self._last[1]:.4g} °C is the first temperature: no other has confirmed it yet"
         age = (time_ns - self._last[0]) * 1e-9
         return f"temperature is {age:.0f} s old" if age > self._limits.temperature_age else ""
 
@@ -119,10 +131,10 @@ class Thermometer:
         self._followed = max(stamp_ns, followed_ns), followed + step
 
     def _judge(self, stamp_ns: int, temperature: float, warmed: float) -> str:
-        low, high = self._limits.temperature
         if not math.isfinite(temperature):
             return self._refuse(NOT_FINITE, f"{temperature} is {NOT_FINITE}")
-        if not low <= temperature <= high:
+        if not self._is_possible(temperature):
+            low, high = self._limits.temperature
             return self._refuse(BEYOND, f"{temperature:g} °C is {BEYOND} of {low:g} to {high:g} °C")
         if self._last is not None and self._followed is not None:
             away = temperature - self._followed[1]
@@ -134,6 +146,10 @@ class Thermometer:
                     f"one that changes at {limit:g} K/s: {FAST}",
                 )
         return ""
+
+    def _is_possible(self, temperature: float) -> bool:
+        low, high = self._limits.temperature
+        return low <= temperature <= high
 
     def _refuse(self, reason: str, words: str) -> str:
         self.refused[reason] += 1

@@ -66,7 +66,8 @@ def run(compensator, until_ms=400, *, joints=lambda ms: True, joint_delay_ms=2, 
     """Blocks of 5 ms and joint states of 10 ms as they would arrive."""
     offsets, corrections = [], []
     if warmth is not None:
-        compensator.push_temperature(warmth, START)
+        for before in (1_000_000_000, 0):  # the first is not certain before another one has confirmed it
+            compensator.push_temperature(warmth, START - before)
     for ms in range(0, until_ms, 5):
         found = compensator.push_error_motion(blocks(ms))
         offsets += found.offsets
