@@ -77,11 +77,11 @@ def replay_bag(
             collected.add_motion(estimator.advance(), compensator)
             collected.note_doubts(estimator)
         if compensator is not None and not isinstance(content, SampleBlock):
-            collected.accept_machine(topic, content, compensator)
+            collected.accept_machine(topic, content, compensator, arrival_ns)
     collected.add_motion(estimator.finish(), compensator)
     collected.note_doubts(estimator)
     if compensator is not None:
-        collected.offsets += compensator.finish().offsets
+        collected.add_compensation(compensator, last=True)
     lacking = {f"samples of {name}": np.concatenate(ticks) for name, ticks in estimator.unrepeated.items()}
     if compensator is not None and compensator.unrepeated:
         lacking["joint states"] = np.concatenate(compensator.unrepeated)
@@ -106,12 +106,12 @@ def _replay_described(
     collected = Collected()
     stamps: list[int] = []
     window = reader.window(names)
-    for topic, content in reader.replay(names, window, collected.refuse):
+    for topic, content, arrival_ns in reader.replay_arrivals(names, window, collected.refuse):
         if isinstance(content, JointState):
             stamps.append(content.stamp_ns)
         collected.note(topic, content)
-        collected.accept_machine(topic, content, compensator)
-        collected.add_compensation(compensator.advance())
+        collected.accept_machine(topic, content, compensator, arrival_ns)
+        collected.add_compensation(compensator)
     ticks = np.unique(np.array(stamps, np.int64))
     nothing = np.full((len(ticks), 6, 6), np.nan)
     return Replay(

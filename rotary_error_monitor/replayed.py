@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +17,11 @@ from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator
-from rotary_error_monitor.pipeline.corrections import Compensation, Correction
+from rotary_error_monitor.pipeline.corrections import Correction
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorStatus
 from rotary_error_monitor.pipeline.joints import joint_motion_of
+from rotary_error_monitor.signals.admission import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
 
@@ -28,6 +30,9 @@ BEFORE_NS = 500_000_000
 
 AFTER_NS = 50_000_000
 """How long after the last estimates before a pause others may rest on samples that came in it, ns."""
+
+_NUMBER = re.compile(r"-?\d[\d.e+-]*")
+"""In a reason: with another number it is the same reason."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +129,8 @@ class Collected:
         self.refused: dict[str, tuple[int, str]] = {}
         self.samples_refused: dict[str, dict[str, int]] = {}
         self.doubted: dict[str, str] = {}
+        self.holds: dict[str, str] = {}
+        self._arrivals = {kind: ArrivalCheck() for kind in (JointState, Temperature)}
 
     def note(self, topic: str, content: Content) -> None:
         """Take note of when there are samples."""
@@ -145,23 +152,29 @@ class Collected:
             if compensator is not None:
                 compensator.accept_error_motion(block)
         if compensator is not None:
-            self.add_compensation(compensator.advance())
+            self.add_compensation(compensator)
 
     def refuse(self, topic: str, error: InputError) -> None:
         """Take note of a message that cannot be used, as a node does: counted by topic, with the first reason."""
         count, first = self.refused.get(topic, (0, str(error)))
         self.refused[topic] = count + 1, first
 
-    def accept_machine(self, topic: str, content: object, compensator: Compensator) -> None:
-        """Hand a joint state or a temperature on."""
+    def accept_machine(self, topic: str, content: object, compensator: Compensator, arrival_ns: int) -> None:
+        """Hand a joint state or a temperature on that was recorded at `arrival_ns`, timestamp (ns)."""
         try:
             if isinstance(content, JointState):
+                if refusal := self._arrivals[JointState].judge_ahead(content.stamp_ns, arrival_ns):
+                    raise InputError(refusal)
                 positions, velocities = joint_motion_of(
                     content.names, content.position.tolist(), content.velocity.tolist()
                 )
                 compensator.accept_joint_state(content.stamp_ns, positions, velocities)
+                if doubt := compensator.joints.doubt:
+                    raise InputError(f"not believed: {doubt}")
             elif isinstance(content, Temperature):
-                compensator.push_temperature(content.temperature, content.stamp_ns)
+                stamp_ns = min(content.stamp_ns or arrival_ns, arrival_ns)
+                if not compensator.push_temperature(content.temperature, stamp_ns):
+                    raise InputError(compensator.thermometer.trouble(stamp_ns))
         except InputError as error:
             self.refuse(topic, error)
 
@@ -190,6 +203,8 @@ class Collected:
             yield f"{name}: samples refused: " + ", ".join(f"{count} {why}" for why, count in reasons.items() if count)
         for what, why in self.doubted.items():
             yield f"{what}: not believed at some time: {why}"
+        for why in self.holds.values():
+            yield f"tool offsets were held at some time: {why}"
 
     def offsets_at(self, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
         """(n, 6) offsets at all ticks, NaN where the compensation held."""
@@ -201,10 +216,13 @@ class Collected:
     def _integers(self, column: str) -> NDArray[np.int64]:
         return _joined([block.column(column).astype(np.int64) for block in self.motion], np.empty(0, np.int64))
 
-    def add_compensation(self, found: Compensation) -> None:
-        """Take offsets and corrections."""
+    def add_compensation(self, compensator: Compensator, *, last: bool = False) -> None:
+        """Take offsets and corrections of what was accepted, and why they are held once they have begun."""
+        found = compensator.finish() if last else compensator.advance()
         self.offsets += found.offsets
         self.corrections += found.corrections
+        if compensator.hold and self.offsets:
+            self.holds.setdefault(_NUMBER.sub("#", compensator.hold), compensator.hold)
 
     def result(
         self,

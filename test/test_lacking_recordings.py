@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -310,3 +311,45 @@ def test_stamps_of_the_future_are_refused_in_a_replay_as_live(recording, tmp_pat
     assert np.count_nonzero(differ) <= (4 if place == "all" else 0)
     assert any("in the future" in remark for remark in result.remarks)
     assert result.status.restarts == estimator.status.restarts == 0
+
+
+def changed_joints(
+    recording: Recording, folder: Path, change: Callable[[JointState], JointState], since: float, until: float
+) -> Path:
+    """A bag whose joint states are changed from one time to another, s; they arrive 1 ms after their true stamps."""
+    messages = [
+        (content.stamp_ns + 60_000_000 * (topic != JOINT_STATES), topic, content)
+        for topic in (*TOPICS.values(), JOINT_STATES)
+        for content in recording[topic][: 400 if topic != JOINT_STATES else 800]
+    ]
+    with BagWriter(folder, list(WIRE)) as writer:
+        for arrival, topic, content in sorted(messages, key=lambda message: message[0]):
+            if topic == JOINT_STATES and since <= (arrival - START) / NANOSECONDS < until:
+                content = change(content)
+            writer.write(topic, encode(content, ""), arrival + 1_000_000)
+    return folder
+
+
+@pytest.mark.parametrize("ahead", [0.2, 0.9, 5.0])
+def test_a_joint_state_of_the_future_is_refused_in_a_replay_as_live(recording, tmp_path, ahead):
+    def early(state: JointState) -> JointState:
+        return replace(state, stamp_ns=state.stamp_ns + round(ahead * NANOSECONDS))
+
+    bag = changed_joints(recording, tmp_path / "bag", early, 5.0, 5.005)
+    result = replay_bag(bag, STAGE, MACHINE)
+    assert result.tool_offset is not None
+    given = np.isfinite(result.tool_offset[:, 0])
+    assert given[(seconds(result.stamp_ns) > 4.0) & (seconds(result.stamp_ns) < 7.0)].mean() > 0.98
+    assert any(JOINT_STATES in remark and "in the future" in remark for remark in result.remarks)
+
+
+@pytest.mark.parametrize("scale", [1000.0, 180.0 / np.pi], ids=["mm", "degrees"])
+def test_a_replay_says_which_joint_states_and_temperatures_it_did_not_believe(recording, tmp_path, scale):
+    def other_unit(state: JointState) -> JointState:
+        return replace(state, position=scale * state.position)
+
+    bag = changed_joints(recording, tmp_path / "bag", other_unit, 5.0, 6.0)
+    result = replay_bag(bag, STAGE, MACHINE)
+    (told,) = (remark for remark in result.remarks if JOINT_STATES in remark)
+    assert "not believed" in told and "axis" in told
+    assert any("offsets" in remark and "held" in remark for remark in result.remarks)

@@ -211,10 +211,10 @@ class Compensator:
         if self._monitored is None or self.holding.is_over(stamp_ns):
             self._own_ticks.append(stamp_ns)
 
-    def push_temperature(self, temperature: float, stamp_ns: int | None = None) -> None:
-        """Take in the machine's temperature, °C, by default as measured at the last joint state."""
+    def push_temperature(self, temperature: float, stamp_ns: int | None = None) -> bool:
+        """Take in the machine's temperature, °C, by default of the last joint state; give whether it is believed."""
         newest_ns = self.joints.stream.newest_ns or 0
-        self.thermometer.push(newest_ns if stamp_ns is None else stamp_ns, temperature)
+        return self.thermometer.push(newest_ns if stamp_ns is None else stamp_ns, temperature)
 
     def advance(self) -> Compensation:
         """What can be computed of all that was accepted."""

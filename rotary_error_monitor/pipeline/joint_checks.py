@@ -82,6 +82,7 @@ class JointChecks:
 
     Attributes:
         refused: joint states that were not believed, by reason.
+        heard_ns: stamp of the last one, believed or not, timestamp (ns); none before the first.
     """
 
     def __init__(self, machine: MachineDescription) -> None:
@@ -97,7 +98,7 @@ class JointChecks:
 
     def reset(self) -> None:
         """Believe the next joint state wherever it is."""
-        self._heard_ns: int | None = None
+        self.heard_ns: int | None = None
         self._recent: deque[_State] = deque()
         self._good: _State | None = None
         self._since_ns = 0
@@ -124,8 +125,8 @@ class JointChecks:
             row: position of each axis, m or rad; NaN for an axis that it does not name.
             speeds: of the axes by their letters, as far as it says them, m/s or rad/s.
         """
-        paused = self._heard_ns is not None and stamp_ns - self._heard_ns > PAUSE * 1e9
-        self._heard_ns = stamp_ns
+        paused = self.heard_ns is not None and stamp_ns - self.heard_ns > PAUSE * 1e9
+        self.heard_ns = stamp_ns
         wrong = self._beyond(row)
         if not wrong:
             said = self._said(speeds)

@@ -116,8 +116,10 @@ class JointTrack:
             raise InputError(f"joint state of {held} lacks axis {', '.join(missing)}")
         row = np.array([positions.get(letter, math.nan) for letter in self._letters])
         speed = np.array([velocities.get(letter, 0.0) for letter in self._letters])
-        newest = self.stream.newest_ns
+        newest, heard = self.stream.newest_ns, self.checks.heard_ns
         if newest is None or stamp_ns > newest:
+            if heard is not None and newest != heard and stamp_ns <= heard:
+                return False  # that of one that was refused: an axis cannot have moved since
             self.doubt = self.checks.judge(stamp_ns, row, velocities)
             if self.doubt:
                 self._refused = np.append(self._refused, stamp_ns)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.pipeline.joint_checks import BEYOND_TRAVEL, FROZEN, JUMP, JointChecks
+from rotary_error_monitor.pipeline.joints import JointTrack
 
 MACHINE = load_machine("xyzac_trt")
 MS = 1_000_000
@@ -301,3 +302,15 @@ def test_an_offset_beyond_what_the_axis_can_go_stays_wrong_at_any_rate(seed, rat
     said = judged_at(stamps, rows)
     assert set(said[~after]) == {""}
     assert all(each for each in said[after])
+
+
+def test_a_state_with_the_stamp_of_one_that_was_refused_is_not_looked_at():
+    """A controller that sends each period twice: the second has no time in which an axis could have moved."""
+    track = JointTrack(load_machine("xyzac_trt"), 0, 0)
+    axes = dict.fromkeys("XYZAC", 0.1)
+    for number in range(400):
+        stamp_ns = 10_000_000 * number
+        for x in (0.2, 0.1) if number == 200 else (0.1,):
+            track.push(stamp_ns, axes | {"X": x}, {"X": 0.0})
+    assert track.checks.refused == {JUMP: 1}
+    assert not track.doubt
