@@ -266,6 +266,7 @@ class Belief:
         """The heads count from a zero of their own: after a time in which none was heard, it may be another one."""
         if self._heard is not None and number > self._heard + 1 and not self._zero_open:
             self._zero_open = True
+            self.command.note_silence()
             self.verdict = self._conclude()
 
     def _settle_zero(self, window: Window) -> None:

@@ -10,6 +10,7 @@ from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, Fi
 from rotary_error_monitor.pipeline.evidence import Reach, Window
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
+from rotary_error_monitor.pipeline.turn_memory import TurnMemory
 
 CONFIDENT = 0.2
 """Stated noise over what is seen, the other way round: a stage whose heads scatter by less than a fifth of it is not
@@ -113,9 +114,9 @@ class RingBelief:
         if last is None or last.number != window.number - 1:
             return
         speed = (window["theta"] - last["theta"]) / window.duration
-        self._slope.add(window["theta"], speed, *window.pair("surplus"))
+        self._slope.add(window.number, window["theta"], *window.pair("surplus"))
         if window.number % SHORT == 0 and len(self._slope) >= SHORT:
-            self._slope.measure()
+            self._slope.measure(window.duration)
         self.late = abs(speed) * self._slope.length
 
     def _misread(self, window: Window) -> str:
@@ -156,6 +157,8 @@ class CommandBelief:
         delay: age of the heads against the command that the distance of both shows, s; zero while it shows none.
         reach: where the distance can be at the next ticks.
         lag: standard uncertainty of the distance at the present speed, for the stamps of both are not surer, rad.
+        shift: by how much the distance is another since the heads were silent, rad: all of them may have lost counts
+            meanwhile, or the drive has moved. Zero where that is no more than their noise.
     """
 
     def __init__(self, stage: StageDescription) -> None:
@@ -169,7 +172,7 @@ class CommandBelief:
     def reset(self) -> None:
         """Believe the command again."""
         self.doubt = ""
-        self.delay = self.lag = 0.0
+        self.delay = self.lag = self.shift = 0.0
         self.reach = self._anywhere
         self._agreeing = 0.0
         self._size = 0.0
@@ -179,6 +182,7 @@ class CommandBelief:
         self._last: Window | None = None
         self._compared: int | None = None
         self._still = self._speed = 0.0
+        self._zero = _ZeroKeeping()
         self._distances: deque[float] = deque(maxlen=2)
         self._slope = SpeedSlope(10 * LONG)
 
@@ -193,6 +197,10 @@ class CommandBelief:
         self._distances.clear()
         self._slope.forget()
 
+    def note_silence(self) -> None:
+        """The heads were silent: what is seen next is held against what was before."""
+        self._zero.begin()
+
     def agrees(self, window: Window) -> bool:
         """Whether the window that was judged last has shown that rotation and command belong together."""
         return not self.doubt and self._compared == window.number
@@ -206,13 +214,13 @@ class CommandBelief:
             return
         self._compared = window.number
         speed = (window["theta"] - last["theta"]) / window.duration
-        step = self._step(window, last, speed)
+        step = self._step(window, last, speed) or self._moved_in_silence(window, last, speed)
         wrong = self._beyond(window, speed) or self._stuck(window, last) or step
         if not wrong:
-            self._measure(window, speed)
+            self._measure(window)
             wrong = self._late()
         if wrong and not self.doubt:
-            self._before = last["ecc"] if step else None
+            self._before = (window["ecc"] - self._zero.off if self._zero.open else last["ecc"]) if step else None
         if wrong:
             self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
         elif self.doubt:
@@ -222,7 +230,7 @@ class CommandBelief:
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
         self._speed = speed
-        self.lag = math.hypot(speed * math.hypot(self.delay, self._timing), self._scatter(window))
+        self.lag = math.hypot(speed * math.hypot(self.delay, self._timing), self._scatter(window), self.shift)
         faster = ACCELERATION * window.duration * self._limits.latency
         reach = STEADY * self._limits.following_error + faster + 6.0 * self.lag
         self.reach = Reach(window["ecc"], 0.0, reach)
@@ -245,6 +253,19 @@ class CommandBelief:
         self._size = step
         return f"a step of {step * 1e6:.3g} µrad between rotation and command within {window.duration * 1e3:g} ms"
 
+    def _moved_in_silence(self, window: Window, last: Window, speed: float) -> str:
+        """The same over a silence of the heads: what is less than a step counts as uncertainty."""
+        distance = window["ecc"] + self.delay * speed  # the delay's part goes with the speed
+        moved = window["theta"] - last["theta"]
+        self.shift = self._zero.judge(window["theta"], moved, distance, self._noise) if not self.doubt else 0.0
+        if self.shift <= STEADY * self._limits.following_error + 6.0 * self._scatter(window):
+            return ""
+        self._size = self.shift
+        return (
+            f"rotation and command are {self.shift * 1e6:.3g} µrad further apart than before the heads were silent: "
+            "they may have lost counts"
+        )
+
     def _scatter(self, window: Window) -> float:
         """Standard deviation of a single distance by the scatter of windows about their neighbours, or within, rad."""
         if len(self._squares) < SHORT:
@@ -266,16 +287,16 @@ class CommandBelief:
             return ""
         return f"the command stands still while the rotor has turned by {self._still * 1e6:.3g} µrad"
 
-    def _measure(self, window: Window, speed: float) -> None:
+    def _measure(self, window: Window) -> None:
         """Scatter of the distance, and its slope over the speed, where that stands out from the scatter."""
         before = self._distances
         if len(before) >= 2:
             self._squares.append((before[-1] - 0.5 * (before[-2] + window["ecc"])) ** 2)
             self._within.append(window.scattering("ecc") ** 2)
         before.append(window["ecc"])
-        self._slope.add(window["theta"], speed, window["ecc"])
+        self._slope.add(window.number, window["theta"], window["ecc"])
         if window.number % SHORT == 0 and len(self._slope) >= SHORT:
-            self._slope.measure()
+            self._slope.measure(window.duration)
             self.delay = -float(self._slope.value[0])
 
     def _late(self) -> str:
@@ -285,3 +306,36 @@ class CommandBelief:
             f"the heads are {self.delay * 1e3:.3g} ms behind the command, more than the "
             f"{self._limits.latency * 1e3:.3g} ms of the stage's limits: stamps of one of them are wrong"
         )
+
+
+class _ZeroKeeping:
+    """Holds the distance of rotation and command against what it was before a silence, at the same angle or at last.
+
+    Attributes:
+        open: whether it is being compared.
+        off: by how much it is another since then, rad.
+    """
+
+    def __init__(self) -> None:
+        """Nothing was seen."""
+        self._turn, self._place = TurnMemory(), math.nan
+        self._apart: deque[float] = deque(maxlen=LONG)
+        self.open, self.off = False, 0.0
+
+    def begin(self) -> None:
+        """A silence has ended."""
+        if not math.isnan(self._place):
+            self.open = True
+            self._apart.clear()
+
+    def judge(self, theta: float, moved: float, distance: float, noise: float) -> float:
+        """Size of what it is off by, rad; of less than the `noise` (rad) of a reading for `SHORT` windows nothing."""
+        if self.open:
+            before = self._turn.get(theta, moved)
+            self._apart.append(distance - (self._place if before is None else before[0]))
+            self.off = sum(self._apart) / len(self._apart)
+            self.open = len(self._apart) < SHORT or abs(self.off) > noise
+        if not self.open:
+            self._turn.put(theta, moved, (distance, 0.0))
+            self._place, self.off = distance, 0.0
+        return abs(self.off)

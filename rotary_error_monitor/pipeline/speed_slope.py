@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 class SpeedSlope:
     """Slope over the speed of what windows show, by least squares; drift and some orders of the rotation beside it.
 
+    The speed is that from the window before to the window after: jitter of the rotor is in what is seen as well, and a
+    speed that ends at the window itself would go with it.
+
     Attributes:
         value: the slope (k,) where it stands out from what is left, in the unit of the values times s/rad; zero
             elsewhere.
@@ -39,27 +42,30 @@ class SpeedSlope:
         """Forget the windows; what they have shown stays."""
         self._rows.clear()
 
-    def add(self, theta: float, speed: float, *values: float) -> None:
-        """Take in what a window shows at a rotation (rad) and a speed (rad/s)."""
-        self._rows.append((theta, speed, *values))
+    def add(self, number: int, theta: float, *values: float) -> None:
+        """Take in what the window of a `number` shows at a rotation (rad)."""
+        self._rows.append((number, theta, *values))
 
-    def measure(self) -> None:
-        """Renew the slope by what was taken in.
+    def measure(self, duration: float) -> None:
+        """Renew the slope by what was taken in, of windows of a duration (s).
 
         At a constant speed nothing is seen of it: what was seen before holds until it is contradicted.
         """
-        slope, margin = self._regress(np.array(self._rows))
+        rows = np.array(self._rows)
+        inner = np.flatnonzero(rows[2:, 0] - rows[:-2, 0] == 2.0) + 1
+        speed = (rows[inner + 1, 1] - rows[inner - 1, 1]) / (2.0 * duration)
+        slope, margin = self._regress(rows[inner, 1], np.column_stack([speed, rows[inner, 2:]]))
         unseen = np.where(np.abs(slope - self.value) > margin, 0.0, self.value)
         self.value = np.where(np.abs(slope) > margin, slope, unseen)
 
-    def _regress(self, rows: Array) -> tuple[Array, Array]:
-        """Slope (k,), and how large it can be by chance, from rows of angle, speed and values."""
-        angles, time = rows[:, :1] * self._orders, np.linspace(-1.0, 1.0, len(rows))
+    def _regress(self, theta: Array, rows: Array) -> tuple[Array, Array]:
+        """Slope (k,), and how large it can be by chance, from angles (n,) and rows (n, 1 + k) of speed and values."""
+        angles, time = theta[:, None] * self._orders, np.linspace(-1.0, 1.0, len(rows))
         known = np.column_stack([time[:, None] ** np.arange(TREND + 1), np.cos(angles), np.sin(angles)])
         if len(rows) < 2 * known.shape[1]:
             return np.zeros_like(self.value), np.full_like(self.value, np.inf)
         others, _ = np.linalg.qr(known)
-        free = rows[:, 1:] - others @ (others.T @ rows[:, 1:])
+        free = rows - others @ (others.T @ rows)
         speed, values = free[:, 0], free[:, 1:]
         spread = max(float(speed @ speed), np.finfo(float).tiny)
         slope = speed @ values / spread

@@ -1,0 +1,80 @@
+"""All heads of a ring lose counts alike while none of them is heard, as where one card counts for all of them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from world import Options, Recording, make_recording, random_stage
+
+from faults.documenting import Row, shows
+from faults.judging import Judgement, judge
+from faults.recordings import MOST_WRONG
+from rotary_error_monitor.description.stage import stage_from_mapping
+from rotary_error_monitor.signals.blocks import SampleBlock
+
+SEEDS = range(8)
+DURATION, BEGIN, GAP = 10.0, 5.0, 0.2
+MOTIONS = ("steady", "both_directions", "s_curves", "creep", "indexing")
+
+
+@cache
+def recorded(seed: int) -> Recording:
+    """A random stage with three heads or more."""
+    drawn = (random_stage(number) for number in range(1000 * seed, 1000 * seed + 1000))
+    stage = next(each for each in drawn if len(each["encoder"]["heads"]) > 2)
+    options = Options(motion=MOTIONS[seed % len(MOTIONS)], odd_rates=False)
+    return make_recording(seed, duration=DURATION, stage=stage, options=options)
+
+
+@cache
+def judged(seed: int, off: float) -> Judgement:
+    """All heads are silent for a time and off by an angle (rad) after it."""
+    recording, changed = recorded(seed), {}
+    begin_ns, end_ns = (recording.start_ns + round(each * 1e9) for each in (BEGIN, BEGIN + GAP))
+    for topic in recording.head_topics:
+        pairs = [
+            (block if block.times_ns[-1] < begin_ns else shifted(block, off), arrival)
+            for block, arrival in zip(recording.blocks[topic], recording.arrivals[topic], strict=True)
+            if block.times_ns[-1] < begin_ns or block.times_ns[0] >= end_ns
+        ]
+        changed[topic] = ([block for block, _ in pairs], np.array([arrival for _, arrival in pairs]))
+    return judge(recording.with_topics(changed), recording.stage)
+
+
+def shifted(block: SampleBlock, off: float) -> SampleBlock:
+    return SampleBlock(block.stamp_ns, block.names, block.rows + [0.0, off])
+
+
+@shows(
+    Row(
+        "heads",
+        "All heads are silent for 0.2 s and off alike after it, 20 µrad to 0.4 mrad, as where one card counts for all",
+        "`error_estimator: estimate` says how much further apart rotation and command are than before",
+        "held against what it was before, at the same angle or at last; a step that the drive does not make takes the "
+        "command away, less counts as uncertainty",
+        "everything but positioning; of less than a quarter of `following_error` everything, positioning with that "
+        "uncertainty",
+        "when it is as before again, or on a reset",
+    )
+)
+@pytest.mark.parametrize("off", [2e-5, -6e-5, 3e-4, -4e-4])
+def test_counts_that_all_heads_lost_in_a_silence_are_not_believed(off):
+    found = {seed: judged(seed, off) for seed in SEEDS}
+    wrong = {seed: (dict(each.wrong), each.doubted) for seed, each in found.items() if each.worst > MOST_WRONG}
+    assert not wrong
+    healthy = {seed: judged(seed, 0.0) for seed in SEEDS}
+    for name in ("exc", "eac"):
+        lost = [healthy[seed].available[name] - found[seed].available[name] for seed in SEEDS]
+        assert max(lost) < 0.05 + GAP / DURATION, (name, lost)
+
+
+def test_a_silence_without_loss_costs_nothing_but_itself():
+    for seed in SEEDS:
+        found, without = judged(seed, 0.0), judge(recorded(seed), recorded(seed).stage)
+        assert not found.doubted and found.worst <= MOST_WRONG
+        assert found.available["ecc"] > without.available["ecc"] - (GAP + 0.4) / DURATION
+        # what remains of it is no more than the rotor's own jitter about its command
+        limits = stage_from_mapping(recorded(seed).stage).limits
+        assert found.estimator.belief.command.shift < 0.02 * limits.following_error, seed
