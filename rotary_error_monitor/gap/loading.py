@@ -100,7 +100,13 @@ def _sections() -> str:
 
 def _kind_of(content: Mapping[str, Any], path: Path) -> tuple[str, AnyKind]:
     """Name and kind of the section that makes the file a twin; of several that of the highest rank, else the first."""
-    entries = [entry for entry in plugins_of(ENTRY_POINTS) if entry.name in content]
+    installed = plugins_of(ENTRY_POINTS)
+    if not installed:
+        raise InputError(
+            f"{path}: no kind of thing is known: nothing is registered as '{ENTRY_POINTS}'; "
+            "install this package again (make setup, or pip install)"
+        )
+    entries = [entry for entry in installed if entry.name in content]
     for one, other in itertools.pairwise(entries):
         if one.name == other.name:
             raise InputError(f"{path}: {origin_of(one)} and {origin_of(other)}: two kinds of one name; remove one")

@@ -18,6 +18,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import ENTRY_POINTS, Kind
 from rotary_error_monitor.gap.loading import load_twin
 from rotary_error_monitor.gap.table import TableProblem
+from rotary_error_monitor.resources import config
 
 DOC = Path(__file__).parents[2] / "doc"
 EXAMPLE = DOC / "examples" / "bath_thermometer"
@@ -141,6 +142,13 @@ def test_a_kind_with_a_mistake_is_named(install, tmp_path, entries, message):
     twin.write_text("".join(f"{section if entries else section + 's'}: {{}}\n" for section in sections))
     with pytest.raises(InputError, match=message.replace("'lever', 'stage'", "'levers', 'stages'")):
         load_twin(twin)
+
+
+def test_an_installation_of_before_there_were_kinds_is_told(monkeypatch):
+    """A checkout that is newer than what is installed of it has no entry points yet."""
+    monkeypatch.setattr("rotary_error_monitor.gap.loading.plugins_of", lambda group: ())
+    with pytest.raises(InputError, match=r"stage\.yaml: no kind of thing is known: .*; install this package again"):
+        load_twin(config("stage.yaml"))
 
 
 def test_a_file_that_describes_a_stage_and_its_machine_is_a_twin_of_the_stage(tmp_path):
