@@ -199,7 +199,7 @@ class CommandBelief:
 
     def note_silence(self) -> None:
         """The heads were silent: what is seen next is held against what was before."""
-        self._zero.begin()
+        self._zero.begin(sound=True)
 
     def agrees(self, window: Window) -> bool:
         """Whether the window that was judged last has shown that rotation and command belong together."""
@@ -211,6 +211,8 @@ class CommandBelief:
         self.reach = self._anywhere
         if not (window.has("command") and window.has("heads")) or last is None or window.number != last.number + 1:
             self._agreeing = 0.0
+            if not self._zero.open:
+                self._zero.begin(sound=False)
             return
         self._compared = window.number
         speed = (window["theta"] - last["theta"]) / window.duration
@@ -319,14 +321,17 @@ class _ZeroKeeping:
     def __init__(self) -> None:
         """Nothing was seen."""
         self._turn, self._place = TurnMemory(), math.nan
+        self._latest: deque[tuple[float, float, float]] = deque()
         self._apart: deque[float] = deque(maxlen=LONG)
         self.open, self.off = False, 0.0
 
-    def begin(self) -> None:
-        """A silence has ended."""
-        if not math.isnan(self._place):
-            self.open = True
-            self._apart.clear()
+    def begin(self, *, sound: bool) -> None:
+        """A silence has ended, or a fault of heads, of which the latest windows were not `sound`."""
+        while sound and self._latest:
+            self._keep()
+        self._latest.clear()
+        self._apart.clear()
+        self.open = not math.isnan(self._place)
 
     def judge(self, theta: float, moved: float, distance: float, noise: float) -> float:
         """Size of what it is off by, rad; of less than the `noise` (rad) of a reading for `SHORT` windows nothing."""
@@ -336,6 +341,12 @@ class _ZeroKeeping:
             self.off = sum(self._apart) / len(self._apart)
             self.open = len(self._apart) < SHORT or abs(self.off) > noise
         if not self.open:
-            self._turn.put(theta, moved, (distance, 0.0))
-            self._place, self.off = distance, 0.0
+            self.off = 0.0
+            self._latest.append((theta, moved, distance))
+            if len(self._latest) > LONG:  # a wrong head is found by then
+                self._keep()
         return abs(self.off)
+
+    def _keep(self) -> None:
+        theta, moved, self._place = self._latest.popleft()
+        self._turn.put(theta, moved, (self._place, 0.0))
