@@ -12,7 +12,7 @@ from rotary_error_monitor.bags.lock import holder
 from rotary_error_monitor.bags.metadata import METADATA, BagMetadata, read_metadata
 from rotary_error_monitor.bags.recorded_files import FileContent, RawMessage, open_file
 from rotary_error_monitor.bags.unpacking import DamageError, unpack
-from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.errors import InputError, excerpt, one_line
 
 ENCODING = "cdr"
 """Encoding of messages that is read: that of ROS 2."""
@@ -67,7 +67,7 @@ class BagFiles:
                     yield message._replace(data=bytes(unpack(message.data, self.metadata.packing)))
                 except DamageError as error:
                     raise InputError(
-                        f"{file.path}: {message.topic}, recorded at {message.log_time_ns} ns: {error}"
+                        f"{file.path}: {one_line(message.topic)}, recorded at {message.log_time_ns} ns: {error}"
                     ) from error
 
 
@@ -82,7 +82,7 @@ def _files_of(path: Path, remarks: list[str]) -> tuple[list[Path], BagMetadata]:
         if not there:
             raise InputError(f"{path}: no readable bag: {error}") from error
         if (path / METADATA).exists():
-            remarks.append(f"{error}; read without it were {', '.join(file.name for file in there)}")
+            remarks.append(f"{error}; read without it were {excerpt(', '.join(file.name for file in there))}")
         return there, BagMetadata()
     missing = metadata.missing(path)
     files = [path / name for name in metadata.files if name not in missing]
@@ -105,8 +105,8 @@ def _check_whole(path: Path, found: FileContent) -> None:
     """A file that has its end and lost something before it is to be recovered first: nobody expects a hole in it."""
     if found.complete and found.indexed and found.damaged:
         raise InputError(
-            f"{path}: damaged: {found.path.name}: {found.problem}; recover the bag and read it again; "
-            f"{_readable([found])}"
+            f"{path}: damaged: {excerpt(found.path.name)}: {excerpt(found.problem)}; recover the bag and read it "
+            f"again; {_readable([found])}"
         )
 
 

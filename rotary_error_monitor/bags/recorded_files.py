@@ -177,7 +177,7 @@ class _Channels:
         # Whatever the bytes of a name, a number or a length are, the parser's error is one of many.
         except Exception as error:
             self.unreadable += 1
-            content.problem = content.problem or f"{Opcode(opcode).name.lower()}: {error}"
+            content.problem = content.problem or f"{Opcode(opcode).name.lower()}: {excerpt(error)}"
             return
         if isinstance(record, Schema):
             self._schemas.setdefault(record.id, record)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from rotary_error_monitor.bags.recovery import recover
+from rotary_error_monitor.errors import one_line
 
 DAMAGED = 10
 """Exit code: done, and the result is not as one would have it. So ends `replay` as well."""
@@ -31,5 +32,5 @@ def run(arguments: argparse.Namespace) -> int:
     report = recover(arguments.bag)
     print(report)
     for remark in report.remarks:
-        print(f"note: {remark}", file=sys.stderr)
+        print(f"note: {one_line(remark)}", file=sys.stderr)
     return 0 if report.whole else DAMAGED
