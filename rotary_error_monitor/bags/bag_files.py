@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rotary_error_monitor.bags.listing import SUFFIXES, bag_files, own_files
-from rotary_error_monitor.bags.lock import holder
+from rotary_error_monitor.bags.lock import holder, writer_of
 from rotary_error_monitor.bags.metadata import METADATA, BagMetadata, read_metadata
 from rotary_error_monitor.bags.recorded_files import FileContent, RawMessage, open_file
 from rotary_error_monitor.bags.unpacking import DamageError, unpack
@@ -123,7 +123,7 @@ def _torn(path: Path, contents: Sequence[FileContent]) -> Iterator[str]:
     if not all(found.complete for found in contents):
         torn = [found for found in contents if not found.complete]
         damaged = sum(found.damaged for found in torn)
-        recorder = holder(path if path.is_dir() else path.parent)
+        recorder = holder(path if path.is_dir() else path.parent) or writer_of(found.path for found in torn)
         state = f"{recorder} is recording it" if recorder else "the recording was not closed"
         problem = next((found.problem for found in torn if found.problem), "")
         yield (

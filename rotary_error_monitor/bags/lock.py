@@ -144,7 +144,7 @@ def holder(path: Path) -> str:
 
 def writer_of(files: Iterable[Path]) -> str:
     """A process that has one of the files open to write, such as `process 4711`, as far as the system lets one see."""
-    wanted = {(status.st_dev, status.st_ino) for status in (file.stat() for file in files)}
+    wanted = {(status.st_dev, status.st_ino) for status in (file.stat() for file in files if file.exists())}
     for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
         with contextlib.suppress(OSError):  # it may be closed, or its process gone, or somebody else's
             status = descriptor.stat()

@@ -129,11 +129,10 @@ class BagReader:
         chosen = self._chosen(names)
         decoders = {name: self._decoder(name, finite=refuse is None) for name in chosen}
         index = self._index(chosen)
-        ranks = index.ranks()
         waiting: list[tuple[int, RawMessage]] = []
         turn = 0
-        for rank, message in zip(ranks, self.messages(chosen), strict=True):
-            heapq.heappush(waiting, (rank, message))
+        for ranked in self._ranked(chosen, index):
+            heapq.heappush(waiting, ranked)
             while waiting and waiting[0][0] == turn:
                 _, ready = heapq.heappop(waiting)
                 turn += 1
@@ -147,6 +146,23 @@ class BagReader:
                 kept = content if window is None else window.cut(ready.topic, content)
                 if kept is not None:
                     yield ready.topic, kept, ready.log_time_ns + index.behind_ns
+
+    def _ranked(self, names: Collection[str], index: _Index) -> Iterator[tuple[int, RawMessage]]:
+        """Messages with their places by stamp.
+
+        Raises:
+            InputError: they are not those that the first pass has found.
+        """
+        ranks = iter(index.ranks())
+        for message in self.messages(names):
+            rank = next(ranks, None)
+            if rank is None:
+                break
+            yield rank, message
+        else:
+            if next(ranks, None) is None:
+                return
+        raise InputError(f"{self.path}: the bag changed while it was read; read it again")
 
     def read(self, names: Collection[str] | None = None, window: Window | None = None) -> dict[str, list[Content]]:
         """All contents by topic, each topic in the order of its stamps; what is asked for and empty is an empty list.
