@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rotary_error_monitor.bags.listing import SUFFIXES, bag_files, own_files
+from rotary_error_monitor.bags.listing import SUFFIXES, bag_files, distinct, own_files
 from rotary_error_monitor.bags.lock import holder, writer_of
 from rotary_error_monitor.bags.metadata import METADATA, BagMetadata, read_metadata
 from rotary_error_monitor.bags.recorded_files import FileContent, RawMessage, open_file
@@ -36,11 +36,14 @@ class BagFiles:
         sizes: bytes of messages by topic.
         damage: what cannot be read; None where all can.
         metadata: what `metadata.yaml` says.
+        remarks: what is odd about the files and costs nothing.
     """
 
     def __init__(self, path: Path) -> None:
         remarks: list[str] = []
         paths, self.metadata = _files_of(path, remarks)
+        paths, again = distinct(paths)
+        self.remarks = (f"{path}: {_named_again(again)}; each file was read once",) if again else ()
         self._files = [open_file(each) for each in paths]
         contents = [file.survey() for file in self._files]
         for found in contents:
@@ -84,10 +87,10 @@ def _files_of(path: Path, remarks: list[str]) -> tuple[list[Path], BagMetadata]:
         if (path / METADATA).exists():
             remarks.append(f"{error}; read without it were {excerpt(', '.join(file.name for file in there))}")
         return there, BagMetadata()
-    missing = metadata.missing(path)
+    missing = dict.fromkeys(metadata.missing(path))
     files = [path / name for name in metadata.files if name not in missing]
     # a recorder that was killed may have begun a file of which its metadata does not know yet
-    files += [file for file in own_files(path, metadata, SUFFIXES) if file not in files]
+    files += [file for file in own_files(path, metadata, SUFFIXES) if file.name not in metadata.files]
     files = files or there
     if not files:
         raise InputError(
@@ -99,6 +102,11 @@ def _files_of(path: Path, remarks: list[str]) -> tuple[list[Path], BagMetadata]:
             f"{'is' if len(missing) == 1 else 'are'} not there"
         )
     return files, metadata
+
+
+def _named_again(names: Sequence[str]) -> str:
+    are = "is" if len(names) == 1 else "are"
+    return f"{excerpt(', '.join(names))} {are} named more than once, or other names of the same file"
 
 
 def _check_whole(path: Path, found: FileContent) -> None:

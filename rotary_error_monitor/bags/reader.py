@@ -56,6 +56,7 @@ class BagReader:
         if metadata.counts and not self.damage:  # else nobody expects that the counts fit
             for remark in count_remarks(metadata, {name: topic.count for name, topic in self.topics.items()}):
                 yield f"{self.path}: {one_line(remark)}"
+        yield from map(one_line, self._source.remarks)
         for name, text in metadata.notes.items():
             yield f"{self.path}: {excerpt(name)}: {excerpt(text)}"
 
