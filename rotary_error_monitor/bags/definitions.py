@@ -67,8 +67,8 @@ def _needed(types: Typesdict, msgtype: str) -> Typesdict:
             count += parts
             if count > MOST_FIELDS:
                 raise InputError(
-                    f"with field '{excerpt(field, 60)}' of {excerpt(name, 60)} it has {count} fields, elements of "
-                    f"arrays counted; at most {MOST_FIELDS} are read"
+                    f"with field '{excerpt(field, 60)}' of {excerpt(name, 60)} it has {count} fields or more, "
+                    f"elements of arrays counted; at most {MOST_FIELDS} are read"
                 )
             if part:
                 waiting += [part] * parts
