@@ -14,7 +14,7 @@ from importlib import import_module
 from types import FrameType
 
 from rotary_error_monitor import __version__
-from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.errors import InputError, excerpt, printable
 from rotary_error_monitor.start import end_at_once
 
 BAD_INPUT = 2
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return code
     except InputError as error:
-        print(f"rotary_error_monitor: {error}", file=sys.stderr)
+        print(f"rotary_error_monitor: {printable(str(error))}", file=sys.stderr)
         return BAD_INPUT
     except MemoryError:
         print("rotary_error_monitor: not enough memory for what was given; give a smaller file", file=sys.stderr)

@@ -12,6 +12,11 @@ def one_line(text: str) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
+def printable(text: str) -> str:
+    """The same with its lines left as they are: what is said to a terminal, whatever somebody forgot."""
+    return "\n".join(map(one_line, text.split("\n")))
+
+
 def excerpt(text: object, most: int = 200) -> str:
     """The text for a message, in one line: of one that is longer than `most` characters its beginning and its end."""
     shown = str(text)

@@ -7,12 +7,12 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rotary_error_monitor.bags.listing import SUFFIXES, bag_files, own_files
-from rotary_error_monitor.bags.lock import holder
+from rotary_error_monitor.bags.listing import SUFFIXES, bag_files, distinct, own_files
+from rotary_error_monitor.bags.lock import holder, writer_of
 from rotary_error_monitor.bags.metadata import METADATA, BagMetadata, read_metadata
 from rotary_error_monitor.bags.recorded_files import FileContent, RawMessage, open_file
 from rotary_error_monitor.bags.unpacking import DamageError, unpack
-from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.errors import InputError, excerpt, one_line
 
 ENCODING = "cdr"
 """Encoding of messages that is read: that of ROS 2."""
@@ -36,11 +36,14 @@ class BagFiles:
         sizes: bytes of messages by topic.
         damage: what cannot be read; None where all can.
         metadata: what `metadata.yaml` says.
+        remarks: what is odd about the files and costs nothing.
     """
 
     def __init__(self, path: Path) -> None:
         remarks: list[str] = []
         paths, self.metadata = _files_of(path, remarks)
+        paths, again = distinct(paths)
+        self.remarks = (f"{path}: {_named_again(again)}; each file was read once",) if again else ()
         self._files = [open_file(each) for each in paths]
         contents = [file.survey() for file in self._files]
         for found in contents:
@@ -67,7 +70,7 @@ class BagFiles:
                     yield message._replace(data=bytes(unpack(message.data, self.metadata.packing)))
                 except DamageError as error:
                     raise InputError(
-                        f"{file.path}: {message.topic}, recorded at {message.log_time_ns} ns: {error}"
+                        f"{file.path}: {one_line(message.topic)}, recorded at {message.log_time_ns} ns: {error}"
                     ) from error
 
 
@@ -82,12 +85,12 @@ def _files_of(path: Path, remarks: list[str]) -> tuple[list[Path], BagMetadata]:
         if not there:
             raise InputError(f"{path}: no readable bag: {error}") from error
         if (path / METADATA).exists():
-            remarks.append(f"{error}; read without it were {', '.join(file.name for file in there)}")
+            remarks.append(f"{error}; read without it were {excerpt(', '.join(file.name for file in there))}")
         return there, BagMetadata()
-    missing = metadata.missing(path)
+    missing = dict.fromkeys(metadata.missing(path))
     files = [path / name for name in metadata.files if name not in missing]
     # a recorder that was killed may have begun a file of which its metadata does not know yet
-    files += [file for file in own_files(path, metadata, SUFFIXES) if file not in files]
+    files += [file for file in own_files(path, metadata, SUFFIXES) if file.name not in metadata.files]
     files = files or there
     if not files:
         raise InputError(
@@ -101,12 +104,17 @@ def _files_of(path: Path, remarks: list[str]) -> tuple[list[Path], BagMetadata]:
     return files, metadata
 
 
+def _named_again(names: Sequence[str]) -> str:
+    are = "is" if len(names) == 1 else "are"
+    return f"{excerpt(', '.join(names))} {are} named more than once, or other names of the same file"
+
+
 def _check_whole(path: Path, found: FileContent) -> None:
     """A file that has its end and lost something before it is to be recovered first: nobody expects a hole in it."""
     if found.complete and found.indexed and found.damaged:
         raise InputError(
-            f"{path}: damaged: {found.path.name}: {found.problem}; recover the bag and read it again; "
-            f"{_readable([found])}"
+            f"{path}: damaged: {excerpt(found.path.name)}: {excerpt(found.problem)}; recover the bag and read it "
+            f"again; {_readable([found])}"
         )
 
 
@@ -123,7 +131,7 @@ def _torn(path: Path, contents: Sequence[FileContent]) -> Iterator[str]:
     if not all(found.complete for found in contents):
         torn = [found for found in contents if not found.complete]
         damaged = sum(found.damaged for found in torn)
-        recorder = holder(path if path.is_dir() else path.parent)
+        recorder = holder(path if path.is_dir() else path.parent) or writer_of(found.path for found in torn)
         state = f"{recorder} is recording it" if recorder else "the recording was not closed"
         problem = next((found.problem for found in torn if found.problem), "")
         yield (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, JointState
 from rotary_error_monitor.bags.messages import Decoder, stamp_of
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
 
@@ -32,5 +32,5 @@ class BagCoverage:
 
     def remarks(self) -> tuple[str, ...]:
         """What the streams lack, by their own rates and beside one another."""
-        found = {topic: spans.coverage() for topic, spans in self._spans.items()}
+        found = {one_line(topic): spans.coverage() for topic, spans in self._spans.items()}
         return coverage_remarks({topic: each for topic, each in found.items() if each is not None})

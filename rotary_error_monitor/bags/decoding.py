@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from rotary_error_monitor.bags.contents import (
     TYPES,
@@ -20,29 +17,15 @@ from rotary_error_monitor.bags.contents import (
     PoseWithCovariance,
     Temperature,
 )
+from rotary_error_monitor.bags.definitions import known_typestore
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
-LONGEST_DEFINITION = 1 << 16
-"""Characters of a message's definition: those of ROS 2 have ten thousand at most. Of a longer one nothing is read."""
+MOST_BYTES = 1 << 20
+"""Bytes of a message that is no sample block: of it Python makes ten times as many. 10,000 axes take half of them."""
 
 if TYPE_CHECKING:
     from rosbags.typesys.stores import ros2_jazzy as ros
-
-
-@functools.cache
-def _typestore(msgtype: str, definition: str) -> Typestore:
-    """Definitions that a message needs: as the bag holds them, which takes a tenth of loading all of ROS 2 Jazzy."""
-    if definition and len(definition) <= LONGEST_DEFINITION:
-        store = get_typestore(Stores.EMPTY)
-        try:
-            store.register(get_types_from_msg(definition, msgtype))
-            store.generate_msgdef(msgtype, ros_version=2)  # which needs those of all its parts
-        except Exception:
-            pass  # half a definition, or whatever else it is, is no reason not to read the messages
-        else:
-            return store
-    return get_typestore(Stores.ROS2_JAZZY)
 
 
 def content_from_cdr(data: bytes, msgtype: str, definition: str = "") -> Content:
@@ -54,10 +37,13 @@ def content_from_cdr(data: bytes, msgtype: str, definition: str = "") -> Content
         definition: of that type and those that it needs, as the bag holds it; none: that of ROS 2 Jazzy.
 
     Raises:
-        InputError: the bytes are no such message.
+        InputError: the bytes are no such message, or the definition is none that is read.
     """
+    if len(data) > MOST_BYTES:
+        raise InputError(f"a {msgtype} of {len(data)} bytes; at most {MOST_BYTES} are read")
+    store = known_typestore(msgtype, definition)
     try:
-        message = _typestore(msgtype, definition).deserialize_cdr(data, msgtype)
+        message = store.deserialize_cdr(data, msgtype)
     # The code that reads a message is made of the bag's own definition, which may be any: so may be its errors.
     except Exception as error:
         raise InputError(f"{len(data)} bytes are no {msgtype}: {excerpt(error) or type(error).__name__}") from error

@@ -36,6 +36,21 @@ def own_files(folder: Path, listing: BagMetadata, suffixes: Iterable[str] = (".m
     return [path for path in bag_files(folder, suffixes) if not stems or _stem(path.name) in stems]
 
 
+def distinct(files: Iterable[Path]) -> tuple[list[Path], list[str]]:
+    """The files, each once, and the names of those that come again, by whatever name or link."""
+    found: dict[tuple[int, int] | Path, Path] = {}
+    again: dict[str, None] = {}
+    for path in files:
+        try:
+            status = path.stat()
+        except OSError:  # what cannot be read is told where it is
+            found.setdefault(path, path)
+            continue
+        if found.setdefault((status.st_dev, status.st_ino), path) is not path:
+            again[path.name] = None
+    return list(found.values()), list(again)
+
+
 def count_remarks(listing: BagMetadata, counts: Mapping[str, int]) -> Iterable[str]:
     """Where a bag holds another number of messages than `metadata.yaml` says."""
     differing = [

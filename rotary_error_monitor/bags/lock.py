@@ -144,16 +144,21 @@ def holder(path: Path) -> str:
 
 def writer_of(files: Iterable[Path]) -> str:
     """A process that has one of the files open to write, such as `process 4711`, as far as the system lets one see."""
-    wanted = {(status.st_dev, status.st_ino) for status in (file.stat() for file in files)}
-    for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
-        with contextlib.suppress(OSError):  # it may be closed, or its process gone, or somebody else's
-            status = descriptor.stat()
-            if (status.st_dev, status.st_ino) in wanted and _is_writing(descriptor):
-                return f"process {descriptor.parts[2]}"
+    wanted = {(status.st_dev, status.st_ino) for status in (file.stat() for file in files if file.exists())}
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # the process may be gone, or somebody else's
+            for descriptor in (process / "fd").iterdir():
+                if _is_writing(descriptor, wanted):
+                    return f"process {process.name}"
     return ""
 
 
-def _is_writing(descriptor: Path) -> bool:
-    about = (descriptor.parents[1] / "fdinfo" / descriptor.name).read_text(encoding="ascii")
-    flags = next(int(line.split()[1], 8) for line in about.splitlines() if line.startswith("flags:"))
-    return flags & os.O_ACCMODE != os.O_RDONLY
+def _is_writing(descriptor: Path, wanted: set[tuple[int, int]]) -> bool:
+    """Whether it is one of the wanted files (device and inode), open to write."""
+    with contextlib.suppress(OSError):  # it may be closed
+        status = descriptor.stat()
+        if (status.st_dev, status.st_ino) in wanted:
+            about = (descriptor.parents[1] / "fdinfo" / descriptor.name).read_text(encoding="ascii")
+            flags = next(int(line.split()[1], 8) for line in about.splitlines() if line.startswith("flags:"))
+            return flags & os.O_ACCMODE != os.O_RDONLY
+    return False

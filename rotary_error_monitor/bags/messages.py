@@ -6,7 +6,7 @@ import struct
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
 from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, Content
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 
@@ -23,6 +23,18 @@ def stamp_of(data: bytes | memoryview) -> int:
     return int(seconds) * NANOSECONDS + int(nanoseconds)
 
 
+def check_type(msgtype: str) -> None:
+    """Refuse a type of messages that is none of those that can be read.
+
+    Raises:
+        InputError: so it is; the message names those that can.
+    """
+    if msgtype not in TYPES.values():
+        raise InputError(
+            f"cannot read messages of type {excerpt(msgtype)}; readable are {', '.join(sorted(TYPES.values()))}"
+        )
+
+
 class Decoder:
     """Turns the messages of one topic into dataclasses.
 
@@ -32,16 +44,18 @@ class Decoder:
         finite: whether a sample block with numbers that are not finite is refused.
 
     Raises:
-        InputError: the type is none of those that can be read.
+        InputError: the type is none of those that can be read, nor is it by its definition.
     """
 
     def __init__(self, msgtype: str, definition: str = "", *, finite: bool = True) -> None:
-        if msgtype not in TYPES.values():
-            raise InputError(
-                f"cannot read messages of type {msgtype}; readable are {', '.join(sorted(TYPES.values()))}"
-            )
+        check_type(msgtype)
         self._msgtype, self._definition = msgtype, definition
         self._blocks = BlockDecoder(finite=finite)
+        if msgtype != SAMPLE_BLOCK:
+            # What reads definitions takes time to load; a bag of sample blocks alone needs none.
+            from rotary_error_monitor.bags.definitions import known_typestore
+
+            known_typestore(msgtype, definition)
 
     def decode(self, data: bytes) -> Content:
         """Content of one message.
@@ -51,7 +65,6 @@ class Decoder:
         """
         if self._msgtype == SAMPLE_BLOCK:
             return self._blocks.decode(data)
-        # What reads definitions takes time to load; a bag of sample blocks alone needs none.
         from rotary_error_monitor.bags.decoding import content_from_cdr
 
         return content_from_cdr(data, self._msgtype, self._definition)

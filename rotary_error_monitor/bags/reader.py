@@ -16,7 +16,7 @@ from rotary_error_monitor.bags.bag_files import ENCODING, BagFiles, TopicContent
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
 from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, Content
 from rotary_error_monitor.bags.listing import count_remarks
-from rotary_error_monitor.bags.messages import Decoder, stamp_of
+from rotary_error_monitor.bags.messages import Decoder, check_type, stamp_of
 from rotary_error_monitor.bags.recorded_files import RawMessage
 from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.errors import InputError, excerpt, one_line
@@ -45,7 +45,7 @@ class BagReader:
             raise InputError(f"{excerpt(self.path)}: no such bag; give the folder of a rosbag2 bag, or an mcap file")
         self._source = BagFiles(self.path)
         self.topics: Mapping[str, TopicContent] = self._source.topics
-        self.damage = self._source.damage
+        self.damage = self._source.damage and one_line(self._source.damage)
         self.remarks = tuple(self._remarks())
         self._indexed: tuple[tuple[str, ...], _Index] | None = None
 
@@ -55,7 +55,8 @@ class BagReader:
         metadata = self._source.metadata
         if metadata.counts and not self.damage:  # else nobody expects that the counts fit
             for remark in count_remarks(metadata, {name: topic.count for name, topic in self.topics.items()}):
-                yield f"{self.path}: {remark}"
+                yield f"{self.path}: {one_line(remark)}"
+        yield from map(one_line, self._source.remarks)
         for name, text in metadata.notes.items():
             yield f"{self.path}: {excerpt(name)}: {excerpt(text)}"
 
@@ -129,11 +130,10 @@ class BagReader:
         chosen = self._chosen(names)
         decoders = {name: self._decoder(name, finite=refuse is None) for name in chosen}
         index = self._index(chosen)
-        ranks = index.ranks()
         waiting: list[tuple[int, RawMessage]] = []
         turn = 0
-        for rank, message in zip(ranks, self.messages(chosen), strict=True):
-            heapq.heappush(waiting, (rank, message))
+        for ranked in self._ranked(chosen, index):
+            heapq.heappush(waiting, ranked)
             while waiting and waiting[0][0] == turn:
                 _, ready = heapq.heappop(waiting)
                 turn += 1
@@ -147,6 +147,23 @@ class BagReader:
                 kept = content if window is None else window.cut(ready.topic, content)
                 if kept is not None:
                     yield ready.topic, kept, ready.log_time_ns + index.behind_ns
+
+    def _ranked(self, names: Collection[str], index: _Index) -> Iterator[tuple[int, RawMessage]]:
+        """Messages with their places by stamp.
+
+        Raises:
+            InputError: they are not those that the first pass has found.
+        """
+        ranks = iter(index.ranks())
+        for message in self.messages(names):
+            rank = next(ranks, None)
+            if rank is None:
+                break
+            yield rank, message
+        else:
+            if next(ranks, None) is None:
+                return
+        raise InputError(f"{self.path}: the bag changed while it was read; read it again")
 
     def read(self, names: Collection[str] | None = None, window: Window | None = None) -> dict[str, list[Content]]:
         """All contents by topic, each topic in the order of its stamps; what is asked for and empty is an empty list.
@@ -184,7 +201,10 @@ class BagReader:
             names = [name for name, topic in self.topics.items() if topic.type == SAMPLE_BLOCK]
         for name in self._chosen(names):
             if self.topics[name].type != SAMPLE_BLOCK:
-                raise InputError(f"{self.path}: {name} is a {self.topics[name].type}; sample blocks are {SAMPLE_BLOCK}")
+                raise InputError(
+                    f"{self.path}: {one_line(name)} is a {excerpt(self.topics[name].type)}; "
+                    f"sample blocks are {SAMPLE_BLOCK}"
+                )
         return {
             name: [content for content in contents if isinstance(content, SampleBlock)]
             for name, contents in self.read(names, window).items()
@@ -192,19 +212,35 @@ class BagReader:
 
     def _decoder(self, name: str, *, finite: bool = True) -> Decoder:
         topic = self.topics[name]
-        if topic.encoding != ENCODING:
-            raise InputError(f"{self.path}: {name} is encoded as {excerpt(topic.encoding)!r}; readable is {ENCODING}")
-        return Decoder(topic.type, topic.definition, finite=finite)
+        try:
+            return Decoder(topic.type, topic.definition, finite=finite)
+        except InputError as error:
+            raise InputError(f"{self.path}: {one_line(name)}: {error}") from error
 
     def _chosen(self, names: Collection[str] | None) -> list[str]:
         if names is None:
-            return [name for name, topic in self.topics.items() if topic.type in TYPES.values()]
+            names = [name for name, topic in self.topics.items() if topic.type in TYPES.values()]
         missing = [name for name in names if name not in self.topics]
         if missing:
             raise InputError(
-                f"{self.path}: no topic {', '.join(missing)}; the bag has {one_line(', '.join(self.topics)) or 'none'}"
+                f"{self.path}: no topic {one_line(', '.join(missing))}; the bag has "
+                f"{one_line(', '.join(self.topics)) or 'none'}"
             )
+        for name in names:
+            self._check_readable(name)
         return list(names)
+
+    def _check_readable(self, name: str) -> None:
+        """Refuse a topic before the bytes of its messages are taken for what they are not."""
+        topic = self.topics[name]
+        if topic.encoding != ENCODING:
+            raise InputError(
+                f"{self.path}: {one_line(name)} is encoded as '{excerpt(topic.encoding)}'; readable is {ENCODING}"
+            )
+        try:
+            check_type(topic.type)
+        except InputError as error:
+            raise InputError(f"{self.path}: {one_line(name)}: {error}") from error
 
     def _index(self, names: Sequence[str]) -> _Index:
         """When the messages of these topics are; the answer to the last question is kept."""

@@ -116,17 +116,17 @@ def open_file(path: Path) -> RecordedFile:
             head = file.read(len(_SQLITE))
             if head.startswith(_ZSTD):
                 return _Unpacked(path, file)
+        return SqliteFile(path) if head == _SQLITE else McapFile(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}); give a bag that can be read") from error
-    return SqliteFile(path) if head == _SQLITE else McapFile(path)
 
 
 class McapFile:
-    """An mcap file, whole or torn."""
+    """An mcap file, whole or torn; what is appended to it later is none of it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file = TornFile(path)
+        self._file = TornFile(path, path.stat().st_size)
 
     def survey(self) -> FileContent:
         """As `RecordedFile.survey`."""
@@ -177,7 +177,7 @@ class _Channels:
         # Whatever the bytes of a name, a number or a length are, the parser's error is one of many.
         except Exception as error:
             self.unreadable += 1
-            content.problem = content.problem or f"{Opcode(opcode).name.lower()}: {error}"
+            content.problem = content.problem or f"{Opcode(opcode).name.lower()}: {excerpt(error)}"
             return
         if isinstance(record, Schema):
             self._schemas.setdefault(record.id, record)
@@ -193,6 +193,9 @@ class SqliteFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._count = (
+            0  # of messages there were: those that a recorder appends later are none of the bag that was opened
+        )
 
     def survey(self) -> FileContent:
         """As `RecordedFile.survey`."""
@@ -207,6 +210,7 @@ class SqliteFile:
                     raise self._damaged(f"{count} messages of topics that it does not name")
                 found.counts[topics[topic][0]] += count
                 found.sizes[topics[topic][0]] += int(total or 0)
+        self._count = found.counts.total()
         if found.sizes.total() > size:
             raise self._damaged(f"{found.sizes.total()} bytes of messages in a file of {size}")
         for rest in ("-wal", "-journal"):
@@ -220,7 +224,7 @@ class SqliteFile:
         with self._opened() as database:
             topics = self._topics(database, FileContent(self.path))
             for number, log_time, data in database.execute(
-                "SELECT topic_id, timestamp, data FROM messages NOT INDEXED"
+                "SELECT topic_id, timestamp, data FROM messages NOT INDEXED LIMIT ?", (self._count,)
             ):
                 if not isinstance(log_time, int) or not isinstance(data, bytes) or number not in topics:
                     raise self._damaged(f"a message of topic {excerpt(number)} recorded at {excerpt(log_time)}")

@@ -6,6 +6,7 @@ import itertools
 import os
 import shutil
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
 from rotary_error_monitor.bags.coverage import BagCoverage
-from rotary_error_monitor.bags.listing import bag_files, count_remarks, own_files, read_listing
+from rotary_error_monitor.bags.listing import bag_files, count_remarks, distinct, own_files, read_listing
 from rotary_error_monitor.bags.lock import BagLock, writer_of
 from rotary_error_monitor.bags.metadata import (
     METADATA,
@@ -45,7 +46,7 @@ class RecoveryReport:
     """What a recovery did.
 
     Attributes:
-        folder: the bag.
+        path: the bag, or the file that was recovered alone.
         counts: messages that can be read, by topic.
         rewritten: names of the files that had no end or were damaged; none where the bag was whole.
         lost: bytes at the end of files that held no whole message.
@@ -57,7 +58,7 @@ class RecoveryReport:
         whole: whether no more is gone than the torn end of a recording that was not closed.
     """
 
-    folder: Path
+    path: Path
     counts: Counter[str]
     rewritten: tuple[str, ...]
     lost: int
@@ -70,11 +71,13 @@ class RecoveryReport:
 
     def __str__(self) -> str:
         if self.missing and not self.rewritten:
-            return f"{self.folder}: {self.counts.total()} messages; the files that are there are whole"
+            return f"{self.path}: {self.counts.total()} messages; the files that are there are whole"
         if not self.rewritten:
-            return f"{self.folder}: the bag is whole, {self.counts.total()} messages"
+            return (
+                f"{self.path}: the {'file' if self.path.is_file() else 'bag'} is whole, {self.counts.total()} messages"
+            )
         return (
-            f"{self.folder}: recovered {self.counts.total()} messages on {len(self.counts)} topics; without "
+            f"{self.path}: recovered {self.counts.total()} messages on {len(self.counts)} topics; without "
             f"{self.lost} bytes at the end"
             + (f" and {self.damaged} damaged records ({self.left_out} bytes before the end)" if self.damaged else "")
             + (f"; kept as it was: {', '.join(self.kept)}" if self.kept else "")
@@ -90,27 +93,59 @@ def recover(bag: Path | str) -> RecoveryReport:
     a `metadata.yaml` that is missing or does not say what the files hold.
 
     Args:
-        bag: folder of the bag, or the mcap file in it.
+        bag: folder of the bag, or an mcap file. A file that is all of the bag in its folder means the bag; any other is
+            recovered alone, and nothing else in its folder is touched.
 
     Raises:
-        InputError: there is no bag of mcap files, somebody is recording or recovering it, or the disk has no room for a
-            copy of a file.
+        InputError: there is no bag of mcap files, or the file is one of several of a bag; somebody is recording or
+            recovering it, or the disk has no room for a copy of a file.
         OSError: the folder cannot be written.
     """
     path = Path(bag)
-    folder = path.parent if path.is_file() else path
-    if not folder.is_dir() or not bag_files(folder):
+    if path.is_file():
+        if path.suffix != ".mcap":
+            raise InputError(f"{path}: no mcap file to recover; its name does not end with .mcap")
+        with BagLock(path.parent):
+            return _recover_alone(path)
+    if not path.is_dir() or not bag_files(path):
         raise InputError(f"{path}: no mcap file to recover; give the folder of a rosbag2 bag")
-    with BagLock(folder):
-        return _recover(folder)
+    with BagLock(path):
+        return _recover(path)
+
+
+def _recover_alone(path: Path) -> RecoveryReport:
+    """Recover one file; with its bag, where it is all of it."""
+    folder = path.parent
+    listing = read_listing(folder)
+    own = own_files(folder, listing) if listing.files else []
+    if path.name in [file.name for file in own]:
+        if len(own) == 1:
+            return _recover(folder)
+        raise InputError(
+            f"{path}: one of {len(own)} files of the bag {folder}; its {METADATA} counts them together, so recover the "
+            "folder"
+        )
+    _check_unused(path, [path])
+    coverage = BagCoverage()
+    content = _recover_file(path, coverage)
+    remarks = [f"{path}: {_LEFT_OUT}: {content.damage()}"] if content.kept else []
+    if exists(folder / METADATA) and not listing.files:
+        remarks.append(
+            f"{folder / METADATA} cannot be read and was left as it was; recover the folder if it is the bag's"
+        )
+    return _report(path, [content], (*remarks, *coverage.remarks()))
+
+
+def _check_unused(path: Path, files: list[Path]) -> None:
+    recorder = writer_of(files)
+    if recorder:  # one that takes no lock, such as rosbag2's own
+        raise InputError(f"{path}: {recorder} has its files open to write; let it end first")
 
 
 def _recover(folder: Path) -> RecoveryReport:
     listing = read_listing(folder)
-    files = own_files(folder, listing) or bag_files(folder)
-    recorder = writer_of(files)
-    if recorder:  # one that takes no lock, such as rosbag2's own
-        raise InputError(f"{folder}: {recorder} has its files open to write; let it end first")
+    files, _ = distinct(own_files(folder, listing) or bag_files(folder))
+    _check_unused(folder, files)
     missing = listing.missing(folder)
     coverage = BagCoverage()
     contents = [_recover_file(file, coverage) for file in files]
@@ -130,10 +165,16 @@ def _recover(folder: Path) -> RecoveryReport:
     listed = listing.files == tuple(file.name for file in files)
     if rewritten or notes != listing.notes or not listed or not _metadata_fits(folder, counts):
         write_metadata(folder, _topics(contents), [content.entry() for content in contents], notes)
+    return _report(folder, contents, remarks, missing)
+
+
+def _report(
+    path: Path, contents: list[_FileContent], remarks: Iterable[str], missing: tuple[str, ...] = ()
+) -> RecoveryReport:
     return RecoveryReport(
-        folder=folder,
-        counts=counts,
-        rewritten=rewritten,
+        path=path,
+        counts=sum((content.counts() for content in contents), Counter[str]()),
+        rewritten=tuple(content.path.name for content in contents if content.torn),
         lost=sum(content.lost for content in contents),
         damaged=sum(content.damaged for content in contents),
         left_out=sum(content.left_out for content in contents),

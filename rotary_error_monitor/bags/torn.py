@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mmap
+import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -97,9 +98,13 @@ class _Index:
 
 @dataclass
 class TornFile:
-    """One mcap file, read from its start as far as it goes; `extent` is right once all records have been taken."""
+    """One mcap file, read from its start as far as it goes; `extent` is right once all records have been taken.
+
+    Where `end` is given, only so many bytes are read: what a recorder appends meanwhile is left alone.
+    """
 
     path: Path
+    end: int | None = None
     extent: Extent = field(default_factory=Extent)
 
     def records(self) -> Iterator[Record]:
@@ -124,7 +129,7 @@ class TornFile:
         Raises:
             InputError: as `records`.
         """
-        content = _content(self.path)
+        content = _content(self.path, self.end)
         size = len(content)
         extent = self.extent = Extent(size=size)
         if size == 0:
@@ -227,14 +232,17 @@ def parse_record(opcode: int, payload: memoryview) -> Record:
     return record
 
 
-def _content(path: Path) -> memoryview:
-    """The file's bytes, as the disk gives them."""
+def _content(path: Path, end: int | None) -> memoryview:
+    """The file's bytes up to some end, as the disk gives them."""
     try:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: no mcap file; it is a folder or a device")
         with path.open("rb") as file:
-            empty = not path.stat().st_size
-            return memoryview(b"" if empty else mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+            size = os.fstat(file.fileno()).st_size
+            end = size if end is None else end
+            if size < end:
+                raise InputError(f"{path}: it became shorter while it was read ({size} of {end} bytes); read it again")
+            return memoryview(mmap.mmap(file.fileno(), end, access=mmap.ACCESS_READ) if end else b"")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}); give a bag that can be read") from error
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.report.painter import Painter
 from rotary_error_monitor.twin.rates import LEAST_RATE, MOST_RATE
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
         ).run(painter, progress)
     print(verdict_sentence(diagnosis))
     for remark in diagnosis.remarks:
-        print(f"note: {remark}", file=sys.stderr)
+        print(f"note: {one_line(remark)}", file=sys.stderr)
     return diagnosis.verdict.exit_code
 
 

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from rotary_error_monitor.bags.recovery import recover
+from rotary_error_monitor.errors import one_line
 
 DAMAGED = 10
 """Exit code: done, and the result is not as one would have it. So ends `replay` as well."""
@@ -22,14 +23,16 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "no room for a copy, or a bag that is being recorded. What cannot be recovered, such as a file that is "
         "missing, is said on standard error.",
     )
-    parser.add_argument("bag", type=Path, metavar="BAG")
+    parser.add_argument(
+        "bag", type=Path, metavar="BAG", help="folder of a bag, or an mcap file that is to be recovered alone"
+    )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Recover the bag in place and say what is in it."""
     report = recover(arguments.bag)
-    print(report)
+    print(one_line(str(report)))
     for remark in report.remarks:
-        print(f"note: {remark}", file=sys.stderr)
+        print(f"note: {one_line(remark)}", file=sys.stderr)
     return 0 if report.whole else DAMAGED

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotary_error_monitor.description.machine import load_machine, machine_path
 from rotary_error_monitor.description.stage import load_stage
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.replay import LONGEST_PERIOD_NS, SHORTEST_PERIOD_NS, replay_bag
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = EstimatorSettings(period_ns=round(arguments.period_ms * 1e6))
     result = replay_bag(arguments.bag, stage, machine, settings)
     for remark in result.remarks:
-        print(f"note: {remark}", file=sys.stderr)
+        print(f"note: {one_line(remark)}", file=sys.stderr)
     if len(result.stamp_ns) == 0:
         raise InputError(f"{arguments.bag}: no estimate: at no time were two opposed or three heads alive together")
     result.save(arguments.output)

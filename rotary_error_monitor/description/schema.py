@@ -14,6 +14,9 @@ from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.resources import config
 
+_MANY = 10
+"""Entries of a list that is too long, above which their number says more than they themselves."""
+
 
 def load(path: Path | str, schema: str) -> dict[str, Any]:
     """Content of the YAML file `path`, valid by `config/schema/<schema>.yaml`.
@@ -69,7 +72,10 @@ def _message(error: ValidationError, origin: str, node: yaml.Node | None) -> str
     expected = error.schema.get("description") if isinstance(error.schema, dict) else None
     if isinstance(error.instance, str) and _is_number(error.instance):
         expected = "a number; YAML takes 1e-6 for text, write 1.0e-6"
-    return f"{where}: {place}: {excerpt(error.message)}" + (f"; expected: {expected}" if expected else "")
+    problem = excerpt(error.message)
+    if error.validator == "maxItems" and isinstance(error.instance, list) and len(error.instance) > _MANY:
+        problem = f"{len(error.instance)} entries"
+    return f"{where}: {place}: {problem}" + (f"; expected: {expected}" if expected else "")
 
 
 def _is_number(text: str) -> bool:

@@ -47,7 +47,7 @@ class SampleBlock:
         try:
             return self.rows[:, self.names.index(name)]
         except ValueError:
-            raise InputError(f"a sample block holds {', '.join(self.names)}, but no field '{name}'") from None
+            raise InputError(f"a sample block holds {excerpt(', '.join(self.names))}, but no field '{name}'") from None
 
     def columns(self, names: Sequence[str]) -> NDArray[np.float64]:
         """(n, len(names)) samples of several fields.

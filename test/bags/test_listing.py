@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -95,6 +97,56 @@ def test_metadata_that_cannot_be_read_says_nothing(bag: Path, text: str) -> None
     (bag / "metadata.yaml").write_text(text)
     assert read_listing(bag) == BagMetadata()
     assert BagReader(bag).topics["/t/a"].count == 15
+
+
+def _name(bag: Path, names: list[str]) -> None:
+    """Have `metadata.yaml` name these files."""
+    information = yaml.safe_load((bag / "metadata.yaml").read_text())
+    information["rosbag2_bagfile_information"]["relative_file_paths"] = names
+    (bag / "metadata.yaml").write_text(yaml.safe_dump(information))
+
+
+def _symlink(target: Path, link: Path) -> None:
+    link.symlink_to(target.name)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["bag_0.mcap"] * 2,
+        ["bag_0.mcap"] * 5000,
+        ["bag_0.mcap", "./bag_0.mcap"],
+        ["bag_0.mcap", "../bag/bag_0.mcap"],
+        ["bag_0.mcap", "bag_7.mcap"],
+        ["bag_7.mcap", "bag_0.mcap"],
+        ["bag_0.mcap", "copy.mcap"],
+    ],
+    ids=["twice", "5000 times", "./", "../bag/", "another name", "the other way round", "a name of another kind"],
+)
+@pytest.mark.parametrize("link", [_symlink, os.link])
+def test_a_file_that_is_named_more_than_once_is_read_once(
+    names: list[str], link: Callable[[Path, Path], None], bag: Path
+) -> None:
+    for name in {*names} - {"bag_0.mcap"}:
+        if "/" not in name:
+            link(bag / "bag_0.mcap", bag / name)
+    _name(bag, [*names, "bag_1.mcap", "bag_2.mcap"])
+    reader = BagReader(bag)
+    assert reader.topics["/t/a"].count == 15 and len(list(reader.replay())) == 30
+    assert reader.damage is None
+    (remark,) = reader.remarks
+    assert "named more than once" in remark and "each file was read once" in remark and len(remark) < 1000
+    recover(bag)
+    assert len(read_by_rosbags(bag)) == 30
+    assert not [remark for remark in BagReader(bag).remarks if "another number" in remark]
+
+
+def test_files_that_are_links_of_one_another_are_one_without_metadata(bag: Path) -> None:
+    (bag / "metadata.yaml").unlink()
+    (bag / "bag_7.mcap").symlink_to("bag_1.mcap")
+    assert len(list(BagReader(bag).replay())) == 30
+    recover(bag)
+    assert len(read_by_rosbags(bag)) == 30
 
 
 def test_files_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from array import array
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,6 +77,39 @@ def test_a_definition_without_a_field_is_said() -> None:
         InputError, match="JointState as the bag defines it is not that of ROS 2 Jazzy: it has no effort"
     ):
         Decoder(TYPES[JointState], other).decode(encode(STATE))
+
+
+PART = "\n" + "=" * 80 + "\nMSG: sensor_msgs/"
+UNBOUNDED = {
+    "an array of empty messages": "E[2000000000] name\n" + PART + "E\nuint8 X=1\n",
+    "an array of texts": "string[2000000000] name\n",
+    "arrays in arrays": "A[9] a\n" + PART + "A\nB[9] b\n" + PART + "B\nE[9] e\n" + PART + "E\nuint8 X=1\n",
+    "messages twice in each": "A0 a\n" + "".join(f"{PART}A{i}\nA{i + 1} a\nA{i + 1} b\n" for i in range(30))
+    + PART + "A30\nfloat64 x\n",
+    "itself": "sensor_msgs/JointState x\n",
+    "one another": "A a\n" + PART + "A\nB[0] b\n" + PART + "B\nA[0] a\n",
+    "a sequence of empty messages": "E[] name\n" + PART + "E\nuint8 X=1\n",
+    "a bounded sequence": "E[<=2000000000] name\n" + PART + "E\nfloat64[0] x\n",
+    "many fields": "".join(f"float64 x{i}\n" for i in range(101)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("definition", UNBOUNDED.values(), ids=UNBOUNDED)
+def test_a_definition_whose_messages_have_no_bounds_is_refused(definition: str) -> None:
+    with pytest.raises(InputError, match=r"JointState as the bag defines it cannot be read: (with )?field '\w+' "):
+        Decoder(TYPES[JointState], definition)
+
+
+@pytest.mark.parametrize("count", [7, 1000, 2_000_000_000])
+def test_an_array_of_numbers_has_the_bytes_of_its_message_at_most(count: int) -> None:
+    decoder = Decoder(TYPES[JointState], DEFINITION.replace("float64[] effort", f"float64[{count}] effort"))
+    with pytest.raises(InputError, match="bytes are no sensor_msgs/msg/JointState"):
+        decoder.decode(encode(STATE)[:-4])
+
+
+def test_a_joint_state_of_megabytes_is_refused() -> None:
+    with pytest.raises(InputError, match=r"JointState of 1\d{6} bytes; at most 1048576 are read"):
+        Decoder(TYPES[JointState]).decode(encode(replace(STATE, frame="x" * (1 << 20))))
 
 
 @settings(max_examples=60, deadline=None)

@@ -175,10 +175,79 @@ def test_bags_of_other_recorders_are_recovered(tmp_path: Path, compression: Comp
     last.write_bytes(content[: chunks[3] + 200])
     expected = sum(topic.count for topic in BagReader(folder).topics.values())
     assert expected > COUNT + 3 * 3
-    report = recover(last)  # the file names its bag
+    report = recover(folder)
     assert report.rewritten == ("bag_1.mcap",) and report.counts.total() == expected
     rows = read_by_rosbags(folder)
     assert len(rows) == expected and {topic for topic, *_ in rows} == {"/t/0", "/t/1", "/t/2", "/own"}
+
+
+def _alone(folder: Path, name: str, cut: int = 0) -> Path:
+    """An mcap file, whole or without its last bytes."""
+    with BagWriter(folder / "made", TOPICS) as writer:
+        for number in range(COUNT):
+            writer.write(TOPICS[number % 2].name, _message(number), START + number)
+    content = _file(folder / "made").read_bytes()
+    shutil.rmtree(folder / "made")
+    (folder / name).write_bytes(content[: len(content) - cut])
+    return folder / name
+
+
+def _bytes(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_file_is_recovered_alone(tmp_path: Path) -> None:
+    monday, tuesday = _alone(tmp_path, "monday.mcap"), _alone(tmp_path, "tuesday.mcap", 400)
+    before = _bytes(tmp_path)
+    report = recover(monday)
+    assert str(report) == f"{monday}: the file is whole, {COUNT} messages" and _bytes(tmp_path) == before
+    report = recover(tuesday)
+    assert report.rewritten == ("tuesday.mcap",) and str(report).startswith(f"{tuesday}: recovered {COUNT} messages")
+    assert BagReader(tuesday).damage is None and len(_numbers(tuesday)) == COUNT
+    del before["tuesday.mcap"]
+    after = _bytes(tmp_path)
+    assert {name: after[name] for name in before} == before and len(after) == 2, "nothing else came to be"
+
+
+@pytest.mark.parametrize("content", [b"garbage" * 1000, b"SQLite format 3\0" + bytes(5000)])
+def test_a_file_that_is_none_is_told_also_beside_a_whole_bag(content: bytes, bag: Path) -> None:
+    before = _bytes(bag)
+    for name in ("wednesday.mcap", "wednesday.db3", "wednesday"):
+        (bag / name).write_bytes(content)
+        with pytest.raises(InputError, match=rf"{name}: no mcap file"):
+            recover(bag / name)
+        (bag / name).unlink()
+    assert _bytes(bag) == before
+
+
+def test_a_file_that_is_the_whole_bag_is_recovered_as_such(bag: Path) -> None:
+    file = _file(bag)
+    file.write_bytes(file.read_bytes()[:-400])
+    assert recover(file).rewritten == (file.name,)
+    assert len(read_by_rosbags(bag)) == COUNT
+
+
+def test_a_file_beside_a_bag_that_is_not_its_own_leaves_the_bag_alone(bag: Path) -> None:
+    _file(bag).write_bytes(_file(bag).read_bytes()[:-300])
+    before = _bytes(bag)
+    assert recover(_alone(bag, "copy.mcap", 400)).rewritten == ("copy.mcap",)
+    after = _bytes(bag)
+    assert {name: after[name] for name in before} == before
+    (bag / "metadata.yaml").write_text("{]")
+    (remark,) = recover(bag / "copy.mcap").remarks
+    assert "metadata.yaml cannot be read" in remark and (bag / "metadata.yaml").read_text() == "{]"
+
+
+def test_one_file_of_several_is_not_recovered_without_the_others(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    with BagWriter(folder, TOPICS, flush_period=0.0, max_file_duration=1.0) as writer:
+        for number in range(COUNT):
+            writer.write(TOPICS[number % 2].name, _message(number), START + number * 100_000_000)
+    before = _bytes(folder)
+    for name in ("bag_0.mcap", "bag_2.mcap"):
+        with pytest.raises(InputError, match=rf"{name}: one of 3 files of the bag {folder}; .*recover the folder"):
+            recover(folder / name)
+    assert _bytes(folder) == before
 
 
 def test_recovery_keeps_the_quality_of_service(tmp_path: Path, contents: dict[str, list[Content]]) -> None:

@@ -214,6 +214,41 @@ def test_whatever_stands_anywhere_in_a_shipped_file_is_read_or_refused(kind, pat
     load(kind, changed, folder)
 
 
+PLANAR = {"x": [1.0e-9, 0.0], "y": [0.0, 1.0e-9]}
+
+
+@pytest.mark.parametrize(
+    ("place", "row"),
+    [
+        (("encoder", "graduation"), {"cos": 1.0e-9, "sin": 0.0}),
+        (("mirror", "flatness"), PLANAR),
+        (("spindle", "radial"), PLANAR),
+        (("spindle", "tilt"), PLANAR),
+    ],
+)
+def test_more_orders_than_anybody_can_tell_are_refused(
+    place: tuple[str, str], row: dict[str, Any], tmp_path: Path
+) -> None:
+    """Each of them costs every sample of a recording."""
+    for count in (500, 501, 8000):
+        content = yaml.safe_load((CONFIG / "stage.yaml").read_text(encoding="utf-8"))
+        content["stage"].setdefault(place[0], {})[place[1]] = [{"order": k + 2} | row for k in range(count)]
+        path = tmp_path / "stage.yaml"
+        path.write_text(yaml.dump(content, Dumper=_Plain), encoding="utf-8")
+        if count == 500:
+            load_stage(path)
+            continue
+        with pytest.raises(InputError, match=rf"{place[0]}\.{place[1]}: {count} entries; expected: at most 500 rows"):
+            load_stage(path)
+
+
+class _Plain(yaml.SafeDumper):
+    """Writes a value that stands twice as often."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
 @settings(max_examples=100, deadline=None)
 @given(text=st.text(max_size=200), random=st.randoms())
 def test_whatever_text_is_read_or_refused(text: str, random, tmp_path_factory) -> None:

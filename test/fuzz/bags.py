@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import zstandard
@@ -62,6 +63,14 @@ def pose_contents(poses: int = 14) -> dict[str, list[Content]]:
     return found
 
 
+def write_defined(path: Path, definition: bytes) -> Path:
+    """Probed poses in a file that defines joint states in its own way."""
+    contents = sorted(((value.stamp_ns, name, value) for name, values in pose_contents().items() for value in values),
+                      key=lambda row: row[:2])  # fmt: skip
+    messages = [(name, TYPES[type(value)], encode(value)) for _, name, value in contents]
+    return write_mcap(path, messages, definitions={TYPES[JointState]: definition})
+
+
 def write_bag(folder: Path, contents: Mapping[str, Sequence[Content]]) -> Path:
     """The bag as our own recorder writes it; what its stamps are does not matter to it."""
     topics = [BagTopic(topic, TYPES[type(values[0])]) for topic, values in contents.items()]
@@ -92,15 +101,19 @@ def write_with_rosbags(
 
 
 def write_mcap(
-    path: Path, messages: Sequence[tuple[str, str, bytes]], compression: CompressionType = CompressionType.NONE
+    path: Path,
+    messages: Sequence[tuple[str, str, bytes]],
+    compression: CompressionType = CompressionType.NONE,
+    definitions: Mapping[str, bytes] = MappingProxyType({}),
 ) -> Path:
-    """A file of messages: topic, type, bytes."""
+    """A file of messages (topic, type, bytes), and of definitions of some types that are not their own."""
     writer = Writer(str(path), compression=compression, chunk_size=1 << 14)
     writer.start("ros2")
     channels: dict[str, int] = {}
     for k, (topic, msgtype, data) in enumerate(messages):
         if topic not in channels:
-            schema = writer.register_schema(msgtype, "ros2msg", type_definition(msgtype).encode())
+            definition = definitions.get(msgtype, type_definition(msgtype).encode())
+            schema = writer.register_schema(msgtype, "ros2msg", definition)
             channels[topic] = writer.register_channel(topic, "cdr", schema)
         writer.add_message(channels[topic], START + k, data, START + k)
     writer.finish()  # type: ignore[no-untyped-call]

@@ -11,7 +11,7 @@ from random import Random
 from .sandbox import WARNS, Run, Sandbox
 from .targets import Target, place
 
-BAGS = frozenset({"mcap", "metadata", "db3"})
+BAGS = frozenset({"mcap", "definition", "metadata", "db3"})
 
 
 @dataclass(frozen=True)

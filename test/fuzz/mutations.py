@@ -175,11 +175,32 @@ def _part(data: bytes, random: Random) -> tuple[int, int]:
     return at, min(random.choice((1, 2, 4, 8, 16, 64, 512, 4096)), len(data) - at)
 
 
+def change_array(data: bytes, random: Random) -> bytes:
+    """A field of a message's definition that is an array of others, of many, of none, or of what it is part of."""
+    fields = list(re.finditer(rb"^([\w/]+)((?:\[[^\]]*\])?) (?=\w+$)", data, re.MULTILINE))
+    if not fields:
+        return data
+    place, other = random.choice(fields), random.choice(fields)
+    count = random.choice((b"0", b"1", b"9", b"300", b"65536", b"2000000000", b"<=7", b"", b"9" * 30))
+    kind = random.choice((place[1], other[1], b"string", b"E", b"JointState", b"std_msgs/Header"))
+    return data[: place.start()] + kind + b"[" + count + b"] " + data[place.end() :]
+
+
+def add_part(data: bytes, random: Random) -> bytes:
+    """A message more in a definition: empty, with arrays of itself or of others, or a chain of many."""
+    kind = random.choice((b"uint8 X=1\n", b"E[9] e\n", b"E[0] e\n", b"JointState[9] e\n", b"float64[9] x\n" * 99))
+    parts = [b"sensor_msgs/E\n" + kind]
+    if random.random() < 0.3:
+        parts += [b"sensor_msgs/C%d\nC%d a\nC%d[3] b\n" % (i, i + 1, i + 1) for i in range(random.choice((3, 30, 300)))]
+    return data + b"".join(b"=" * 80 + b"\nMSG: " + part for part in parts)
+
+
 BINARY: Sequence[Mutation] = (flip_bits, set_integer, set_double, truncate, remove, repeat, move, overwrite)
 TEXT: Sequence[Mutation] = (
     *(change_number, change_number, change_number, insert_token, change_line, change_word, change_word),
     *(flip_bits, truncate, remove, repeat, move),
 )
+DEFINITION: Sequence[Mutation] = (change_array, change_array, change_array, add_part, add_part, *TEXT)
 MCAP: Sequence[Mutation] = (*BINARY, change_record, change_record, change_record, change_record)
 
 

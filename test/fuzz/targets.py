@@ -13,13 +13,14 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from simulated_pointings import pointing_file, simulate_pointings
 
-from rotary_error_monitor.bags.contents import TYPES
+from rotary_error_monitor.bags.contents import TYPES, JointState
 from rotary_error_monitor.bags.messages import encode
+from rotary_error_monitor.bags.metadata import type_definition
 from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.plant.cases import make_stage_case
 
-from .bags import pose_contents, stage_contents, write_bag, write_mcap, write_with_rosbags
-from .mutations import BINARY, MCAP, TEXT, Mutation, mutate
+from .bags import pose_contents, stage_contents, write_bag, write_defined, write_mcap, write_with_rosbags
+from .mutations import BINARY, DEFINITION, MCAP, TEXT, Mutation, mutate
 
 ROOT = Path(__file__).parents[2]
 CONFIG, CSV = ROOT / "config", ROOT / "doc" / "calibration"
@@ -42,6 +43,8 @@ PROFILE = "distance_mm,height_um\n" + "".join(f"{100 * k},0.{k}\n" for k in rang
 SIGNALS = "cos,sin\n" + "".join(
     f"{round(500 * math.cos(0.37 * k))},{round(500 * math.sin(0.37 * k) + 3)}\n" for k in range(600)
 )
+JOINTS = type_definition(TYPES[JointState]).encode()
+"""What a bag says that joint states are."""
 
 EFFECTS = {
     "stage": """
@@ -110,6 +113,9 @@ def place(target: Target, content: bytes, folder: Path, templates: Path) -> None
         copytree(templates / "bag", folder / "bag")
     path = folder / target.file
     path.parent.mkdir(exist_ok=True)
+    if target.name == "definition":
+        write_defined(path, content)
+        return
     path.write_bytes(content)
 
 
@@ -207,6 +213,12 @@ def targets(templates: Path) -> list[Target]:
         Target("signals", "signals.csv", [SIGNALS.encode()], TEXT, lambda folder: [
             diagnose(folder / "signals.csv", CONFIG / "quadrature.yaml", folder)]),
         Target("mcap", "bag.mcap", _mcap_files(templates, bag, poses), MCAP, bag_commands("bag.mcap")),
+        Target("definition", "bag.mcap", [JOINTS, JOINTS.partition(b"=====")[0]], DEFINITION, lambda folder: [
+            ["replay", folder / "bag.mcap", "-o", folder / out, "--machine", CONFIG / "machines/grinder_zhou2023.yaml"],
+            diagnose(folder / "bag.mcap", pan, folder),
+            ["calibrate", "machine", folder / "bag.mcap", "--machine", pan, "-o", folder / out],
+            ["recover", folder / "bag.mcap"],
+        ]),
         Target("metadata", "bag/metadata.yaml", _metadata(templates), TEXT, bag_commands("bag")),
         Target("db3", "bag.db3", _databases(templates), BINARY, bag_commands("bag.db3")),
     ]  # fmt: skip

@@ -24,7 +24,16 @@ from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
-from .bags import START, changed, pose_contents, stage_contents, write_bag, write_with_rosbags, zstd_of_nothing
+from .bags import (
+    START,
+    changed,
+    pose_contents,
+    stage_contents,
+    write_bag,
+    write_defined,
+    write_with_rosbags,
+    zstd_of_nothing,
+)
 from .sandbox import Run, Sandbox
 
 ROOT = Path(__file__).parents[2]
@@ -269,6 +278,30 @@ def test_chunks_of_gigabytes_are_refused_before_they_are_unpacked(tmp_path, refu
     assert "unpacked it would be 5300000000 bytes; at most 67108864 are read at once; recover" in refused(
         "replay", one, "-o", tmp_path / "out"
     )
+
+
+@shows(
+    Row(
+        "files",
+        "A bag whose own definition of a message has billions of parts",
+        "exit code 2: which field of which message",
+        "refused before a message is read",
+        "nothing",
+        "a right file",
+    ),
+)
+@pytest.mark.parametrize("kind", ["E[2000000000]", "string[2000000000]", "E[]", "E[1000000]", "sensor_msgs/JointState"])
+def test_definitions_of_messages_of_gigabytes_are_refused(kind, tmp_path, refused):
+    definition = f"{kind} name\n{'=' * 80}\nMSG: sensor_msgs/E\nuint8 X=1\n".encode()
+    bag, out = write_defined(tmp_path / "bag.mcap", definition), ["-o", tmp_path / "out"]
+    grinder = ROOT / "config/machines/grinder_zhou2023.yaml"
+    for command in (
+        ["replay", bag, "--machine", grinder, *out],
+        ["diagnose", bag, "--twin", MACHINE, "--no-report", *out],
+        ["calibrate", "machine", bag, "--machine", MACHINE, *out],
+    ):
+        said = refused(*command)
+        assert "/machine/joint_states: sensor_msgs/msg/JointState as the bag defines it cannot be read" in said
 
 
 def test_a_packed_file_of_gigabytes_is_refused(tmp_path, refused):
