@@ -221,7 +221,10 @@ class Compensation(ManagedNode):
             reasons.append("the axes cannot correct the tool's direction here")
         if stale:
             reasons.append(f"{stale} offsets dropped: older than the age limit")
-        return Condition("correction", Level.WARN if reasons else Level.OK, "; ".join(reasons) or "correcting", figures)
+        message = "; ".join(reasons) or "correcting"
+        if math.isnan(self._compensator.deviation):
+            message += "; how uncertain the machine's description is, its file does not state"
+        return Condition("correction", Level.WARN if reasons else Level.OK, message, figures)
 
     def _figures(self, now_ns: int) -> dict[str, object]:
         compensator = self._compensator
@@ -232,7 +235,7 @@ class Compensation(ManagedNode):
             "held_for_s": 0.0 if since is None else max(0.0, (now_ns - since) / NANOSECONDS),
             "stale_offsets": self._output.stale,
             "latched": compensator.state.latched,
-            "standard_uncertainty_um": compensator.deviation * 1e6,
+            "standard_uncertainty_um": "none" if math.isnan(compensator.deviation) else compensator.deviation * 1e6,
             "refused_joint_states": compensator.joints.checks.refused.total(),
             "refused_temperatures": compensator.thermometer.refused.total(),
         }

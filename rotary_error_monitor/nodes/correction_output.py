@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 import numpy as np
@@ -164,10 +163,10 @@ class CorrectionOutput:
         report = correction.report
         if report is None:
             return
-        observable = np.array([math.isfinite(variance) for variance in np.diag(report.covariance)])
+        covariance = report.covariance
+        if not np.isfinite(covariance).all():
+            covariance = messages.UNOBSERVABLE_VARIANCE * np.eye(6)
         for key, offset in (("tool_offset_pose", report.offset), ("corrected_offset_pose", report.remaining)):
             self._outputs[key].publish(
-                messages.pose_message(
-                    correction.stamp_ns, self._topics[key].frame, offset, report.covariance, observable
-                )
+                messages.pose_message(correction.stamp_ns, self._topics[key].frame, offset, covariance)
             )
