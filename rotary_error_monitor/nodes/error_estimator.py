@@ -202,7 +202,8 @@ class ErrorEstimator(ManagedNode):
         if sparse:
             gap = max(status.streams[name].spacing_ns for name in sparse) * 1e-6
             limit = self.setting("max_gap") * 1e3
-            return f"samples of {', '.join(sparse)} are {gap:.3g} ms apart, more than max_gap of {limit:g} ms"
+            apart = f"samples of {', '.join(sparse)} are {gap:.3g} ms apart"
+            return f"{apart}; what is further apart than max_gap of {limit:g} ms is not joined"
         return "too few heads"
 
     def _doubts(self, silent: bool) -> Iterator[tuple[Level, str]]:
