@@ -18,7 +18,6 @@ from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.nodes.qos import driver_profile
 from rotary_error_monitor.nodes.sensor import MOCK, MOCK_SETTINGS, POLL_RATE, RATE, SensorNode, source_setting
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.iio import QuadrantDetector
@@ -69,13 +68,12 @@ class Autocollimator(SensorNode):
         return Polled(FIELDS, detector)
 
     def _vector3(self) -> Source:
-        source = Gathered(FIELDS)
-
-        def receive(message: Vector3Stamped) -> None:
-            source.add(messages.measured_ns(message.header), (message.vector.x, message.vector.y), self.now_ns())
-
-        self.listen(self.setting("vector3.topic"), Vector3Stamped, driver_profile(), receive)
-        return source
+        return self.hear(
+            self.setting("vector3.topic"),
+            Vector3Stamped,
+            Gathered(FIELDS),
+            lambda message: (message.vector.x, message.vector.y),
+        )
 
     sources: ClassVar[dict[str, Callable[[Any], Source]]] = {MOCK: _mock, "vector3": _vector3, "iio": _iio}
 

@@ -59,7 +59,8 @@ class Compensation(ManagedNode):
         self._compensator = Compensator(machine, compensator_settings(self), limits=self.stage.limits)
         self._has_rotary = any(axis.kind == "rotary" for axis in machine.axes)
         self._age_limit_ns = round(self.setting("age_limit") * NANOSECONDS)
-        self._hold = ""
+        self._hold: str | None = ""
+        self._released_ns: int | None = None
         self._output = CorrectionOutput(self, self._compensator, self._age_limit_ns)
         now_ns = self.now_ns()
         self._watches: dict[str, StreamWatch] = {}
@@ -73,7 +74,9 @@ class Compensation(ManagedNode):
         streams = [_TEMPERATURE, *(watch.what for watch in self._watches.values())]
         self._arrivals = {what: ArrivalCheck(round(60 * NANOSECONDS)) for what in streams}
         self.listen_to(joints, self._receive_joints)
-        self.listen_to(self.wire.topic("machine_temperature"), self._receive_temperature)
+        temperature = self.wire.topic("machine_temperature")
+        self._temperature = temperature.name
+        self.listen_to(temperature, self._receive_temperature)
         self.after_messages(self._compensate)
         self.serve(Trigger, "~/reset", self._reset)
         self.every(_WATCH_PERIOD, self._watch)
@@ -87,7 +90,7 @@ class Compensation(ManagedNode):
         self._check_arrival(self._motion, block.newest_ns, now_ns)  # one sample ahead, and all that follow were late
         self._motion.observe(block, now_ns)
         if now_ns - block.newest_ns > self._age_limit_ns:
-            self._output.stale += len(block.rows)  # nothing of it could be published: no time is lost on it
+            self._output.drop(len(block.rows), now_ns)  # nothing of it could be published: no time is lost on it
             return
         self._compensator.accept_error_motion(block)
 
@@ -102,6 +105,9 @@ class Compensation(ManagedNode):
             self._joints.refuse(doubt)
 
     def _receive_temperature(self, message: Temperature) -> None:
+        if self.is_shared(self._temperature):
+            self._compensator.thermometer.reset()  # nothing tells whose was the last one that was believed
+            raise InputError(self.publishers_of(self._temperature))
         stamp_ns, now_ns = messages.ns_from_stamp(message.header.stamp), self.now_ns()
         if self._arrivals[_TEMPERATURE].was_set_back(self._compensator.thermometer.last_ns, now_ns):
             self._begin_anew()
@@ -123,19 +129,27 @@ class Compensation(ManagedNode):
     def _begin_anew(self) -> None:
         self.get_logger().warning("the clock was set back: all that was stamped later is forgotten")
         self._compensator.forget_time()
+        self._released_ns = None
         for each in self._watches.values():
             each.last_ns = None
 
     def _compensate(self) -> None:
         """Send what is fresh of what came together; what waited too long for its other half is dropped."""
-        self._compensator.forbidden = self._forbidden()
-        self._output.send(self._compensator.advance())
+        compensator = self._compensator
+        latched = compensator.state.latched
+        compensator.forbidden = self._forbidden()
+        self._output.send(compensator.advance())
+        if compensator.state.latched and not latched:  # it may be reset and latch again between two looks
+            self._say_hold()
 
     def _forbidden(self) -> str:
         """Why no correction may go out, whatever the inputs say."""
-        for watch in self._watches.values():
-            if self.is_shared(watch.what):
-                return self.publishers_of(watch.what)
+        heard = [watch.what for watch in self._watches.values()]
+        if self._compensator.thermometer.needed:
+            heard.append(self._temperature)
+        for topic in heard:
+            if self.is_shared(topic):
+                return self.publishers_of(topic)
         return self._output.forbidden(self.now_ns())
 
     def _reason_to_hold(self, now_ns: int) -> str:
@@ -155,22 +169,38 @@ class Compensation(ManagedNode):
         if compensator.hold:
             return compensator.hold
         if latest is None or now_ns - latest.stamp_ns > 2 * self._age_limit_ns:
-            return f"offsets come later than the age limit of {self._age_limit_ns / NANOSECONDS} s"
+            return self._why_nothing_came(now_ns)
         return ""
+
+    def _why_nothing_came(self, now_ns: int) -> str:
+        """Why inputs that are there and believed gave no correction of late."""
+        latest, released_ns = self._output.latest, self._released_ns
+        if self._output.is_late(now_ns):
+            return f"offsets come later than the age limit of {self._age_limit_ns / NANOSECONDS} s"
+        if released_ns is not None and (latest is None or latest.stamp_ns <= released_ns):
+            return "no correction has come of the inputs since the reset"
+        if latest is None:
+            return "no correction has come of the inputs yet"
+        return f"no correction has come of the inputs for {(now_ns - latest.stamp_ns) / NANOSECONDS:.1f} s"
 
     def _watch(self) -> None:
         """Say at once when corrections begin or end to be held, and when the reason is another one."""
         with self.busy:
             if not self.active:
                 return
-            hold = self._reason_to_hold(self.now_ns())
-            self.tell(_NUMBERS.sub("", hold))
-            if _NUMBERS.sub("", hold) != _NUMBERS.sub("", self._hold):
-                if hold:
-                    self.get_logger().warning(f"corrections are held: {hold}")
-                else:
-                    self.get_logger().info("corrections flow")
-            self._hold = hold
+            self.tell(self._say_hold())
+
+    def _say_hold(self) -> str:
+        """Log why corrections are held, or that they flow, where it is not what was said last; give it in short."""
+        hold = self._reason_to_hold(self.now_ns())
+        short = _NUMBERS.sub("", hold)
+        if short != self._hold:
+            if hold:
+                self.get_logger().warning(f"corrections are held: {hold}")
+            else:
+                self.get_logger().info("corrections flow")
+        self._hold = short
+        return short
 
     def _correction_condition(self, now_ns: int) -> Condition:
         latest, stale = self._output.latest, self._output.take_stale()
@@ -191,7 +221,10 @@ class Compensation(ManagedNode):
             reasons.append("the axes cannot correct the tool's direction here")
         if stale:
             reasons.append(f"{stale} offsets dropped: older than the age limit")
-        return Condition("correction", Level.WARN if reasons else Level.OK, "; ".join(reasons) or "correcting", figures)
+        message = "; ".join(reasons) or "correcting"
+        if math.isnan(self._compensator.deviation):
+            message += "; how uncertain the machine's description is, its file does not state"
+        return Condition("correction", Level.WARN if reasons else Level.OK, message, figures)
 
     def _figures(self, now_ns: int) -> dict[str, object]:
         compensator = self._compensator
@@ -202,7 +235,7 @@ class Compensation(ManagedNode):
             "held_for_s": 0.0 if since is None else max(0.0, (now_ns - since) / NANOSECONDS),
             "stale_offsets": self._output.stale,
             "latched": compensator.state.latched,
-            "standard_uncertainty_um": compensator.deviation * 1e6,
+            "standard_uncertainty_um": "none" if math.isnan(compensator.deviation) else compensator.deviation * 1e6,
             "refused_joint_states": compensator.joints.checks.refused.total(),
             "refused_temperatures": compensator.thermometer.refused.total(),
         }
@@ -218,6 +251,9 @@ class Compensation(ManagedNode):
         response.success = True
         response.message = f"released: {state.reason}" if state.latched else "nothing was latched"
         self.get_logger().info(f"reset: {response.message}")
+        self._released_ns = self.now_ns()
+        if state.latched:
+            self._hold = None  # what latches again is said again
         return response
 
 

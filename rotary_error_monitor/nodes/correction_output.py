@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 import numpy as np
@@ -11,6 +10,7 @@ from sensor_msgs.msg import JointState
 from rotary_error_monitor.bags.messages import stamp_of
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.publishers import name_of
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.corrections import Compensation, Correction
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
@@ -18,8 +18,8 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 _FOREIGN_FOR_NS = 2 * NANOSECONDS
 """How long a second compensation must have been silent before this one goes on, ns."""
 
-_FEEDBACK_AGE_NS = NANOSECONDS
-"""Age at which what the controller has said no longer tells what it has in effect, ns."""
+_LATE_FOR_NS = NANOSECONDS
+"""How long after an offset that was too old lateness counts as the reason for the lack of corrections, ns."""
 
 
 class CorrectionOutput:
@@ -39,13 +39,13 @@ class CorrectionOutput:
         self._own: deque[int] = deque(maxlen=1024)
         self._foreign_ns: int | None = None
         self._feedback = node.wire.topic("applied_corrections")
-        self._fed_ns: int | None = None
         self._began_ns: int | None = None
         self._started = False
         self._unfed = ""
         self._worst_age, self._told_stale = 0.0, 0
         self.latest: Correction | None = None
         self.stale = 0
+        self._late_ns: int | None = None
         node.listen_to(self._feedback, self._receive_feedback)
         node.listen_to_bytes(self._topics["axis_corrections"], self._receive_correction)
 
@@ -76,13 +76,23 @@ class CorrectionOutput:
         return f"waiting for the controller to say on {topic} which corrections it has in effect"
 
     def remarks(self, now_ns: int) -> list[str]:
-        """What is not as it should be with the controller's side."""
-        return [self._unfed] if self._unfed else []
+        """What is not as it should be with the controller's side, and beside this node."""
+        return [remark for remark in (self._unfed, self._silent_publisher()) if remark]
 
     def take_worst_age(self) -> float:
         """Largest age of an offset at its publication since the last call, s."""
         worst, self._worst_age = self._worst_age, 0.0
         return worst
+
+    def drop(self, offsets: int, now_ns: int) -> None:
+        """Take note of offsets that are too old to be published at `now_ns`."""
+        if offsets:
+            self.stale += offsets
+            self._late_ns = now_ns
+
+    def is_late(self, now_ns: int) -> bool:
+        """Whether offsets were too old of late."""
+        return self._late_ns is not None and 0 <= now_ns - self._late_ns <= _LATE_FOR_NS
 
     def take_stale(self) -> int:
         """Offsets that were too old since the last call."""
@@ -98,14 +108,31 @@ class CorrectionOutput:
             return ""
         return self._node.publishers_of(topic)
 
+    def _silent_publisher(self) -> str:
+        """That another compensation is there, which holds since it has heard this one; empty where there is none.
+
+        The list keeps one that was killed for some 20 s, so it is no reason to hold: one that is started again bears
+        the same name.
+        """
+        topic = self._topics["axis_corrections"].name
+        listed = {name_of(publisher) for publisher in self._node.get_publishers_info_by_topic(topic)}
+        others = sorted(listed - {self._node.get_fully_qualified_name()})
+        return f"{', '.join(others)} may publish {topic} too; only one of both may speak" if others else ""
+
     def _receive_correction(self, data: bytes, received_ns: int) -> None:
-        """Somebody else's correction: two compensations would both move the axes."""
-        if stamp_of(data) not in self._own:
+        """Somebody else's correction: two compensations would both move the axes.
+
+        Each of one's own is heard once. Of the same inputs another compensation makes corrections of the same stamps:
+        then one of a stamp comes twice.
+        """
+        stamp_ns = stamp_of(data)
+        if stamp_ns in self._own:
+            self._own.remove(stamp_ns)
+        else:
             self._foreign_ns = received_ns
 
     def _receive_feedback(self, message: JointState) -> None:
         positions, _ = messages.joint_motion(message)
-        self._fed_ns = self._node.now_ns()
         if not self._started:
             self._compensator.start_from(positions)
             self._started = True
@@ -113,7 +140,7 @@ class CorrectionOutput:
 
     def _publish_offsets(self, block: SampleBlock, oldest_ns: int) -> None:
         stale = int(np.searchsorted(block.times_ns, oldest_ns))
-        self.stale += stale
+        self.drop(stale, self._node.now_ns())
         if stale == len(block.rows):
             return
         fresh = SampleBlock(block.stamp_ns, block.names, block.rows[stale:])
@@ -136,10 +163,10 @@ class CorrectionOutput:
         report = correction.report
         if report is None:
             return
-        observable = np.array([math.isfinite(variance) for variance in np.diag(report.covariance)])
+        covariance = report.covariance
+        if not np.isfinite(covariance).all():
+            covariance = messages.UNOBSERVABLE_VARIANCE * np.eye(6)
         for key, offset in (("tool_offset_pose", report.offset), ("corrected_offset_pose", report.remaining)):
             self._outputs[key].publish(
-                messages.pose_message(
-                    correction.stamp_ns, self._topics[key].frame, offset, report.covariance, observable
-                )
+                messages.pose_message(correction.stamp_ns, self._topics[key].frame, offset, covariance)
             )

@@ -82,9 +82,20 @@ class StreamWatch:
     sequence number and works for any driver. Totals run since the start, the rate since the last report.
     """
 
-    def __init__(self, what: str, late_after: float, stale_after: float, began_ns: int) -> None:
-        """Watch the stream called `what`; `late_after` and `stale_after` in s, `began_ns` the present time (ns)."""
+    def __init__(
+        self, what: str, late_after: float, stale_after: float, began_ns: int, *, outgoing: bool = False
+    ) -> None:
+        """Watch the stream called `what`.
+
+        Args:
+            what: its topic.
+            late_after: age, s, from which what comes is late.
+            stale_after: age of the last sample, s, from which the stream is stale.
+            began_ns: the present time (ns).
+            outgoing: whether it is the node's own.
+        """
         self.what = what
+        self._nothing = "nothing has been sent yet" if outgoing else "nothing has arrived yet"
         self.lost = 0
         self.late = 0
         self.refused = 0
@@ -106,11 +117,12 @@ class StreamWatch:
             self._period = (last_ns - first_ns) / (len(block.rows) - 1)
         if self.last_ns is not None and self._period > 0:
             self.lost += max(0, round((first_ns - self.last_ns) / self._period) - 1)
-        self._samples += len(block.rows)
+        self._samples += len(block.rows) - 1
         self.observe_stamp(last_ns, now_ns)
 
     def observe_stamp(self, stamp_ns: int, now_ns: int) -> None:
         """Take note of a message that was measured at `stamp_ns`."""
+        self._samples += 1
         self.late += now_ns - stamp_ns > self._late_after_ns
         if stamp_ns - now_ns > AHEAD_NS:  # nor does a stream that falls silent seem alive by a stamp in the future
             stamp_ns = now_ns
@@ -136,7 +148,7 @@ class StreamWatch:
         self._seen = totals
         self._samples, self._reported_ns = 0, now_ns
         if age is None:
-            level, message = (Level.ERROR if self.is_stale(now_ns) else Level.WARN), "nothing has arrived yet"
+            level, message = (Level.ERROR if self.is_stale(now_ns) else Level.WARN), self._nothing
         elif self.is_stale(now_ns):
             level, message = Level.ERROR, f"stale: the last sample is {age:.3g} s old"
         elif any(new):

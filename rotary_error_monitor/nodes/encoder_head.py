@@ -19,7 +19,6 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.nodes.qos import driver_profile
 from rotary_error_monitor.nodes.sensor import MOCK, MOCK_SETTINGS, POLL_RATE, RATE, SensorNode, source_setting
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.counter import Counter
@@ -81,9 +80,13 @@ class EncoderHead(SensorNode):
         return Polled(_FIELDS, Counter(folder, counts, reverse=self.setting("counter.reverse")))
 
     def _joint_state(self) -> Source:
-        source = JointStateSource(self.setting("joint_state.joint"), self.now_ns)
-        self.listen(self.setting("joint_state.topic"), JointState, driver_profile(), source.receive)
-        return source
+        joint = self.setting("joint_state.joint")
+        return self.hear(
+            self.setting("joint_state.topic"),
+            JointState,
+            ContinuousAngle(_FIELDS),
+            lambda message: (messages.joint_position(message, joint),),
+        )
 
     sources: ClassVar[dict[str, Callable[[Any], Source]]] = {
         MOCK: _mock,
@@ -92,27 +95,23 @@ class EncoderHead(SensorNode):
     }
 
 
-class JointStateSource(Gathered):
-    """Readings that a third-party driver publishes as joint states; angles that wrap are made continuous."""
+class ContinuousAngle(Gathered):
+    """Angles of a third-party driver; those that wrap are made continuous."""
 
-    def __init__(self, joint: str, now_ns: Callable[[], int]) -> None:
-        """Take the joint of that name, or the only one where it is empty; `now_ns` is the node's clock."""
-        super().__init__(_FIELDS)
-        self._joint, self._now_ns = joint, now_ns
-        self._angle: float | None = None
+    _last: float | None = None
 
-    def receive(self, message: JointState) -> None:
-        """Take one message of the driver.
+    def add(self, time_ns: int, values: Sequence[float], arrival_ns: int | None = None) -> None:
+        """Keep one angle, as `Gathered.add`.
 
         Raises:
-            InputError: it has no such joint, no stamp, or no finite position.
+            InputError: as there; an angle that is refused leaves no trace in those after it.
         """
-        angle = messages.joint_position(message, self._joint)
+        (angle,) = values
         if not np.isfinite(angle):
-            raise InputError(f"position of joint '{self._joint}' is {angle}; expected a finite angle in rad")
-        unwrapped = angle if self._angle is None else unwrap_angle(angle, self._angle)
-        self.add(messages.measured_ns(message.header), (unwrapped,), self._now_ns())
-        self._angle = unwrapped
+            raise InputError(f"a position is {angle}; expected a finite angle in rad")
+        continuous = angle if self._last is None else unwrap_angle(angle, self._last)
+        super().add(time_ns, (continuous,), arrival_ns)
+        self._last = continuous
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -90,7 +90,7 @@ class ErrorEstimator(ManagedNode):
         self._reported = (0, 0, 0)
         self._components = 0
         now_ns, patience = self.now_ns(), self.setting("patience")
-        self._output = StreamWatch(self._samples.name, patience, _SILENT_AFTER, now_ns)
+        self._output = StreamWatch(self._samples.name, patience, _SILENT_AFTER, now_ns, outgoing=True)
         self._inputs = {}
         for stream in self._estimator.inputs:
             topic = self._topic(stream)
@@ -152,6 +152,7 @@ class ErrorEstimator(ManagedNode):
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         doubts = ", ".join(what for what, _ in self._estimator.belief.reasons)
         self._estimator.reset()
+        self._said.clear()  # what is doubted again is said again
         response.success = True
         response.message = f"believed again: {doubts}" if doubts else "nothing was doubted"
         self.get_logger().info(f"reset: {response.message}")
@@ -201,7 +202,8 @@ class ErrorEstimator(ManagedNode):
         if sparse:
             gap = max(status.streams[name].spacing_ns for name in sparse) * 1e-6
             limit = self.setting("max_gap") * 1e3
-            return f"samples of {', '.join(sparse)} are {gap:.3g} ms apart, more than max_gap of {limit:g} ms"
+            apart = f"samples of {', '.join(sparse)} are {gap:.3g} ms apart"
+            return f"{apart}; what is further apart than max_gap of {limit:g} ms is not joined"
         return "too few heads"
 
     def _doubts(self, silent: bool) -> Iterator[tuple[Level, str]]:

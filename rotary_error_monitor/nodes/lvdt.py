@@ -18,7 +18,6 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.nodes.qos import driver_profile
 from rotary_error_monitor.nodes.sensor import MOCK, MOCK_SETTINGS, SensorNode, mock_settings, source_setting
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.mock import MockSource, mock_stage
@@ -60,13 +59,12 @@ class Lvdt(SensorNode):
         return MockSource(mock_stage(stage, mock_settings(self)), NAME)
 
     def _vector3(self) -> Source:
-        source = Gathered(FIELDS)
-
-        def receive(message: Vector3Stamped) -> None:
-            source.add(messages.measured_ns(message.header), (message.vector.x, message.vector.y))
-
-        self.listen(self.setting("vector3.topic"), Vector3Stamped, driver_profile(), receive)
-        return source
+        return self.hear(
+            self.setting("vector3.topic"),
+            Vector3Stamped,
+            Gathered(FIELDS),
+            lambda message: (message.vector.x, message.vector.y),
+        )
 
     sources: ClassVar[dict[str, Callable[[Any], Source]]] = {MOCK: _mock, "vector3": _vector3}
 

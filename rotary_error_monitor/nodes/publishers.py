@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator
+from itertools import pairwise
 
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
@@ -14,7 +16,10 @@ from rotary_error_monitor.errors import excerpt
 from rotary_error_monitor.nodes import messages
 
 MEMORY = 1.0
-"""Time, s, after the last sign of a second publisher in which a topic counts as shared."""
+"""Time, s, after the last sign of a second publisher in which a topic counts as shared, if messages come often."""
+
+_PAUSES = 2.5
+"""The same in pauses between messages, where these are long: two that speak in turn give a sign once a pause."""
 
 
 class SoleSource:
@@ -29,6 +34,7 @@ class SoleSource:
         self._last: int | None = None
         self._before: int | None = None
         self._seen: float | None = None
+        self._times: deque[float] = deque(maxlen=4)  # two that speak at once, twice
 
     def note(self, number: int | None, now: float) -> None:
         """Take note of a message's publication sequence number at a time (s) that never steps.
@@ -37,6 +43,7 @@ class SoleSource:
         """
         if number is None:
             return
+        self._times.append(now)
         if self._last is not None and number != self._last + 1:
             if self._before is not None and number == self._before + 1:
                 self._seen = now
@@ -45,11 +52,15 @@ class SoleSource:
 
     def is_shared(self, now: float) -> bool:
         """Whether several publishers speak, as of the time `now`, s."""
-        return self._seen is not None and now - self._seen <= MEMORY
+        if self._seen is None:
+            return False
+        pause = max((after - before for before, after in pairwise(self._times)), default=0.0)
+        return now - self._seen <= max(MEMORY, _PAUSES * pause)
 
     def forget(self) -> None:
         """Begin anew."""
         self._last = self._before = self._seen = None
+        self._times.clear()
 
 
 _UNKNOWN = "_UNKNOWN_"

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from rotary_error_monitor.description.wire import Topic
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import Setting, cell_settings
+from rotary_error_monitor.nodes.qos import driver_profile
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, MockSource, last_midnight, mock_stage
-from rotary_error_monitor.sources.source import Polled, Source
+from rotary_error_monitor.sources.source import Gathered, Polled, Source
 
 MOCK = "mock"
 MOCK_SETTINGS = cell_settings("block_period", "mock.")
@@ -23,6 +26,8 @@ _LONGEST_CATCH_UP = NANOSECONDS
 _HUMAN_PERIOD = 50_000_000
 _LATE_PERIODS = 4.0
 _STALE_AFTER = 0.5
+_SILENT_AFTER = 1.0
+_LOOK_PERIOD = 0.2
 
 
 class BlockSender:
@@ -52,7 +57,7 @@ class BlockSender:
         self._human_ns = 0
         began_ns = node.now_ns()
         period = period_ns / NANOSECONDS
-        self.watch = StreamWatch(topic.name, _LATE_PERIODS * period, _STALE_AFTER + 2 * period, began_ns)
+        self.watch = StreamWatch(topic.name, _LATE_PERIODS * period, _STALE_AFTER + 2 * period, began_ns, outgoing=True)
         node.at_each(period_ns, self._send)
 
     def _send(self, due_ns: int) -> None:
@@ -72,6 +77,67 @@ class BlockSender:
             self._people.publish(self._human_message(block))
 
 
+class Driver:
+    """The topic of a third-party driver: its messages are gathered as samples, and its silence is said."""
+
+    def __init__(self, node: ManagedNode, topic: str) -> None:
+        """Hear `topic`, which may be relative to the node's namespace."""
+        self._node = node
+        self._topic = node.resolve_topic_name(topic)
+        self._watch = StreamWatch(self._topic, _STALE_AFTER, _SILENT_AFTER, node.now_ns())
+        self._said = ""
+
+    def gather(
+        self, kind: type[Any], source: Gathered, sample: Callable[[messages.Message], Sequence[float]]
+    ) -> Gathered:
+        """Have `source` gather what `sample` makes of each message of type `kind`; gives the source.
+
+        Where several publish, nothing tells whose sample is whose, and none is taken.
+        """
+
+        def receive(message: messages.Message) -> None:
+            try:
+                if self._node.is_shared(self._topic):
+                    source.drop()
+                    raise InputError(self._node.publishers_of(self._topic))
+                stamp_ns, now_ns = messages.measured_ns(message.header), self._node.now_ns()
+                source.add(stamp_ns, sample(message), now_ns)
+            except InputError as error:
+                self._watch.refuse(str(error))
+                raise
+            self._watch.observe_stamp(stamp_ns, now_ns)
+
+        self._node.listen(self._topic, kind, driver_profile(), receive)
+        self._node.every(_LOOK_PERIOD, self._look)
+        return source
+
+    def condition(self, now_ns: int) -> Condition:
+        """What comes of the driver, and whether there is one."""
+        found = self._watch.report(now_ns)
+        nobody = self._nobody(now_ns)
+        return replace(found, message=f"{found.message}: {nobody}") if nobody else found
+
+    def _nobody(self, now_ns: int) -> str:
+        """That nobody publishes, where nothing comes; empty where somebody does."""
+        if not self._watch.is_stale(now_ns) or self._node.count_publishers(self._topic):
+            return ""
+        return f"nobody publishes on {self._topic}"
+
+    def _look(self) -> None:
+        """Log when the driver falls silent, and when it is heard again."""
+        now_ns = self._node.now_ns()
+        if not self._node.active:
+            return
+        words = ""
+        if self._watch.is_stale(now_ns):
+            words = self._nobody(now_ns) or f"no sample that can be used comes on {self._topic}"
+        if words and words != self._said:
+            self._node.get_logger().warning(words)
+        elif self._said and not words:
+            self._node.get_logger().info(f"samples come on {self._topic}")
+        self._said = words
+
+
 class SensorNode(ManagedNode):
     """Node of one instrument: its parameter `source` names the device that the samples come from.
 
@@ -85,6 +151,7 @@ class SensorNode(ManagedNode):
         period_ns = round(self.setting("block_period") * NANOSECONDS)
         name = self.setting("source")
         self.hardware = name
+        self._driver: Driver | None = None
         topic, people = self.topics()
         source = self.sources[name](self)
         self._sender = BlockSender(self, topic, source, period_ns, (people, self.human_message))
@@ -103,9 +170,17 @@ class SensorNode(ManagedNode):
         """Source of a stream of the true stage that all mock sources of the cell see."""
         return MockSource(mock_stage(self.stage, mock_settings(self)), stream)
 
+    def hear(
+        self, topic: str, kind: type[Any], source: Gathered, sample: Callable[[messages.Message], Sequence[float]]
+    ) -> Source:
+        """Source of what a third-party driver publishes; see `Driver`."""
+        self._driver = Driver(self, topic)
+        return self._driver.gather(kind, source, sample)
+
     def conditions(self, now_ns: int) -> list[Condition]:
-        """The stream that goes out."""
-        return [self._sender.watch.report(now_ns)]
+        """The driver that is heard, if it is one, and the stream that goes out."""
+        driver = [] if self._driver is None else [self._driver.condition(now_ns)]
+        return [*driver, self._sender.watch.report(now_ns)]
 
 
 def mock_settings(node: ManagedNode) -> MockSettings:

@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.diagnostics import Condition, Level
+from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.process import run
@@ -25,6 +25,7 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.follower import FollowedSource, FollowedStage
 
 NAME = "stage_follower"
+_STALE_AFTER = 0.5
 
 
 class StageFollower(ManagedNode):
@@ -54,24 +55,31 @@ class StageFollower(ManagedNode):
         ):
             topic, source = wire(f"{stream}_samples"), FollowedSource(self._stage, stream)
             self._senders.append(BlockSender(self, topic, source, period_ns, (people, told)))
-        self._followed_ns: int | None = None
-        self.listen_to(wire("machine_joint_states"), self._follow)
+        self._joints = wire("machine_joint_states")
+        self._watch = StreamWatch(self._joints.name, _STALE_AFTER, _STALE_AFTER, self.now_ns())
+        self.listen_to(self._joints, self._follow)
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """The axis that is followed, and the streams that go out."""
-        if self._followed_ns is None:
-            return [Condition("axis", Level.WARN, f"waiting for a joint state of axis {self._axis}")]
-        age = (now_ns - self._followed_ns) / NANOSECONDS
-        axis = Condition("axis", Level.OK, f"following {self._axis}", {"age_ms": age * 1e3})
+        topic, last_ns = self._joints.name, self._watch.last_ns
+        if last_ns is None:
+            return [Condition("axis", Level.WARN, f"waiting for a joint state of axis {self._axis} on {topic}")]
+        age = (now_ns - last_ns) / NANOSECONDS
+        level, words = Level.OK, f"following {self._axis}"
+        if self._watch.is_stale(now_ns):
+            level, words = Level.ERROR, f"no joint state of axis {self._axis} for {age:.1f} s on {topic}"
+        axis = Condition("axis", level, words, {"age_ms": age * 1e3})
         return [axis, *(sender.watch.report(now_ns) for sender in self._senders)]
 
     def _follow(self, message: JointState) -> None:
+        if self.is_shared(self._joints.name):
+            raise InputError(self.publishers_of(self._joints.name))
         stamp_ns = messages.measured_ns(message.header)
         positions, velocities = messages.joint_motion(message)
         if self._axis not in positions:
             raise InputError(f"joint state of {', '.join(positions)} lacks axis {self._axis}")
         self._stage.command(stamp_ns, positions[self._axis], velocities.get(self._axis, 0.0))
-        self._followed_ns = stamp_ns
+        self._watch.observe_stamp(stamp_ns, self.now_ns())
 
     @staticmethod
     def _angle(frame: str) -> Callable[[SampleBlock], JointState]:

@@ -143,7 +143,7 @@ class Compensator:
 
     @property
     def deviation(self) -> float:
-        """Standard uncertainty of the tool's position at the last report, m; NaN before the first."""
+        """Standard uncertainty of the tool's position at the last report, m; NaN before it, or where none is stated."""
         return self._corrector.deviation
 
     def reset(self) -> None:
@@ -345,7 +345,7 @@ class Compensator:
         known = np.flatnonzero(axes.known)
         if len(known) == 0:
             return None
-        unknown = np.full((6, 6), 0.0 if self._monitored is None else np.nan)
+        unknown = np.full((6, 6), np.nan)
         deviation = np.array([self.thermometer.at(int(tick)).deviation for tick in ticks[known]])
         return TimedPoses(
             ticks[known],

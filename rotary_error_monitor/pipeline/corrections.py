@@ -15,7 +15,7 @@ from rotary_error_monitor.machine.correction import AxisCorrections, remaining_o
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.machine.limits import CorrectionState, Level, axis_limits, initial_state, limit_corrections
 from rotary_error_monitor.pipeline.joints import pack_directions
-from rotary_error_monitor.pipeline.offset_spread import OffsetSpread
+from rotary_error_monitor.pipeline.offset_spread import OffsetSpread, Spread
 from rotary_error_monitor.pipeline.poses import TimedPoses
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
@@ -54,7 +54,7 @@ class OffsetReport:
 
     Attributes:
         offset: (6,) tool-to-workpiece offset as the machine is, m and rad.
-        covariance: (6, 6) of it.
+        covariance: (6, 6) of it; NaN where it rests on a description alone that states no uncertainty.
         remaining: (6,) offset with the correction applied.
     """
 
@@ -109,7 +109,8 @@ class Corrector:
     Attributes:
         state: where the limits stand: last correction, whether an error latched and why.
         doubt: why corrections are not believed at present; empty while they are.
-        deviation: standard uncertainty of the tool's position at the last report, m; NaN before the first.
+        deviation: standard uncertainty of the tool's position at the last report, m; NaN before the first, and where
+            the description states none.
     """
 
     def __init__(self, machine: MachineDescription, settings: CorrectionSettings, limits: StageLimits) -> None:
@@ -199,7 +200,7 @@ class Corrector:
         steady = self._is_steady(stamps, wanted.corrections)
         due = self._reports_due(stamps)
         spread = self._spread.at(poses.at(due), offset[due])
-        self._judge(spread.lasting, described=described)
+        self._judge(spread, described=described)
         if not apply or self.doubt:
             return ()
         before, before_ns = np.array(self.state.applied), self.state.time_ns
@@ -245,15 +246,16 @@ class Corrector:
             self._last_report = max(self._last_report, int(period[-1]))
         return due
 
-    def _judge(self, spread: NDArray[np.float64], *, described: bool) -> None:
-        """Doubt corrections whose tool position is less certain than it may be."""
-        if len(spread) == 0:
+    def _judge(self, spread: Spread, *, described: bool) -> None:
+        """Doubt corrections whose tool position is less certain than it may be, as far as that is known."""
+        if len(spread.lasting) == 0:
             return
-        self.deviation = float(np.sqrt(np.trace(spread[-1, :3, :3])))
+        known = float(np.sqrt(np.trace(spread.lasting[-1, :3, :3])))
+        self.deviation = known if np.isfinite(spread.reported[-1]).all() else math.nan
         self.doubt = ""
-        if self.deviation > self._settings.uncertainty_limit and not described:
+        if known > self._settings.uncertainty_limit and not described:
             self.doubt = (
-                f"the tool's position is uncertain by {self.deviation * 1e6:.3g} µm, more than "
+                f"the tool's position is uncertain by {known * 1e6:.3g} µm, more than "
                 f"{self._settings.uncertainty_limit * 1e6:.3g}"
             )
 

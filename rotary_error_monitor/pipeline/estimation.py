@@ -39,6 +39,9 @@ from rotary_error_monitor.signals.streams import SampleStream
 HIGHEST_ORDER = 12
 """Harmonics of the graduation up to which the status says what the heads cannot see."""
 
+NEARLY = 0.9
+"""Part of `max_gap` from which samples are so far apart that the scatter of their stamps leaves gaps."""
+
 CHUNK = 4096
 """Ticks computed at once at most, so that a replay needs no more memory than a live run."""
 
@@ -250,9 +253,8 @@ class Estimator:
         signals = [(stream.times_ns, stream.values) for stream in self._streams.values()]
         values = resample_all(signals, ticks, settings.period_ns, settings.max_gap_ns)
         resampled = dict(zip(self._streams, values, strict=True))
-        self.status.sparse = tuple(
-            name for name, each in self._streams.items() if each.spacing_ns > settings.max_gap_ns
-        )
+        widest = NEARLY * settings.max_gap_ns
+        self.status.sparse = tuple(name for name, each in self._streams.items() if each.spacing_ns > widest)
         there = np.zeros(count, np.int64)
         for name, stream in self._streams.items():
             # what a live run decided stands: the bag may begin later than the stream did

@@ -53,7 +53,7 @@ class EstimatorStatus:
         restarts: how often everything began anew because the clock was set back.
         turns: whole turns that were taken out of the heads, to count as the command does.
         absent: streams that nobody waits for now.
-        sparse: streams whose samples are further apart than `max_gap`.
+        sparse: streams whose samples are further apart than `max_gap`, or nearly so: their stamps scatter.
         refused: messages refused by their time of arrival, by stream and reason.
         disagreement: contradiction among the heads at the latest tick, standard deviations.
         unseen_orders: harmonics of the graduation, up to `HIGHEST_ORDER`, that the heads in use cannot contradict: they

@@ -13,20 +13,27 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.machine.error_model import described_components, predict_tool_offset, propagate_covariance
-from rotary_error_monitor.machine.kinematics import MachineModel
+from rotary_error_monitor.machine.kinematics import MachineModel, arrange_machine
+from rotary_error_monitor.machine.uncertainty import shifts_at_a_pose
 from rotary_error_monitor.pipeline.description_spread import DescriptionSpread
 from rotary_error_monitor.pipeline.poses import TimedPoses
 
 Array = NDArray[np.float64]
 
 
+_STATED_PERIOD_NS = 1_000_000_000
+"""Time, ns, for which what the description states counts for all poses: each number in it takes a pass over the
+machine, and it changes little while an axis goes some centimetres."""
+
+
 class Spread(NamedTuple):
     """Covariance of the offsets at n poses.
 
     Attributes:
-        lasting: (n, 6, 6) of what lasts: a reason to hold corrections where it is large.
+        lasting: (n, 6, 6) of what lasts, as far as it is known: a reason to hold corrections where it is large.
         reported: (n, 6, 6) that, and axes that may have turned back since their joint state. It is over as soon as the
-            next joint state tells the direction, and no reason to hold.
+            next joint state tells the direction, and no reason to hold. NaN where the offset rests on a description
+            that states no uncertainty.
     """
 
     lasting: Array
@@ -44,6 +51,7 @@ class OffsetSpread:
         self._fastest = np.where(measured, 0.0, [axis.fastest for axis in machine.axes])
         self._quickest = np.where(measured, 0.0, [axis.quickest for axis in machine.axes])
         self._reversal = np.array([axis.reversal for axis in machine.axes])
+        self._stated = None if machine.monitored else _Stated(machine)
         self._warms = any(axis.expansion != 0.0 for axis in machine.axes)
 
     def at(self, poses: TimedPoses, offset: Array) -> Spread:
@@ -51,14 +59,18 @@ class OffsetSpread:
         covariance = poses.covariance(np.arange(len(poses.stamps)))
         if len(poses.stamps) == 0:
             return Spread(covariance, covariance)
-        if self._model.monitored is not None:
+        known = True
+        if self._stated is None:
             covariance = self._of_components(poses, covariance)
+        else:
+            known, covariance = self._stated.is_known, self._stated.at(poses, offset)
         lasting = [*self._warmed(poses), *self._moved_since(poses)]
         passing = list(self._turned_since(poses))
         effects = self._effects(poses, offset, lasting + passing)
         squares = effects[..., :, None] * effects[..., None, :]
         covariance = covariance + squares[: len(lasting)].sum(axis=0)
-        return Spread(covariance, covariance + squares[len(lasting) :].sum(axis=0))
+        reported = covariance + squares[len(lasting) :].sum(axis=0)
+        return Spread(covariance, reported if known else np.full_like(reported, np.nan))
 
     def _of_components(self, poses: TimedPoses, covariance: Array) -> Array:
         """(n, 6, 6) from the live components, and from the described ones that stand in where none is observable."""
@@ -107,6 +119,33 @@ class OffsetSpread:
             directions = poses.directions.copy()
             directions[:, axis] *= -1.0
             yield _Changed(replace(poses, directions=directions), np.sqrt(poses.turned[:, axis]))
+
+
+class _Stated:
+    """What the stated uncertainty of a description makes of offsets that rest on it alone.
+
+    Attributes:
+        is_known: whether it states any.
+    """
+
+    def __init__(self, machine: MachineDescription) -> None:
+        self._models = [arrange_machine(shift.machine) for shift in shifts_at_a_pose(machine)]
+        self._period = -1
+        self._covariance = np.zeros((6, 6))
+        self.is_known = bool(self._models)
+
+    def at(self, poses: TimedPoses, offset: Array) -> Array:
+        """(n, 6, 6) for poses with the (n, 6) offset; zero where nothing is stated."""
+        found = np.zeros((len(offset), 6, 6))
+        for i, period in enumerate((poses.stamps // _STATED_PERIOD_NS).tolist() if self.is_known else ()):
+            if period != self._period:
+                self._period, self._covariance = period, self._of(poses.at(np.array([i])), offset[i])
+            found[i] = self._covariance
+        return found
+
+    def _of(self, pose: TimedPoses, offset: Array) -> Array:
+        effects = np.concatenate([pose.offsets(model) for model in self._models]) - offset
+        return np.asarray(effects.T @ effects)
 
 
 class _Changed(NamedTuple):

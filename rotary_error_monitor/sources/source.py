@@ -67,13 +67,17 @@ class Gathered:
                 raise InputError(f"a sample {refusal}")
             if self._arrival.was_set_back(self._newest_ns, arrival_ns):
                 self._newest_ns = -1
-                self._times.clear()
-                self._values.clear()
+                self.drop()
         if time_ns <= self._newest_ns:
             raise InputError(f"a sample is stamped {time_ns} ns, not after the one before ({self._newest_ns} ns)")
         self._newest_ns = time_ns
         self._times.append(time_ns)
         self._values.append(values)
+
+    def drop(self) -> None:
+        """Forget the samples that were not taken yet."""
+        self._times.clear()
+        self._values.clear()
 
     def take(self, since_ns: int, until_ns: int) -> SampleBlock | None:
         """Block of all samples before `until_ns` that were not taken yet, those that came late included."""

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import simulated_shaft
 import yaml
+from faults.documenting import Row, shows
 from shaft_bags import TRUTH, simulated
 
 from rotary_error_monitor.bags.writer import write_messages
@@ -251,6 +252,16 @@ def test_one_direction_is_enough_for_the_ring_and_tells_how_well_the_mirror_is_k
 MOVING = {"radial": lambda a, t, w: 2e-6 * np.exp(-1j * a) + 1e-6 * np.exp(2j * a)}
 
 
+@shows(
+    Row(
+        "files",
+        "A recording for `calibrate assembly` that does not fit the stage",
+        "on the output, with the p-value and what of it goes with the rotation; exit code 10",
+        "nothing is written",
+        "the stage file stays byte for byte",
+        "a better recording; or `--force`, with an uncertainty that covers what is left",
+    )
+)
 def test_what_does_not_fit_is_not_written_but_by_force(
     tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from faults.documenting import Row, shows
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.contents import Content, JointState, PointStamped, Temperature
@@ -407,6 +408,16 @@ def test_a_reading_that_stands_off_is_written_by_force_only(
     assert calibration_of(machine)["EYX"]["uncertainty"] < 0.2e-6
 
 
+@shows(
+    Row(
+        "files",
+        "Straightness measurements that contradict one another where they overlap",
+        "on the output: which segments differ by how much; exit code 10",
+        "nothing is written",
+        "the machine file stays byte for byte",
+        "a better measurement; or `--force`, with an uncertainty that covers it",
+    )
+)
 def test_overlaps_that_contradict_are_written_by_force_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Dirt of 0.8 µm on the mirror in one of two placements, where they overlap."""
     source, truth = straightness_file(tmp_path)

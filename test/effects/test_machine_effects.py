@@ -10,7 +10,8 @@ from rotary_error_monitor.description.machine import machine_from_mapping
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
-from rotary_error_monitor.twin.machine import MachineRecording, predict_probe, uncertain_shifts
+from rotary_error_monitor.machine.uncertainty import uncertain_shifts
+from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 SECTION = {
     "travel": {"X": [-3.0, 3.0], "Y": [-1.0, 1.0], "Z": [-1.0, 1.0], "C": [-np.pi, np.pi], "A": [-1.9, 1.9]},

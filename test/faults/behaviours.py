@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from world import DESCRIPTIONS, FAULTS
@@ -53,6 +53,7 @@ class Behaviour:
         bound: what of a fault by its nature cannot be told from the stage: largest error of components, m and rad.
         goes_on: components that are published as without the fault.
         heads: from how many heads of a stage on they are.
+        apart: whether those that need an instrument that the fault touches are left out of it.
         named: whether the head that is wrong is left out by name, from as many heads on.
     """
 
@@ -65,13 +66,23 @@ class Behaviour:
     bound: Bound | None = None
     goes_on: tuple[str, ...] = ()
     heads: int = 2
+    apart: bool = False
     named: bool = False
+
+    def going_on(self, wrong: Sequence[str]) -> tuple[str, ...]:
+        """Components that go on where the streams `wrong` are touched."""
+        lost = {name for stream in wrong for name in _OF_INSTRUMENT.get(stream, ())} if self.apart else set()
+        return tuple(name for name in self.goes_on if name not in lost)
 
 
 _RADIAL, _TILT, _ECC = ("exc", "eyc"), ("eac", "ebc"), ("ecc",)
 _ALL = (*_RADIAL, *_TILT, *_ECC)
+_OF_INSTRUMENT = {"autocollimator": _TILT, "command": _ECC}
 _ONE_TO_SPARE = 4
 """Heads of which one may be left out: three tell rotation from radial motion."""
+
+_TWO_TO_SPARE = 5
+"""Heads of which two may be left out."""
 
 _LATCH = "after 0.5 s without contradiction"
 _NOTHING = "nothing is needed"
@@ -160,6 +171,8 @@ BEHAVIOUR = (
         "the head is left out while a tenth of its samples is refused",
         _LEFT_OUT,
         _LATCH,
+        goes_on=_ALL,
+        heads=_TWO_TO_SPARE,
     ),
     Behaviour(
         ("head_dead_start", "head_dead_later"),
@@ -176,8 +189,11 @@ BEHAVIOUR = (
         "heads",
         "their streams are stale; redundancy is lost is said",
         "as the remaining heads tell rotation and motion apart",
-        "what they determine: two opposed heads rotation and one direction, two others nothing",
+        "what they determine: three or more everything, two opposed heads rotation and one direction, two others "
+        "nothing",
         "0.1 s after the first whole block",
+        goes_on=_ALL,
+        heads=_TWO_TO_SPARE,
     ),
     Behaviour(
         ("head_stuck", "head_reversed", "head_late", "head_noisy", "head_drifts", "head_future_10ms"),
@@ -208,8 +224,11 @@ BEHAVIOUR = (
         "heads",
         "redundancy is lost is said with the first; a step that no bearing makes with the second",
         "the uncertainty counts what could go unseen; a larger step takes the estimate away",
-        "from three heads with the smallest step that would show as uncertainty; then nothing",
+        "of five heads and more everything; from three heads with the smallest step that would show as uncertainty, "
+        "then nothing",
         "when the ring is back where it was at this angle for 0.5 s, or on a reset",
+        goes_on=_ALL,
+        heads=_TWO_TO_SPARE,
     ),
     Behaviour(
         ("head_nan", "head_inf", "head_1e30", "head_1e300"),
@@ -242,21 +261,35 @@ BEHAVIOUR = (
         heads=_ONE_TO_SPARE,
     ),
     Behaviour(
-        ("blocks_late", "blocks_lost", "blocks_out_of_order", "blocks_empty", "recording_paused"),
+        ("blocks_late", "blocks_lost", "blocks_out_of_order", "blocks_empty"),
         "messages",
         "its stream is stale, samples are late or missing",
         "what comes within `patience` counts, what comes later does not; over a gap nothing is joined",
         "from the streams that are there",
         "with the first whole block after `patience`",
+        goes_on=_ALL,
+        heads=_ONE_TO_SPARE,
+        apart=True,
+    ),
+    Behaviour(
+        ("recording_paused",),
+        "messages",
+        "all streams are stale",
+        "over a gap nothing is joined",
+        "nothing meanwhile, then everything",
+        "with the first whole block after `patience`",
+        goes_on=_ALL,
     ),
     Behaviour(
         ("clocks_step_forward", "clocks_step_back"),
         "messages",
         "a warning that the clock was set back; a pause after a step ahead",
-        "after a step back everything begins anew; a step ahead is a pause",
-        "everything, with the new stamps",
-        "at once",
+        "after a step back everything begins anew; a step ahead is a pause. Where this computer's clock does not step "
+        "with them, what is stamped more than 0.1 s ahead of it or `max_age` (1 s) behind is refused",
+        "everything, with the new stamps; of what is refused nothing",
+        "at once; of what is refused with the first right stamp",
         everything_bound,
+        goes_on=_ALL,
     ),
     Behaviour(
         ("autocollimator_stuck", "autocollimator_unlit_zero", "autocollimator_saturated"),

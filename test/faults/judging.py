@@ -68,6 +68,7 @@ def judge(
     section: Mapping[str, object],
     true_times: Callable[[NDArray[np.int64]], NDArray[np.int64]] | None = None,
     bound: Callable[[StageDescription], Mapping[str, float]] | None = None,
+    own_clock: Callable[[int], int] | None = None,
 ) -> Judgement:
     """Run an estimator in the order of arrival and hold what it publishes against the truth.
 
@@ -76,6 +77,7 @@ def judge(
         section: description of the stage that the estimator is given.
         true_times: the truth's times of the stamps, where a fault has set the clock.
         bound: what of the error of components (m, rad) cannot be told from the stage by its nature.
+        own_clock: what the estimator's own clock shows (ns) at the time of an arrival, where it was set.
     """
     stage = stage_from_mapping(section)
     estimator, blocks = Estimator(stage), []
@@ -91,7 +93,7 @@ def judge(
             for what, why in estimator.belief.reasons:
                 doubted.setdefault(what, why)
         with suppress(InputError):  # refused and counted
-            estimator.accept(stream, block, arrival)
+            estimator.accept(stream, block, arrival if own_clock is None else own_clock(arrival))
     blocks += estimator.advance() + estimator.finish()
     doubted = dict(estimator.belief.reasons) | doubted
     return _compare(recording, stage, estimator, blocks, doubted, true_times, bound)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import count, islice
 from zlib import crc32
 
 import numpy as np
@@ -27,23 +28,38 @@ class Case:
         wrong: streams that the fault touches.
         found: what the estimator makes of it.
         healthy: what it makes of the same recording without the fault.
+        paused: part of the recording in which there are no samples at all.
     """
 
     heads: int
     wrong: tuple[str, ...]
     found: Judgement
     healthy: Callable[[], Judgement]
+    paused: float = 0.0
 
     def lost(self, component: str) -> float:
         """Part of what is published of a component without the fault that is not published with it."""
-        before = self.healthy().available[component]
+        before = self.healthy().available[component] * (1.0 - self.paused)
         return 1.0 - self.found.available[component] / before if before > 0.0 else 0.0
 
 
+def _seed(name: str, number: int) -> int:
+    return crc32(f"{name} {number}".encode()) % 1_000_000
+
+
+def fitting(name: str, stages: int) -> list[int]:
+    """Numbers of the first stages that have as many heads as it takes for a fault's components to go on."""
+    enough = (n for n in count() if len(random_stage(_seed(name, n))["encoder"]["heads"]) >= behaviour_of(name).heads)
+    return list(islice(enough, stages))
+
+
 @cache
-def case(name: str, number: int, duration: float) -> Case | None:
-    """A fault, or a wrong description, on the stage of that number; None where the fault did nothing."""
-    seed = crc32(f"{name} {number}".encode()) % 1_000_000
+def case(name: str, number: int, duration: float, *, own_clock_steps: bool = True) -> Case | None:
+    """A fault, or a wrong description, on the stage of that number; None where the fault did nothing.
+
+    Where the clocks of all streams step, the estimator's own clock does so with them, or not.
+    """
+    seed = _seed(name, number)
     section, generator = random_stage(seed), np.random.default_rng(seed)
     recording = record(seed, section, duration)
     bound = behaviour_of(name).bound
@@ -54,16 +70,25 @@ def case(name: str, number: int, duration: float) -> Case | None:
         injected = FAULTS[name](recording, generator)
     if not injected.acts:
         return None
-    found = judge(injected.recording, described, stepped_clock(name, injected.begin_ns, injected.size), bound)
+    step = step_of(name, injected)
+    own = (lambda arrival: arrival + step * (arrival >= injected.begin_ns)) if step and own_clock_steps else None
+    found = judge(injected.recording, described, stepped_clock(step, injected.begin_ns), bound, own)
     wrong = tuple(topic.split("/")[2] for topic in injected.topics)
-    return Case(len(section["encoder"]["heads"]), wrong, found, cache(lambda: judge(recording, section)))
+    paused = injected.size / duration if name == "recording_paused" else 0.0
+    return Case(len(section["encoder"]["heads"]), wrong, found, cache(lambda: judge(recording, section)), paused)
 
 
-def stepped_clock(name: str, begin_ns: int, size: float) -> Callable[[np.ndarray], np.ndarray] | None:
-    """The truth's times of stamps of which the clock was set; None where it was not."""
+def step_of(name: str, injected: Injected) -> int:
+    """How far a fault has set the clock, ns; 0 where it has not."""
     if not name.startswith("clocks_step"):
+        return 0
+    return round(injected.size * 1e9) * (1 if name.endswith("forward") else -1)
+
+
+def stepped_clock(step: int, begin_ns: int) -> Callable[[np.ndarray], np.ndarray] | None:
+    """The truth's times of stamps whose clock was set by `step` ns at `begin_ns`; None where it was not."""
+    if step == 0:
         return None
-    step = round(size * 1e9) * (1 if name.endswith("forward") else -1)
 
     def true_times(stamps: np.ndarray) -> np.ndarray:
         falls = np.flatnonzero(np.diff(stamps) < 0)

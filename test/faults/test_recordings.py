@@ -9,7 +9,7 @@ from world import FAULTS
 
 from faults.behaviours import BEHAVIOUR, WRONG_DESCRIPTIONS, behaviour_of, rows
 from faults.documenting import shows
-from faults.recordings import MOST_WRONG, case
+from faults.recordings import MOST_WRONG, case, fitting
 
 DURATION = 8.0
 """Length of a recording, s: fast stages make several turns, slow ones none."""
@@ -32,22 +32,27 @@ def test_nothing_wrong_is_published(name):
 
 def every_case(condition, stages=1):
     """Cases of the faults whose behaviour fulfils a condition, on stages with as many heads as it takes."""
-    numbers = [(name, number) for name in EVERY if condition(behaviour_of(name)) for number in range(stages)]
+    numbers = [(name, number) for name in EVERY if condition(behaviour_of(name)) for number in fitting(name, stages)]
     cases = {numbered: case(*numbered, DURATION) for numbered in numbers}
-    return {
-        numbered: each for numbered, each in cases.items() if each and each.heads >= behaviour_of(numbered[0]).heads
-    }
+    return {numbered: each for numbered, each in cases.items() if each}
 
 
 def test_what_is_stated_to_go_on_goes_on():
     lost = {
         (numbered, component): each.lost(component)
         for numbered, each in every_case(lambda behaviour: behaviour.goes_on).items()
-        for component in behaviour_of(numbered[0]).goes_on
+        for component in behaviour_of(numbered[0]).going_on(each.wrong)
     }
     missing = {what: f"{part:.0%}" for what, part in lost.items() if part > MOST_LOST}
     assert len(lost) > 150
     assert len(missing) <= 0.05 * len(lost), missing
+
+
+@pytest.mark.parametrize("name", ["clocks_step_forward", "clocks_step_back"])
+def test_of_clocks_that_step_apart_from_the_estimators_own_nothing_is_used(name):
+    together, apart = case(name, 1, DURATION), case(name, 1, DURATION, own_clock_steps=False)
+    assert apart.found.worst <= MOST_WRONG
+    assert apart.found.available["exc"] < 0.6 < together.found.available["exc"], "by more than max_age"
 
 
 def test_the_wrong_head_is_left_out_by_name_and_no_other():

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import signal
+import time
 
 import numpy as np
 import pytest
+from faults.documenting import Row, shows
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.description.machine import load_machine
@@ -190,6 +192,42 @@ def test_an_error_limit_latches_until_it_is_reset(cell, feed, corrections):
     assert "beyond the error limit" in answer.message
     feed.run_until(lambda: len(corrections) > before, "corrections after the reset")
     assert cell.call(Trigger, "/compensation/reset").message == "nothing was latched"
+
+
+TWO = "several publishers share {topic}"
+
+
+@shows(
+    Row(
+        "joints",
+        "Two thermometers on the topic of the machine's temperature",
+        "by the order of the messages' numbers, with the third message: held, and who publishes",
+        "neither is believed; where no axis expands, a temperature is not needed and nothing is held",
+        "no correction",
+        "1 s after the last message of the other, or 2.5 pauses between two messages",
+    )
+)
+def test_of_two_thermometers_none_is_believed_and_corrections_hold(cell, feed, corrections):
+    temperature = cell.wire.topic("machine_temperature")
+    cell.run(MockController, "mock_controller", machine="xyzac_trt")
+    cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
+    feed.run_until(lambda: len(corrections) > 10, "corrections")
+    send = cell.publish_on(temperature)
+    due = 0.0
+
+    def is_held() -> bool:
+        nonlocal due
+        if time.monotonic() > due:
+            due = time.monotonic() + 0.3
+            send(messages.temperature_message(cell.node.get_clock().now().nanoseconds, temperature.frame, 20.3))
+        return is_held_for(cell, TWO.format(topic=temperature.name))()
+
+    feed.run_until(is_held, "the reason")
+    feed.run_for(0.3)  # what was on its way by then
+    before = len(corrections)
+    feed.run_for(0.3)
+    assert len(corrections) == before
+    feed.run_until(lambda: len(corrections) > before, "corrections of one thermometer")
 
 
 def test_encoder_and_joint_states_contradict_one_another(cell, feed, corrections):

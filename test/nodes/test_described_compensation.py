@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from faults.documenting import Row, shows
+from std_srvs.srv import Trigger
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.cli import main
@@ -55,6 +57,63 @@ def test_joint_states_alone_correct_y_and_a_replay_repeats_it(cell, tmp_path, ca
         settled = sorted(set(sent) & set(again))[3:]
         assert len(settled) > 50
         assert [sent[stamp] for stamp in settled] == [again[stamp] for stamp in settled]
+
+
+@shows(
+    Row(
+        "corrections",
+        "Two compensations, also of the same joint states and hence with corrections of the same stamps",
+        "by whoever hears a correction that is not its own, or one of its own a second time; by the other in the list "
+        "of publishers, as a warning",
+        "who hears the other holds; the controller takes none of either",
+        "corrections of one at most, which do not move the axes; offsets go on",
+        "within 3 s after one of them has ended",
+    )
+)
+def test_of_two_compensations_one_at_most_speaks_and_both_say_so(cell):
+    topic, samples = cell.wire.topic("axis_corrections"), cell.wire.topic("tool_offset_samples")
+    corrections, offsets = cell.collect(topic), cell.collect(samples)
+    cell.run(MockController, "mock_controller", machine=GRINDER)
+    cell.run(Compensation, "compensation", machine=GRINDER, **RELAXED)
+    cell.wait_until(lambda: len(corrections) > 10, "corrections", 30)
+    second = cell.run(Compensation, "compensation_b", machine=GRINDER, **RELAXED)
+    names = ("compensation", "compensation_b")
+    words = f"held: several publishers share {topic.name}", f"may publish {topic.name} too"
+
+    def both_say_so() -> bool:
+        return all(any(cell.has_status(f"{name}: correction", each) for each in words) for name in names)
+
+    cell.wait_until(both_say_so, "a word of both", 30)
+    assert any(cell.has_status(f"{name}: correction", words[0]) for name in names)
+    cell.wait_for_status("mock_controller: corrections", "2 publishers of corrections are there", 30)
+    cell.spin_for(0.3)  # what was on its way by then
+    before, offsets_before = len(corrections), len(offsets)
+    cell.spin_for(2.5)
+    stamps = [messages.ns_from_stamp(each.header.stamp) for each in corrections[before:]]
+    assert len(stamps) == len(set(stamps)), "of one at most"
+    assert len(offsets) > offsets_before
+    cell.remove(second)
+    before = len(corrections)
+    cell.wait_until(lambda: len(corrections) > before + 10, "corrections of the one that is left", 30)
+    cell.wait_for_status("mock_controller: corrections", "applied", 30)
+
+
+def test_each_reset_and_each_latch_after_it_is_logged(cell, capfd):
+    """Of joint states 10 ms apart the next one latches again, before anybody looks."""
+    cell.run(MockController, "mock_controller", machine=GRINDER)
+    limits = {"linear__warning": 1e-7, "linear__error": 2e-7}
+    cell.run(Compensation, "compensation", machine=GRINDER, **RELAXED, **limits)
+    latched = "error limit latched until ~/reset is called"
+    cell.wait_for_status("compensation: correction", latched)
+    cell.spin_for(0.5)
+    for _ in range(5):
+        assert cell.call(Trigger, "/compensation/reset").message.startswith("released")
+        cell.spin_for(0.5)
+    cell.wait_for_status("compensation: correction", latched)
+    log = capfd.readouterr().err
+    assert log.count("reset: released") == 5
+    assert log.count(f"corrections are held: {latched}") == 6
+    assert "later than the age limit" not in log
 
 
 def test_when_joint_states_stop_corrections_stop(cell):

@@ -78,6 +78,32 @@ def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sens
     cell.wait_for_status("error_estimator: /stage/head_a/samples", "alive")
 
 
+@shows(
+    Row(
+        "heads",
+        "Samples of the heads are as far apart as `max_gap` (20 ms) or further, as of heads at 50 Hz",
+        "`error_estimator: estimate`: impossible, how far apart the samples of which heads are, and `max_gap`",
+        "samples so far apart are not joined: between them the rotor may have been anywhere",
+        "nothing, or only part of the estimates where stamps scatter about `max_gap`",
+        "faster heads, or a larger `max_gap` where the motion is slow",
+    )
+)
+@pytest.mark.parametrize("rate", [50.0, 40.0])
+def test_heads_that_are_slower_than_max_gap_are_named(cell, estimates, rate):
+    for head in "abcd":
+        cell.run(EncoderHead, f"encoder_head_{head}", rate=rate)
+    cell.run(MockController, "mock_controller")
+    estimator = cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
+    words = f"samples of head_a, head_b, head_c, head_d are {1e3 / rate:g} ms apart; what is further apart than max_gap"
+    status = cell.wait_for_status("error_estimator: estimate", words)
+    assert status.level == b"\x02"
+    assert estimates == [] or rate == 50.0
+    cell.remove(estimator)
+    estimates.clear()
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0, max_gap=0.05)
+    cell.wait_until(lambda: len(estimates) > 5, "estimates with a larger max_gap")
+
+
 def test_heads_die_one_after_another(cell, estimates, sensors, plant):
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
     cell.wait_until(lambda: len(estimates) > 5, "estimates", 30)

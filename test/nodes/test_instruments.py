@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from faults.documenting import Row, shows
 from geometry_msgs.msg import Vector3Stamped
+from sensor_msgs.msg import JointState
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.resources import config
@@ -52,6 +56,98 @@ def test_vectors_of_a_third_party_driver(cell, node_class, name):
     block = messages.block_from_message(blocks[0])
     assert block.stamp_ns == start
     np.testing.assert_allclose(block.rows[0, 1:], [0.0, -1e-6])
+
+
+def reading(kind, step: int, offset: float):
+    """Message of a driver, stamped a little before now."""
+    stamp_ns = time.time_ns()
+    if kind is Vector3Stamped:
+        return messages.vector_message(stamp_ns, "", 1e-6 * step + offset, 0.0)
+    return messages.joint_state_message(stamp_ns, "", ["spindle"], [1e-3 * step + offset])
+
+
+HEAD = {"source": "joint_state", "joint_state__topic": "/enc"}
+DRIVERS = [
+    (
+        EncoderHead,
+        "encoder_head_a",
+        "head_samples",
+        JointState,
+        {"source": "joint_state", "joint_state__topic": "/enc"},
+    ),
+    (Autocollimator, "autocollimator", "autocollimator_samples", Vector3Stamped, {"vector3__topic": "/enc"}),
+    (Lvdt, "lvdt", "lvdt_samples", Vector3Stamped, {"vector3__topic": "/enc"}),
+]
+
+
+@shows(
+    Row(
+        "messages",
+        "The topic of a third-party driver is mistyped, or its driver is not there",
+        "`/diagnostics` and the log of the instrument's node: nobody publishes on the topic that it listens to",
+        "nothing",
+        "the other streams",
+        "with the first sample of the driver",
+    )
+)
+@pytest.mark.parametrize(("node_class", "name", "key", "kind", "parameters"), DRIVERS, ids=[d[1] for d in DRIVERS])
+def test_the_topic_that_is_listened_to_is_named_and_that_nobody_publishes_there(
+    cell, capfd, node_class, name, key, kind, parameters
+):
+    cell.run(node_class, name, **{"source": "vector3", **parameters})
+    nobody = "nobody publishes on /enc"
+    cell.wait_for_status(f"{name}: /enc", f"nothing has arrived yet: {nobody}")
+    own = cell.wire.topic(key, *(["a"] if key == "head_samples" else []))
+    cell.wait_for_status(f"{name}: {own.name}", "nothing has been sent yet")
+    cell.spin_for(0.5)
+    assert capfd.readouterr().err.count(nobody) == 1
+    driver, steps = cell.node.create_publisher(kind, "/enc", 10), iter(range(10_000))
+
+    def is_heard():
+        driver.publish(reading(kind, next(steps), 0.0))
+        return cell.has_status(f"{name}: /enc", "alive")
+
+    cell.wait_until(is_heard, "the driver to be heard")
+    assert "samples come on /enc" in capfd.readouterr().err
+
+
+@shows(
+    Row(
+        "messages",
+        "Two drivers publish on the topic that an instrument's node listens to",
+        "by the order of the messages' numbers, with the third message; the node says who publishes",
+        "nothing tells whose sample is whose: none is taken",
+        "by the node nothing, and what the other streams give",
+        "1 s after the last message of the other",
+    )
+)
+@pytest.mark.parametrize(("node_class", "name", "key", "kind", "parameters"), DRIVERS, ids=[d[1] for d in DRIVERS])
+def test_of_two_drivers_on_one_topic_none_is_believed(cell, node_class, name, key, kind, parameters):
+    blocks = cell.collect(cell.wire.topic(key, *(["a"] if key == "head_samples" else [])))
+    one, other = (cell.node.create_publisher(kind, "/enc", 10) for _ in range(2))
+    cell.run(node_class, name, **{"source": "vector3", **parameters})
+    cell.wait_until(lambda: one.get_subscription_count() > 0 and other.get_subscription_count() > 0, "it to listen")
+    steps = iter(range(10_000))
+
+    def publish(*drivers):
+        step = next(steps)
+        for driver in drivers:
+            driver.publish(reading(kind, step, 0.0 if driver is one else 0.002))
+            cell.spin_for(0.005)
+
+    cell.wait_until(lambda: publish(one) or len(blocks) > 2, "samples of one driver")
+    cell.wait_until(
+        lambda: publish(one, other) or cell.has_status(f"{name}: refused /enc", "several publishers share /enc"),
+        "a word of two",
+    )
+    cell.spin_for(0.2)  # what was on its way by then
+    before = len(blocks)
+    end = time.monotonic() + 1.0
+    cell.wait_until(lambda: publish(one, other) or time.monotonic() > end, "time to pass")
+    assert len(blocks) == before, "nothing of a mixture goes out"
+    mixed = np.concatenate([messages.block_from_message(block).rows[:, 1] for block in blocks])
+    assert np.count_nonzero(np.abs(np.diff(mixed)) > 0.0015) <= 3, "but of the first two messages"
+    cell.wait_until(lambda: publish(one) or len(blocks) > before, "samples of the one that is left")
 
 
 def test_quadrant_voltages(cell, tmp_path):

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults.documenting import Row, shows
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -253,6 +254,16 @@ UNHOME = (
 )  # fmt: skip
 
 
+@shows(
+    Row(
+        "corrections",
+        "The machine is off, in emergency stop, or not homed",
+        "`machine` and `corrections` of the bridge: held, the machine is off",
+        "corrections stay as they are; what comes meanwhile is not followed",
+        "no joint states and no corrections in effect of a machine that may be anywhere",
+        "once it is on and homed, from where it is, at the rate limit",
+    )
+)
 @pytest.mark.linuxcnc
 def test_a_machine_that_goes_off_in_any_way_holds_and_goes_on_from_where_it_is(cnc):
     """Corrections keep coming meanwhile, also before it is homed."""
@@ -278,6 +289,16 @@ def test_a_machine_that_goes_off_in_any_way_holds_and_goes_on_from_where_it_is(c
             assert np.ptp(witness.effects(begin), axis=0).max() < 1e-12
 
 
+@shows(
+    Row(
+        "corrections",
+        "The bridge to LinuxCNC is stopped (SIGSTOP) and goes on",
+        "its diagnostics and joint states fail to come",
+        "the program beside LinuxCNC holds the last correction and turns it with the table",
+        "nothing",
+        "corrections are followed again once it goes on",
+    )
+)
 @pytest.mark.linuxcnc
 def test_while_the_bridge_is_stopped_held_corrections_turn_with_the_table_and_then_it_goes_on(cnc):
     """The program beside LinuxCNC goes on looking, though nobody takes what it says."""
@@ -295,6 +316,16 @@ def test_while_the_bridge_is_stopped_held_corrections_turn_with_the_table_and_th
         correct(lambda: witness.deviation(FAR) < 1e-9, "corrections to be followed again", FAR)
 
 
+@shows(
+    Row(
+        "corrections",
+        "The bridge to LinuxCNC is killed",
+        "its joint states fail to come; `corrections` of its successor: held, no correction has come yet",
+        "the offsets stay in LinuxCNC; the successor takes them over without a step",
+        "nothing until the successor is there",
+        "with the first right correction after its start",
+    )
+)
 @pytest.mark.linuxcnc
 def test_a_bridge_that_is_killed_leaves_the_offsets_and_its_successor_takes_them_over_without_a_step(cnc):
     operate(cnc, "--prepare", "--mdi", "G21 G90 G0 X10 Y20 Z30 A30 C90")
@@ -314,6 +345,16 @@ def test_a_bridge_that_is_killed_leaves_the_offsets_and_its_successor_takes_them
         assert witness.deviation(CORRECTION, begin) < 1e-9
 
 
+@shows(
+    Row(
+        "corrections",
+        "LinuxCNC ends, or its task process is killed",
+        "`controller` of the bridge: its task process has ended, or no LinuxCNC runs here",
+        "the bridge lets go of it and looks for another",
+        "no joint state and no correction in effect from 0.5 s after its end on",
+        "when a LinuxCNC is there and its machine is on and homed",
+    )
+)
 @pytest.mark.linuxcnc
 @pytest.mark.parametrize("how", ["killed", "stopped"])
 def test_the_end_of_linuxcnc_is_noticed_within_half_a_second(cnc, how):

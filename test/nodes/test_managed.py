@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import pytest
 import yaml
+from faults.documenting import Row, shows
 from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 
@@ -105,6 +106,27 @@ def test_simulated_time_drives_the_blocks(cell):
         cell.wait_until(lambda step=step: len(blocks) >= step, f"block {step}")
     assert [block.header.stamp.sec for block in blocks] == [100, 100, 100]
     assert len(blocks) == 3
+
+
+@shows(
+    Row(
+        "processes",
+        "`use_sim_time` is set and nothing publishes `/clock`",
+        "`state` of each such node: nothing has come on /clock, time stands still",
+        "nothing: time stands at 0",
+        "nothing",
+        "with the first `/clock`",
+    )
+)
+def test_simulated_time_without_a_clock_is_said_and_nothing_goes_out(cell):
+    blocks = cell.collect(cell.wire.topic("head_samples", "a"))
+    cell.run(EncoderHead, "encoder_head_a", use_sim_time=True, mock__epoch=1)
+    status = cell.wait_for_status("encoder_head_a: state", "nothing has come on /clock: time stands still")
+    assert status.level == b"\x02"
+    assert blocks == []
+    cell.clock()(100_000_000_000)
+    cell.wait_until(lambda: len(blocks) > 0, "blocks")
+    cell.wait_for_status("encoder_head_a: state", "nothing new has come on /clock for")
 
 
 NODES = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from faults.documenting import Row, shows
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
@@ -40,6 +41,16 @@ def test_nothing_is_said_of_security_where_nobody_asks(cell):
     assert not [status.name for status in node.diagnose().status if "security" in status.name]
 
 
+@shows(
+    Row(
+        "processes",
+        "Security is enforced and absent",
+        "exit code 2: what asks for it, and everything that lacks",
+        "the node does not start",
+        "nothing",
+        "a right keystore and environment, and another start",
+    )
+)
 @pytest.mark.parametrize(
     ("enclave", "values", "why"),
     [
@@ -67,6 +78,16 @@ def test_a_parameter_asks_for_security_as_well(cell):
         cell.run(EncoderHead, NAME, security="required")
 
 
+@shows(
+    Row(
+        "processes",
+        "Security is asked for and absent, where it is not enforced",
+        "`security`: ERROR, what asks for it and what lacks; in the log",
+        "the node starts without",
+        "everything, unprotected",
+        "a right keystore and environment, and another start",
+    )
+)
 @pytest.mark.parametrize(
     ("values", "why"),
     [

@@ -172,6 +172,16 @@ def stamps(bag, topic):
     return sorted(stamp_of(data) for data in recorded(bag, topic))
 
 
+@shows(
+    Row(
+        "files",
+        "The recorder is stopped for 2 s (SIGSTOP) and goes on",
+        "not a fault: `lost_messages` stays 0",
+        "what waits at its publishers is asked for",
+        "everything else goes on",
+        "at once; nothing that publishers keep is lost",
+    )
+)
 def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tmp_path):
     """Two seconds without the process: what waits at its publishers is asked for and comes."""
     bag = tmp_path / "bag"

@@ -21,15 +21,15 @@ def test_all_instruments_speak_once_the_axis_is_known():
         received = [cell.collect(topic) for topic in (*streams, *people)]
         joints = cell.wire.topic("machine_joint_states")
         cell.run(StageFollower, "stage_follower", machine="xyzac_trt", block_period=0.02)
-        cell.wait_for_status(AXIS, "waiting for a joint state of axis C")
+        cell.wait_for_status(AXIS, f"waiting for a joint state of axis C on {joints.name}")
         send = cell.publish_on(joints)
 
         def turn():
             send(messages.joint_state_message(time.time_ns(), joints.frame, list("XYZAC"), [0.0] * 4 + [0.7]))
-            return all(len(each) > 1 for each in received)
+            return all(len(each) > 1 for each in received) and cell.has_status(AXIS, "following C")
 
         cell.wait_until(turn, "all instruments")
-        cell.wait_for_status(AXIS, "following C")
+        cell.wait_for_status(AXIS, "no joint state of axis C for")
         assert messages.block_from_message(received[5][-1]).column("angle")[-1] == pytest.approx(0.7, abs=1e-6)
         assert messages.block_from_message(received[0][-1]).column("angle")[-1] == pytest.approx(0.7, abs=1e-3)
         send(messages.joint_state_message(time.time_ns(), joints.frame, ["X"], [0.0]))

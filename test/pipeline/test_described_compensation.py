@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.limits import Level
 from rotary_error_monitor.metrology.guideway_compensation import count_reversals
 from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings, InputsUsed
-from rotary_error_monitor.pipeline.corrections import Compensation
+from rotary_error_monitor.pipeline.corrections import Compensation, OffsetReport
 from rotary_error_monitor.pipeline.estimation import COLUMNS
 from rotary_error_monitor.signals.blocks import block_from_samples
 
@@ -60,7 +62,37 @@ def test_x_and_z_in_and_a_correction_of_y_out_that_never_reverses() -> None:
     assert len(reports) > 80
     assert max(abs(report.remaining[1]) for report in reports) < 1e-10
     assert max(abs(report.offset[1]) for report in reports) > 5e-6
-    assert all((report.covariance == 0).all() for report in reports), "nothing of it was measured live"
+    assert all(np.isnan(report.covariance).all() for report in reports), "the file states no uncertainty"
+
+
+def reports_of(compensator: Compensator) -> list[OffsetReport]:
+    found = [correction for each in run(compensator, pass_over(-0.4)) for correction in each.corrections]
+    return [correction.report for correction in found if correction.report is not None]
+
+
+def test_an_offset_is_as_uncertain_as_the_description_that_it_rests_on() -> None:
+    """In closed form: the slopes of three components over the travel, and the values of two tables."""
+    size = 3e-7
+    compensator = Compensator(replace(GRINDER, uncertainty={"errors.linear": size}))
+    found = [correction for each in run(compensator, pass_over(-0.4)) for correction in each.corrections]
+    told = [(correction.stamp_ns, correction.report) for correction in found if correction.report is not None]
+    assert len(told) > 80
+    seconds = {}
+    for stamp, report in told:
+        x = -1.35 + FEED * (stamp - START) * 1e-9
+        slopes = [(2 * x + 1.4) / 1.4, (2 * -0.4 + 0.8) / 0.8, 2 * 0.1 / 0.55 - 1]
+        expected = size * math.sqrt(sum(slope**2 for slope in slopes) + 2)
+        first = seconds.setdefault(stamp // 1_000_000_000, expected)  # it is found once a second
+        assert math.sqrt(report.covariance[1, 1]) == pytest.approx(first, rel=1e-4)
+        assert np.delete(np.diag(report.covariance), 1).max() < 1e-20
+    assert compensator.deviation == pytest.approx(first, rel=1e-4)
+
+
+def test_a_description_that_is_too_uncertain_holds() -> None:
+    machine = replace(GRINDER, uncertainty={"location.linear": 2e-5})
+    compensator = Compensator(machine)
+    assert reports_of(compensator) == []
+    assert "the tool's position is uncertain by" in compensator.hold
 
 
 def test_offsets_stand_at_the_joint_states_own_times() -> None:

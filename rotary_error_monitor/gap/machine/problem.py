@@ -19,8 +19,9 @@ from rotary_error_monitor.gap.machine.where import machine_advice, machine_where
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.machine.uncertainty import uncertain_shifts
 from rotary_error_monitor.twin.finite import UnpredictableError
-from rotary_error_monitor.twin.machine import MachineRecording, predict_probe, uncertain_shifts
+from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 PROBE_STD = 1.5e-6
 """Standard deviation of one component of the laser tracker's result, m, where nothing else is stated."""

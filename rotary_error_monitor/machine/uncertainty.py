@@ -1,0 +1,131 @@
+"""The uncertain numbers of a machine's description, one by one: what each makes of the tool's place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from rotary_error_monitor.description.machine import (
+    Displacement,
+    ErrorComponent,
+    Harmonic,
+    MachineDescription,
+    Vector,
+)
+from rotary_error_monitor.errors import InputError
+
+
+@dataclass(frozen=True)
+class Shift:
+    """One uncertain number of a machine: the machine with it larger by its standard uncertainty."""
+
+    name: str
+    machine: MachineDescription
+
+
+def uncertain_shifts(machine: MachineDescription) -> tuple[Shift, ...]:
+    """The machine with each uncertain parameter off by one standard uncertainty.
+
+    Names as in a digital twin: `errors.linear` and `errors.angular` are each coefficient that an error component has,
+    the others are the parameters of that name.
+
+    Raises:
+        InputError: an uncertainty is stated of something unknown.
+    """
+    found: list[Shift] = []
+    for name, size in machine.uncertainty.items():
+        if size > 0:
+            found += [Shift(label, shifted) for label, shifted in _shifted(machine, name, size)]
+    return tuple(found)
+
+
+def shifts_at_a_pose(machine: MachineDescription) -> tuple[Shift, ...]:
+    """The same, and each error component that is read from a table off by one standard uncertainty as well.
+
+    How the values of a table hang together along the axis is not stated; at one pose it does not matter.
+    """
+    found = list(uncertain_shifts(machine))
+    for name, errors in machine.errors.items():
+        size = machine.uncertainty.get("errors.linear" if name[1] in "XYZ" else "errors.angular", 0.0)
+        if errors.table is not None and size > 0:
+            found.append(Shift(f"{name}.table", machine.with_error(name, poly=(size,))))
+    return tuple(found)
+
+
+def _shifted(machine: MachineDescription, name: str, size: float) -> list[tuple[str, MachineDescription]]:
+    if name in ("errors.linear", "errors.angular"):
+        wanted = "XYZ" if name == "errors.linear" else "ABC"
+        return [item for component in machine.errors for item in _coefficients(machine, component, wanted, size)]
+    if name == "expansion":
+        linear = [axis.letter for axis in machine.axes if axis.kind == "linear"]
+        return [(f"{name}.{letter}", machine.with_axis(letter, expansion=size)) for letter in linear]
+    if name in ("reversal.linear", "reversal.angular"):
+        kind = "linear" if name == "reversal.linear" else "rotary"
+        letters = [axis.letter for axis in machine.axes if axis.kind == kind]
+        return [(f"{name}.{letter}", machine.with_axis(letter, reversal=size)) for letter in letters]
+    if name in ("location.linear", "location.angular"):
+        moving = [body.name for body in machine.bodies if body.axis is not None]
+        units = _SHIFTS if name == "location.linear" else _TURNS
+        return [
+            (f"{name}.{body}[{i}]", machine.with_location_error(body, _scaled(unit, size)))
+            for body in moving
+            for i, unit in enumerate(units)
+        ]
+    if name not in _PLACES:
+        raise InputError(
+            f"uncertainty: no parameter is called '{name}'; known are errors.linear, errors.angular, expansion, "
+            f"reversal.linear, reversal.angular, location.linear, location.angular, {', '.join(_PLACES)}"
+        )
+    found = [(carrier, unit) for carrier, unit in _PLACES[name] if carrier == "tool" or carrier in machine.letters]
+    return [
+        (f"{name}[{i}]", machine.with_location_error(_body(machine, carrier), _scaled(unit, size)))
+        for i, (carrier, unit) in enumerate(found)
+    ]
+
+
+def _coefficients(
+    machine: MachineDescription, component: str, wanted: str, size: float
+) -> list[tuple[str, MachineDescription]]:
+    if component[1] not in wanted:
+        return []
+    errors: ErrorComponent = machine.errors[component]
+    found = []
+    for power, value in enumerate(errors.poly):
+        # A coefficient of exactly zero is a choice of origin (a mean, a slope told as squareness), not measured.
+        if value != 0.0:
+            poly = (*(0.0,) * power, size)
+            found.append((f"{component}.poly[{power}]", machine.with_error(component, poly=poly)))
+    for wave in errors.harmonic:
+        for cos, sin in ((size, 0.0), (0.0, size)):
+            added = (Harmonic(wave.order, cos, sin),)
+            found.append((f"{component}.harmonic[{wave.order:g}]", machine.with_error(component, harmonic=added)))
+    return found
+
+
+def _turn(*rotation: float) -> Displacement:
+    a, b, c = rotation
+    return Displacement(rotation=(a, b, c))
+
+
+_SHIFTS = (Displacement((1, 0, 0)), Displacement((0, 1, 0)), Displacement((0, 0, 1)))
+_TURNS = (_turn(1, 0, 0), _turn(0, 1, 0), _turn(0, 0, 1))
+
+_PLACES: Mapping[str, Sequence[tuple[str, Displacement]]] = {
+    "squareness": (("X", _turn(0, 0, -1)), ("Z", _turn(0, 1, 0)), ("Z", _turn(-1, 0, 0))),
+    "orientation": (("C", _turn(1, 0, 0)), ("C", _turn(0, 1, 0)), ("A", _turn(0, 1, 0)), ("A", _turn(0, 0, 1))),
+    "pivot_offset": (("A", Displacement((1, 0, 0))), ("A", Displacement((0, 1, 0)))),
+    "head_length": (("tool", Displacement((0, 0, -1))),),
+    "tool_length": (("tool", Displacement((0, 0, -1))),),
+}
+"""Which body each parameter displaces, by its axis letter or as the tool, and the displacement of size 1."""
+
+
+def _body(machine: MachineDescription, carrier: str) -> str:
+    return machine.tool if carrier == "tool" else machine.body_of(carrier).name
+
+
+def _scaled(unit: Displacement, size: float) -> Displacement:
+    def times(vector: Vector) -> Vector:
+        return size * vector[0], size * vector[1], size * vector[2]
+
+    return replace(unit, shift=times(unit.shift), rotation=times(unit.rotation))
