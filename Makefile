@@ -46,7 +46,8 @@ BESIDE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
 LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py \
-	description/test_configurations.py $(addprefix faults/test_,machine_faults.py page.py recordings.py zero.py) \
+	description/test_configurations.py $(addprefix faults/test_,calibrated.py common_zero.py gaps.py late_heads.py machine_faults.py \
+	page.py recordings.py zero.py) \
 	$(addprefix pipeline/test_,estimation.py reversals.py))
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \

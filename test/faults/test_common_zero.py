@@ -14,7 +14,7 @@ from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.signals.blocks import SampleBlock
 
-SEEDS = range(8)
+SEEDS = range(5)
 DURATION, BEGIN, GAP = 10.0, 5.0, 0.2
 MOTIONS = ("steady", "both_directions", "s_curves", "creep", "indexing")
 
