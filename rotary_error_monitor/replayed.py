@@ -126,7 +126,7 @@ class Collected:
         self.offsets: list[SampleBlock] = []
         self.corrections: list[Correction] = []
         self.spans: dict[str, MessageSpans] = {}
-        self.refused: dict[str, tuple[int, str]] = {}
+        self.refused: dict[tuple[str, str], tuple[int, str]] = {}
         self.samples_refused: dict[str, dict[str, int]] = {}
         self.doubted: dict[str, str] = {}
         self.holds: dict[str, str] = {}
@@ -156,8 +156,11 @@ class Collected:
 
     def refuse(self, topic: str, error: InputError) -> None:
         """Take note of a message that cannot be used, as a node does: counted by topic, with the first reason."""
-        count, first = self.refused.get(topic, (0, str(error)))
-        self.refused[topic] = count + 1, first
+        self._count(topic, "refused", str(error))
+
+    def _count(self, topic: str, what: str, why: str) -> None:
+        count, first = self.refused.get((topic, what), (0, why))
+        self.refused[topic, what] = count + 1, first
 
     def accept_machine(self, topic: str, content: object, compensator: Compensator, arrival_ns: int) -> None:
         """Hand a joint state or a temperature on that was recorded at `arrival_ns`, timestamp (ns)."""
@@ -170,11 +173,11 @@ class Collected:
                 )
                 compensator.accept_joint_state(content.stamp_ns, positions, velocities)
                 if doubt := compensator.joints.doubt:
-                    raise InputError(f"not believed: {doubt}")
+                    self._count(topic, "not believed", doubt)
             elif isinstance(content, Temperature):
                 stamp_ns = min(content.stamp_ns or arrival_ns, arrival_ns)
                 if not compensator.push_temperature(content.temperature, stamp_ns):
-                    raise InputError(compensator.thermometer.trouble(stamp_ns))
+                    self._count(topic, "not believed", compensator.thermometer.doubt)
         except InputError as error:
             self.refuse(topic, error)
 
@@ -197,8 +200,8 @@ class Collected:
 
     def belief_remarks(self) -> Iterator[str]:
         """What was not used, and why."""
-        for topic, (count, first) in self.refused.items():
-            yield f"{topic}: {count} messages refused, the first: {first}"
+        for (topic, what), (count, first) in self.refused.items():
+            yield f"{topic}: {count} messages {what}, the first: {first}"
         for name, reasons in self.samples_refused.items():
             yield f"{name}: samples refused: " + ", ".join(f"{count} {why}" for why, count in reasons.items() if count)
         for what, why in self.doubted.items():

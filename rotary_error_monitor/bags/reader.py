@@ -21,6 +21,7 @@ from rotary_error_monitor.bags.recorded_files import RawMessage
 from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.errors import InputError, excerpt, one_line
 from rotary_error_monitor.files import exists
+from rotary_error_monitor.signals.admission import AHEAD_NS
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.signals.stretches import PAUSE_NS, longest_stretch
 
@@ -125,7 +126,8 @@ class BagReader:
         """The same with the time at which each was recorded, timestamp (ns), by the clock that made the stamps.
 
         Where a recorder's own clock was behind those of the instruments, so that ordinary samples seem to be in the
-        future, it is set right by the median of them.
+        future, it is set right by the median of them. Where most messages were written at another time than they came
+        (converted bags), nothing is taken for the future.
         """
         chosen = self._chosen(names)
         decoders = {name: self._decoder(name, finite=refuse is None) for name in chosen}
@@ -146,7 +148,8 @@ class BagReader:
                     continue
                 kept = content if window is None else window.cut(ready.topic, content)
                 if kept is not None:
-                    yield ready.topic, kept, ready.log_time_ns + index.behind_ns
+                    arrival_ns = ready.log_time_ns + index.behind_ns
+                    yield ready.topic, kept, arrival_ns if index.timely else max(arrival_ns, _newest_ns(kept))
 
     def _ranked(self, names: Collection[str], index: _Index) -> Iterator[tuple[int, RawMessage]]:
         """Messages with their places by stamp.
@@ -252,7 +255,7 @@ class BagReader:
         order = {name: place for place, name in enumerate(sorted(names))}
         blocks = {name: BlockDecoder() for name in names if self.topics[name].type == SAMPLE_BLOCK}
         stamps, topics = array("q"), array("q")
-        pieces, ahead = array("q"), array("q")
+        pieces, ahead, others_ahead = array("q"), array("q"), array("q")
         for message in self.messages(names):
             stamp, place = self._stamp(message), order[message.topic]
             stamps.append(stamp)
@@ -260,12 +263,19 @@ class BagReader:
             decoder = blocks.get(message.topic)
             for first, last in _pieces(stamp, decoder, message.data):
                 pieces.extend((first, last, place))
-            if decoder is not None:
-                ahead.append(last - message.log_time_ns)
+            (others_ahead if decoder is None else ahead).append(last - message.log_time_ns)
         times = np.array(pieces, dtype=np.int64).reshape(-1, 3)
-        behind_ns = max(0, int(np.median(ahead))) if len(ahead) else 0
+        apart = np.array(ahead if len(ahead) else others_ahead, np.int64)
+        typical = int(np.median(apart)) if len(apart) else 0
+        timely = not len(apart) or bool(np.median(np.abs(apart - typical)) <= AHEAD_NS)
         return _Index(
-            np.array(stamps, np.int64), np.array(topics, np.int64), times[:, 0], times[:, 1], times[:, 2], behind_ns
+            np.array(stamps, np.int64),
+            np.array(topics, np.int64),
+            times[:, 0],
+            times[:, 1],
+            times[:, 2],
+            max(0, typical),
+            timely,
         )
 
     def _check_memory(self, names: Iterable[str]) -> None:
@@ -304,7 +314,8 @@ class _Index:
     """When the messages of some topics are, (n,) in the order of their recording: stamp, and place of their topic.
 
     Their samples are (m,) pieces of streams without a long pause: first and last time, and place of their topic.
-    `behind_ns` is by how much the clock of the recording was behind the stamps of most samples, ns.
+    `behind_ns` is by how much the clock of the recording was behind the stamps of most samples, ns; `timely` whether
+    most were recorded when they came.
     """
 
     stamps: NDArray[np.int64]
@@ -313,12 +324,17 @@ class _Index:
     last: NDArray[np.int64]
     stream: NDArray[np.int64]
     behind_ns: int
+    timely: bool
 
     def ranks(self) -> list[int]:
         """(n,) place of each message among all by stamp."""
         ranks = np.empty(len(self.stamps), dtype=np.int64)
         ranks[np.lexsort((self.topics, self.stamps))] = np.arange(len(self.stamps))
         return [int(rank) for rank in ranks]
+
+
+def _newest_ns(content: Content) -> int:
+    return content.newest_ns if isinstance(content, SampleBlock) else content.stamp_ns
 
 
 def _pieces(stamp_ns: int, decoder: BlockDecoder | None, data: bytes) -> list[tuple[int, int]]:
