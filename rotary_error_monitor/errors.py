@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+
+_NUMBERS = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
+
 
 class InputError(ValueError):
     """Wrong input; the message names the value, where it came from and what would be right."""
@@ -24,3 +28,8 @@ def excerpt(text: object, most: int = 200) -> str:
         half = most // 2
         shown = f"{shown[:half]} … {shown[-half:]}"
     return one_line(shown)
+
+
+def without_numbers(text: str) -> str:
+    """The text without its numbers: reasons that differ in nothing else are the same reason."""
+    return _NUMBERS.sub("", text)

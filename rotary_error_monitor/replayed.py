@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.bags.contents import Content, JointState, Temperature
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.window import Window
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.corrections import Correction
@@ -30,9 +29,6 @@ BEFORE_NS = 500_000_000
 
 AFTER_NS = 50_000_000
 """How long after the last estimates before a pause others may rest on samples that came in it, ns."""
-
-_NUMBER = re.compile(r"-?\d[\d.e+-]*")
-"""In a reason: with another number it is the same reason."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +126,7 @@ class Collected:
         self.samples_refused: dict[str, dict[str, int]] = {}
         self.doubted: dict[str, str] = {}
         self.holds: dict[str, str] = {}
-        self._arrivals = {kind: ArrivalCheck() for kind in (JointState, Temperature)}
+        self._joints_arrival = ArrivalCheck()
 
     def note(self, topic: str, content: Content) -> None:
         """Take note of when there are samples."""
@@ -166,7 +162,7 @@ class Collected:
         """Hand a joint state or a temperature on that was recorded at `arrival_ns`, timestamp (ns)."""
         try:
             if isinstance(content, JointState):
-                if refusal := self._arrivals[JointState].judge_ahead(content.stamp_ns, arrival_ns):
+                if refusal := self._joints_arrival.judge_ahead(content.stamp_ns, arrival_ns):
                     raise InputError(refusal)
                 positions, velocities = joint_motion_of(
                     content.names, content.position.tolist(), content.velocity.tolist()
@@ -225,7 +221,7 @@ class Collected:
         self.offsets += found.offsets
         self.corrections += found.corrections
         if compensator.hold and self.offsets:
-            self.holds.setdefault(_NUMBER.sub("#", compensator.hold), compensator.hold)
+            self.holds.setdefault(without_numbers(compensator.hold), compensator.hold)
 
     def result(
         self,

@@ -8,7 +8,6 @@ ros2 service call /compensation/reset std_srvs/srv/Trigger
 from __future__ import annotations
 
 import math
-import re
 import sys
 from collections.abc import Sequence
 
@@ -17,7 +16,7 @@ from sensor_msgs.msg import JointState, Temperature
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.description.machine import load_machine
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.machine.limits import Level as Limit
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.compensation_settings import SETTINGS, compensator_settings
@@ -32,7 +31,6 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 NAME = "compensation"
 _WATCH_PERIOD = 0.05
 _TEMPERATURE = "temperature"
-_NUMBERS = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
 class Compensation(ManagedNode):
@@ -193,7 +191,7 @@ class Compensation(ManagedNode):
     def _say_hold(self) -> str:
         """Log why corrections are held, or that they flow, where it is not what was said last; give it in short."""
         hold = self._reason_to_hold(self.now_ns())
-        short = _NUMBERS.sub("", hold)
+        short = without_numbers(hold)
         if short != self._hold:
             if hold:
                 self.get_logger().warning(f"corrections are held: {hold}")

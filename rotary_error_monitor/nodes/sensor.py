@@ -26,8 +26,12 @@ _LONGEST_CATCH_UP = NANOSECONDS
 _HUMAN_PERIOD = 50_000_000
 _LATE_PERIODS = 4.0
 _STALE_AFTER = 0.5
+
 _SILENT_AFTER = 1.0
+"""Time without a message of the driver from which it counts as silent, s: that within which a fault is to be said."""
+
 _LOOK_PERIOD = 0.2
+"""Time between two looks whether there is something to say of the driver, s: a fifth of that."""
 
 
 class BlockSender:

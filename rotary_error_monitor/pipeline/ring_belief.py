@@ -222,7 +222,7 @@ class CommandBelief:
             self._measure(window)
             wrong = self._late()
         if wrong and not self.doubt:
-            self._before = (window["ecc"] - self._zero.off if self._zero.open else last["ecc"]) if step else None
+            self._before = (window["ecc"] - self._zero.latest if self._zero.open else last["ecc"]) if step else None
         if wrong:
             self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
         elif self.doubt:
@@ -231,6 +231,7 @@ class CommandBelief:
             self._agreeing = self._agreeing + window.duration if back else 0.0
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
+                self._zero.begin(sound=False)
         self._speed = speed
         self.lag = math.hypot(speed * math.hypot(self.delay, self._timing), self._scatter(window), self.shift)
         faster = ACCELERATION * window.duration * self._limits.latency
@@ -262,7 +263,7 @@ class CommandBelief:
         self.shift = self._zero.judge(window["theta"], moved, distance, self._noise) if not self.doubt else 0.0
         if self.shift <= STEADY * self._limits.following_error + 6.0 * self._scatter(window):
             return ""
-        self._size = self.shift
+        self._size = abs(self._zero.latest)
         return (
             f"rotation and command are {self.shift * 1e6:.3g} µrad further apart than before the heads were silent: "
             "they may have lost counts"
@@ -315,7 +316,7 @@ class _ZeroKeeping:
 
     Attributes:
         open: whether it is being compared.
-        off: by how much it is another since then, rad.
+        off: by how much it is another since then, rad: mean over the windows of a second.
     """
 
     def __init__(self) -> None:
@@ -332,6 +333,11 @@ class _ZeroKeeping:
         self._latest.clear()
         self._apart.clear()
         self.open = not math.isnan(self._place)
+
+    @property
+    def latest(self) -> float:
+        """The same in the latest window, rad."""
+        return self._apart[-1] if self._apart else 0.0
 
     def judge(self, theta: float, moved: float, distance: float, noise: float) -> float:
         """Size of what it is off by, rad; of less than the `noise` (rad) of a reading for `SHORT` windows nothing."""

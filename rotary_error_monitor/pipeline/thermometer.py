@@ -33,8 +33,8 @@ class Thermometer:
 
     The first one may be what a driver says that is not connected yet: it is as uncertain as its range until others have
     agreed with it for `PROVEN`, and one that contradicts it before takes its place. A temperature that is not believed
-    after that is replaced by the last one that was, with an uncertainty that grows as fast as a
-    machine can warm; without any by the reference temperature, uncertain by all that its range allows.
+    after that is replaced by the last one that was, with an uncertainty that grows as fast as a machine can warm;
+    without any by the reference temperature, uncertain by all that its range allows.
 
     What is believed is held against a follower that goes to it no faster than the machine warms. While the sensor is
     off by no more than half of `JITTER`, so is the follower, and nothing sound is refused; what warms faster leaves it

@@ -72,7 +72,7 @@ def test_heads_in_time_are_as_certain_as_ever():
 
 def test_how_far_apart_they_are_is_told():
     """As a share of the delay that follows from where the two heads sit: half of it, turned by the layout's angle."""
-    for seed in SEEDS:
-        found = judged(seed, 1e-4)
-        if not found.estimator.belief.ring.doubt:
-            assert 0.4e-4 < found.estimator.belief.ring.apart < 1.5e-4, seed
+    beliefs = [judged(seed, 1e-4).estimator.belief for seed in SEEDS]
+    told = [belief.ring.apart for belief in beliefs if not belief.ring.doubt]
+    assert len(told) >= len(SEEDS) // 2
+    assert all(0.4e-4 < apart < 1.5e-4 for apart in told), told

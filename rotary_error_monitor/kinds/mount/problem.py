@@ -27,7 +27,9 @@ from rotary_error_monitor.kinds.mount.sky import estimate_repeatability, sky_con
 from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
 
 ARCSEC = np.degrees(1.0) * 3600
+
 ORDERS = 4
+"""Orders of either axis that are looked for in what is left: gears and runout of a mount's axes make one to three."""
 
 ANOTHER_MOUNT = np.radians(3.0)
 """A rigid mount that misses its stars by this much at the median is another one."""
@@ -39,6 +41,7 @@ MOST_EVALUATIONS = 100
 """Evaluations of a fit of the geometry: 15 do as a rule, and beside a cause of no sensible size it has no end."""
 
 _GEOMETRY_STEP = 1e-6
+"""Step of numerical derivatives, rad, 0.2 arcsec: far above rounding, and curvature makes a millionth of it."""
 
 
 class MountProblem(TableProblem[MountGeometry]):

@@ -13,12 +13,19 @@ from rotary_error_monitor.gap.problem import Array, Conditions
 from rotary_error_monitor.gap.table import folded
 
 FOLDS = 6
+"""Parts that are left out in turn: a sixth leaves enough to fit, as of poses of a machine and of sectors."""
+
 BLOCKS = 24
 """Patches; every sixth of them is left out together, so that the others lie around it."""
 
 NEIGHBOURS = 12
+"""Pointings from which one is predicted: four for each coefficient of the plane through them."""
+
 OUTLIER = 8.0
+"""Standard deviations from its neighbours beyond which a pointing is a mistake: no noise of a night reaches them."""
+
 MOST_OUTLIERS = 0.05
+"""Part of the pointings that can be mistakes: of more, what is far from its neighbours is how the mount is."""
 
 _NINE_TENTHS = 1.6449
 """Nine tenths of normal numbers are closer to zero than this many standard deviations."""
