@@ -74,19 +74,14 @@ class _Search:
         self._level = false_alarms / 2  # one half for structure, one for known effects
         self._known: dict[tuple[str, str, bytes], Candidate] = {}
         self._columns: dict[tuple[str, str, bytes], Columns] = {}
-        self._learnt = False
         self._promising: list[tuple[str, str, bytes]] = []
         self.dropped: dict[tuple[str, str], None] = {}
 
     def assess(self, fit: Fit, hypothesis: Hypothesis | None) -> Step:
         """Test what a fit leaves."""
         findings = find_left(self._problem, fit)
-        suspicious = bool(findings) and findings[0].log_p_value < self._log_alarm(findings)
-        # What was learnt beside fewer causes may have been one of these; where neighbouring rows tell the noise, it was
-        # learnt beside none at first.
-        fewer = self._learnt or (self._problem.m_open and bool(fit.causes))
-        if (suspicious or fewer) and self._problem.learn_noise(fit.causes, findings):
-            self._learnt = True
+        # What was learnt beside fewer causes may have been one of these.
+        if self._problem.learn_noise(fit.causes, findings):
             self._columns.clear()
             fit = fit_causes(self._problem, fit.causes)
             findings = find_left(self._problem, fit)

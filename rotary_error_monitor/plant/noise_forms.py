@@ -1,4 +1,4 @@
-"""Noise of instruments that is not as their data sheets state it: heavier tails, 1/f, hum."""
+"""Noise of instruments that is not as their data sheets state it: heavier tails, 1/f, a memory, hum."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rotary_error_monitor.plant.noise import Noise, Turbulence
 
 Array = NDArray[np.float64]
 
-FORMS = ("tails", "flicker", "hum")
+FORMS = ("tails", "flicker", "wander", "hum")
 """Names of the forms, as `draw_noise` takes them."""
 
 SPREAD = 4.0
@@ -83,6 +83,27 @@ class Flicker(NoiseForm):
 
 
 @dataclass(frozen=True)
+class Wander(NoiseForm):
+    """Noise that remembers itself for a while beside the stated white one, as that of air or of an oil film.
+
+    Attributes:
+        size: standard deviation, over the stated one.
+        correlation_time: s or poses.
+    """
+
+    size: float
+    correlation_time: float
+
+    def shaped(self, normal: Array, noise: Noise, time: Array) -> Array:
+        """White noise, and an Ornstein-Uhlenbeck process in each component."""
+        total = normal.copy()
+        for column in range(normal.shape[1]):
+            own = Noise(noise.seed, f"{noise.name}_wander_{column}")
+            total[:, column] += self.size * Turbulence(own, self.correlation_time).at(time)
+        return total
+
+
+@dataclass(frozen=True)
 class Hum(NoiseForm):
     """A line of the mains in all instruments, of unlike phase.
 
@@ -117,6 +138,10 @@ def draw_noise(form: str, draw: np.random.Generator, rate: float, count: int) ->
     if form == "flicker":
         cycles = float(np.exp(draw.uniform(*np.log((2.0, 20.0)))))  # of a recording, up to which it is 1/f
         return Flicker(cycles * rate / count, rate)
+    if form == "wander":
+        memory = float(np.exp(draw.uniform(*np.log((0.01, 0.25))))) * count / rate
+        louder = float(np.exp(draw.uniform(*np.log((2.0, 30.0)))))  # than the white noise, at low frequencies
+        return Wander(float(np.sqrt(louder / (2 * memory * rate))), memory)
     if form == "hum":
         seen = float(draw.uniform(1.5, 4.0))  # standard deviations; a search of all lines alarms from about 5.5
         return Hum(50.0 + float(draw.uniform(-0.1, 0.1)), seen * float(np.sqrt(2 / count)))

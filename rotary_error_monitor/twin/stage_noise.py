@@ -10,6 +10,8 @@ Three kinds of noise, each from what the description says:
 * Autocollimator: noise and rounding, plus turbulence: an Ornstein-Uhlenbeck process of known size and correlation time.
 * LVDT: white.
 
+An instrument may have slow noise besides, each of its channels a course of its own.
+
 Single samples far out (spikes) and samples around lost blocks take no part.
 """
 
@@ -27,7 +29,9 @@ from scipy.special import gamma
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, LVDT
 from rotary_error_monitor.twin.head_grid import align_heads
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.lost_samples import bridge, input_gaps, inside
+from rotary_error_monitor.twin.recording import StageRecording
+from rotary_error_monitor.twin.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.twin.whitening import Whitener, drift_predictor, predictor, segments_of
 
 Array = NDArray[np.float64]
@@ -37,6 +41,9 @@ COMMAND = "command"
 
 SPIKE = 6.0
 """A sample further than this many standard deviations from its neighbours' median is a spike: one in 10^9 by chance."""
+
+CELLS = 480
+"""Cells of a recording in which slow noise is the same: eight to a wave of its highest order, 120 half periods."""
 
 STANDSTILL_WEIGHT = 0.2
 """At rest a head rounds the same way again and again: its samples carry the information of one in 25."""
@@ -59,6 +66,11 @@ class Jitter:
         exponent = self.shape * np.log(np.maximum(frequency, 1e-9) / self.bandwidth)
         power = np.exp(np.minimum(exponent, 6.4))
         return np.asarray(self.std**2 / area * np.exp(-power), np.float64)
+
+
+def kind_of(channel: str) -> str:
+    """Kind of sensor of a channel: `head_a` is a `head`, `lvdt.x` is of the `lvdt`."""
+    return channel.partition(".")[0].partition("_")[0]
 
 
 def noise_std(stage: StageDescription) -> dict[str, float]:
@@ -100,10 +112,11 @@ class StageNoise:
         self.std = noise_std(stage)
         self.levels = dict.fromkeys(self.std, 1.0)
         self._lines: Array = np.zeros(0)
+        self._slow: dict[str, Array] = {}
         self._sensors = [name for name in residual if not name.startswith("head_")]
         self._streams = {name: recording.streams[name] for name in residual}
-        lost = _input_gaps(recording)
-        self._kept = {name: ~_inside(recording.streams[name].time, lost) for name in residual}
+        lost = input_gaps(recording)
+        self._kept = {name: ~inside(recording.streams[name].time, lost) for name in residual}
         self._present = self._heads_present()
         self._count = self._present.sum(axis=1)
         self.spikes = {name: self._find_spikes(name, residual[name], collimator.turbulence) for name in self._sensors}
@@ -111,6 +124,8 @@ class StageNoise:
         self._turbulence = collimator.turbulence
         self._late = self._head_times() if self.grid.heads else np.zeros((0, 0))
         self._kept_line_basis: Array | None = None
+        self._kept_cells: dict[str, Cells] = {}
+        self._kept_slow: dict[str, SlowNoise] = {}
         self._collimator_whitener = self._collimator_filter()
         self._command_whitener = self._command_filter()
 
@@ -129,6 +144,38 @@ class StageNoise:
         self._lines = np.zeros(0) if lines is None else lines
         self.forget()
 
+    def with_slow_noise(self, kind: str, courses: Array | None) -> None:
+        """Take slow noise of a kind of sensor for known: one standard deviation of each course (`CELLS` or fewer, q).
+
+        In standard deviations of a sample's white noise; None for no such noise.
+        """
+        self._slow.pop(kind, None)
+        if courses is not None:
+            self._slow[kind] = courses
+        self._kept_slow.clear()
+
+    def slow_remarks(self) -> list[str]:
+        """How large the slow noise of each kind of sensor is."""
+        found = []
+        for kind, courses in self._slow.items():
+            size = self.std[kind] * float(np.sqrt(np.mean(np.sum(np.square(courses), axis=1))))
+            found.append(
+                f"{kind}: slow noise of {1e6 * size:.2g} {'µm' if kind == LVDT else 'µrad'} (rms) beside the white"
+            )
+        return found
+
+    def cells(self, channel: str) -> Cells:
+        """Rows of a channel in `CELLS` cells, each row with the root of its expected square for its weight."""
+        if not self._kept_cells:
+            self._kept_cells = {name: cells_of(np.sqrt(rows), CELLS) for name, rows in self.expected().items()}
+        return self._kept_cells[channel]
+
+    def plain_sums(self, channel: str, rows: Array) -> Array:
+        """(k, p) sums over the cells of a channel's white rows (m, p), as they would be without slow noise."""
+        if kind_of(channel) in self._slow:
+            return self._slow_noise(channel).plain_sums(rows)
+        return self.cells(channel).sums(rows)
+
     @property
     def lines(self) -> Array:
         """(k,) frequencies, Hz, of the jitter's own lines."""
@@ -137,6 +184,8 @@ class StageNoise:
     def forget(self) -> None:
         """Give back the memory of what can be computed again."""
         self._kept_line_basis = None
+        self._kept_cells.clear()
+        self._kept_slow.clear()
 
     @property
     def _line_basis(self) -> Array | None:
@@ -197,7 +246,15 @@ class StageNoise:
         for sensor in self._sensors:
             if sensor in signals:
                 rows |= self._sensor(sensor, signals[sensor])
-        return rows
+        return {
+            channel: self._slow_noise(channel).whiten(white) if kind_of(channel) in self._slow else white
+            for channel, white in rows.items()
+        }
+
+    def _slow_noise(self, channel: str) -> SlowNoise:
+        if channel not in self._kept_slow:
+            self._kept_slow[channel] = SlowNoise(self.cells(channel), self._slow[kind_of(channel)])
+        return self._kept_slow[channel]
 
     def expected(self) -> dict[str, Array]:
         """(m,) expected square of each white row of each channel under noise alone."""
@@ -265,7 +322,7 @@ class StageNoise:
         for i, axis in enumerate(("x", "y")):
             spikes = self.spikes[name][:, i]
             if name == AUTOCOLLIMATOR and self._collimator_whitener is not None:
-                bridged = _bridge(values[:, i], spikes)
+                bridged = bridge(values[:, i], spikes)
                 white = self._collimator_whitener.apply(bridged, self._runs(name))
             else:
                 white = values[:, i] / self.std[name] * self._kept[name][:, None]
@@ -324,36 +381,3 @@ def _rate(mean: Array, known: NDArray[np.bool_], period: float) -> Array:
     inner = known[2:] & known[:-2]
     rate[:, 1:-1] = (mean[:, 2:] - mean[:, :-2]) * (inner / (2 * period))
     return rate
-
-
-def _input_gaps(recording: StageRecording) -> Array:
-    """(n, 2) spans of time in which command or force were not recorded, so that nothing can be predicted."""
-    spans: list[tuple[float, float]] = []
-    for name in (COMMAND, "force"):
-        stream: Stream | None = recording.streams.get(name)
-        if stream is not None:
-            wide = np.flatnonzero(np.diff(stream.time) > 3.5 * stream.period)
-            spans += [(float(stream.time[i]), float(stream.time[i + 1])) for i in wide]
-    command = recording.streams[COMMAND]
-    spans += [(-np.inf, float(command.time[0])), (float(command.time[-1]), np.inf)]
-    return np.asarray(spans)
-
-
-def _inside(time: Array, spans: Array) -> NDArray[np.bool_]:
-    inside = np.zeros(len(time), bool)
-    for start, stop in spans:
-        inside |= (time > start) & (time < stop)
-    return inside
-
-
-def _bridge(rows: Array, missing: NDArray[np.bool_]) -> Array:
-    """Rows (n, p) with straight lines across the missing ones, for signal and signatures alike."""
-    if not missing.any() or missing.all():
-        return rows
-    good, bad = np.flatnonzero(~missing), np.flatnonzero(missing)
-    after = np.clip(np.searchsorted(good, bad), 1, len(good) - 1)
-    left, right = good[after - 1], good[after]
-    share = np.clip((bad - left) / (right - left), 0.0, 1.0)[:, None]
-    bridged = rows.copy(order="K")
-    bridged[bad] = (1 - share) * rows[left] + share * rows[right]
-    return bridged

@@ -12,16 +12,17 @@ from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.machine.drift import learn_drift
 from rotary_error_monitor.gap.machine.modulations import machine_departures
 from rotary_error_monitor.gap.machine.smooth import SmoothMachine
 from rotary_error_monitor.gap.machine.where import machine_advice, machine_where
-from rotary_error_monitor.gap.p_values import log_chi_square_tail
+from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.slow_noise import Family, by_kind, cosines, learn_slow_noise
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
+from rotary_error_monitor.twin.slow_noise import Cells, SlowNoise
 
 PROBE_STD = 1.5e-6
 """Standard deviation of one component of the laser tracker's result, m, where nothing else is stated."""
@@ -128,10 +129,7 @@ class MachineProblem:
 
         Causes are micrometres on a machine of metres: what a parameter does beside them is the same.
         """
-        courses = np.zeros((*self.recording.probe.shape, 3 * self.drift.shape[1]))
-        for i, drift in enumerate(np.split(self.probe_std * np.tile(self.drift, 3), 3, axis=1)):
-            courses[:, i, i * drift.shape[1] : (i + 1) * drift.shape[1]] = drift
-        moved = np.concatenate([self._moved_by_uncertainty(), courses], axis=2)
+        moved = self._moved_by_uncertainty()
         return self._rows(moved) if moved.shape[2] else {}
 
     def _moved_by_uncertainty(self) -> Array:
@@ -167,15 +165,34 @@ class MachineProblem:
         """
         white = (self.recording.probe - self._prediction(causes)) / self.probe_std
         if departing:
-            white -= np.concatenate([departing[channel] for channel in CHANNELS], axis=1)
+            white -= np.concatenate([self._slow_noise().plain(departing[channel]) for channel in CHANNELS], axis=1)
         kept = self._smooth.inliers(white)
         moved = self._moved_by_uncertainty() / self.probe_std
         uncertain = moved.transpose(1, 0, 2).reshape(3 * len(white), -1)
-        drift = learn_drift(white.T.ravel(), kept, uncertain, self._smooth.columns)
+        # What departures as they are fitted leave of a fault may look like slow noise: that is learnt without them.
+        drift = self.drift if departing else self._learn_drift(white, kept, uncertain, causes)
         if np.array_equal(kept, self.kept) and _alike(drift, self.drift):
             return False
         self.kept, self.drift = kept, drift
         return True
+
+    def _learn_drift(self, white: Array, kept: NDArray[np.bool_], uncertain: Array, causes: Sequence[Cause]) -> Array:
+        """(n, q) one standard deviation of each slow course of a component of the probe, in those of its noise."""
+        passed = (self.index + 0.5) / len(self.index)
+        # Neighbours differ by noise, and by what goes with the pose, but hardly by what is slow.
+        apart = np.abs(np.diff(white[kept], axis=0))
+        level = max(1.0, float(np.median(apart)) / (np.sqrt(2) * NORMAL_QUARTILE))
+        weight = np.tile(kept, (3, 1)).astype(np.float64)
+        std = learn_slow_noise(white.T / level, weight, passed, uncertain / level, self._faults(causes))
+        return np.zeros((len(kept), 0)) if std is None else cosines(passed) * (level * std)
+
+    def _faults(self, causes: Sequence[Cause]) -> Iterator[Family]:
+        """What else may be left: smooth errors of the axes, and departures of the causes."""
+        yield np.split(self._smooth.columns, self._smooth.columns.shape[1], axis=1)
+        for departures in self.departures(causes):
+            assert isinstance(departures.columns, dict)
+            shown = [self._slow_noise().plain(departures.columns[channel]) for channel in CHANNELS]
+            yield by_kind(np.concatenate(shown), departures.kinds)
 
     def check_plausible(self) -> None:
         """Refuse a twin that is off by more than the machine's errors and any known effect can make.
@@ -269,7 +286,11 @@ class MachineProblem:
 
     def _rows(self, values: Array) -> Rows:
         white = values / self.probe_std * self.kept[:, None, None]
-        return {channel: white[:, i] for i, channel in enumerate(CHANNELS)}
+        slow = self._slow_noise()
+        return {channel: slow.whiten(white[:, i]) for i, channel in enumerate(CHANNELS)}
+
+    def _slow_noise(self) -> SlowNoise:
+        return SlowNoise(Cells(np.arange(len(self.index)), self.kept.astype(np.float64)), self.drift)
 
     def _of(self, effect: MachineEffect, rest: Rows) -> Iterator[Candidate]:
         places = effect.locations(self.machine)

@@ -14,13 +14,12 @@ from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.gap.admission import check_extent, check_noise
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.orders import order_spectrum
-from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.stage.another import check_stage, left_out
 from rotary_error_monitor.gap.stage.conditions import stage_conditions
 from rotary_error_monitor.gap.stage.distortion import distortions
 from rotary_error_monitor.gap.stage.experiments import advise
-from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter, orders_at_one_speed
+from rotary_error_monitor.gap.stage.jitter import orders_at_one_speed
 from rotary_error_monitor.gap.stage.modulations import (
     StageModulations,
     goes_by_another_name,
@@ -29,31 +28,23 @@ from rotary_error_monitor.gap.stage.modulations import (
     next_order,
     one_by_one,
 )
+from rotary_error_monitor.gap.stage.noise_learning import NOISIER, NoiseLearning
 from rotary_error_monitor.gap.stage.nuisances import Nuisances
 from rotary_error_monitor.gap.stage.offset import offset_figures
 from rotary_error_monitor.gap.stage.search import StageSearch
-from rotary_error_monitor.gap.stage.signatures import KeptSignatures, kind_of
+from rotary_error_monitor.gap.stage.signatures import KeptSignatures
 from rotary_error_monitor.gap.stage.warming import uncertain_warmings
 from rotary_error_monitor.gap.stage.where import stage_where
 from rotary_error_monitor.gap.structure import LINE_ORDERS, Track, find_shared, find_structure
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
-from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, StageNoise, noise_std
+from rotary_error_monitor.twin.stage_noise import COMMAND, StageNoise, kind_of, noise_std
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 from rotary_error_monitor.twin.whitening import side_by_side
 
 FEWEST_ROWS = 100
 """Rows of a channel below which its structure is not looked at."""
-
-SAME_SPECTRUM = 0.12
-"""Mean difference of two spectra, as a logarithm, that is within the scatter of an estimate from 40 s."""
-
-SUSPICIOUS = -6.0
-"""Logarithm of the chance below which structure in the command's channel makes its spectrum worth another look."""
-
-NOISIER = 0.05
-"""Noise is reported from this much above what the twin states."""
 
 _DERIVATIVE_STEP = 1e-3
 """Step of numerical derivatives in usual sizes: far above rounding, far below curvature."""
@@ -98,9 +89,10 @@ class StageProblem:
         self._search = StageSearch(self)
         self._expected: dict[str, Array] = {}
         self._starts: dict[tuple[str, str], Array] = {}
-        self.noise.with_jitter(*self._estimate_jitter(raw))
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
         self._signatures = KeptSignatures()
+        self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
+        self.noise.with_jitter(*self._learning.estimate_jitter(raw))
         self._modulations = StageModulations(self.twin, recording.duration)
 
     @property
@@ -264,51 +256,16 @@ class StageProblem:
         return findings
 
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
-        """Estimate level of the noise and spectrum of the jitter again with the causes taken out.
+        """Estimate level, slow noise and spectrum of the jitter again with the causes taken out.
 
-        The spectrum only where the command's channel shows structure. Says whether either differs beyond its scatter.
+        Says whether any differs beyond its scatter.
         """
-        changed = self._learn_levels(causes)
-        return self._learn_jitter(causes, findings) or changed
-
-    def _learn_levels(self, causes: Sequence[Cause]) -> bool:
-        """Noise larger than the stage states: told from neighbouring rows, which differ by nothing else."""
-        apart: dict[str, list[Array]] = {}
-        for track in self.tracks(self.residual(causes)):
-            if track.channel != COMMAND:
-                apart.setdefault(kind_of(track.channel), []).append(np.abs(np.diff(track.rows)))
-        found = {}
-        for kind, parts in apart.items():
-            count = sum(len(part) for part in parts)
-            level = float(np.median(np.concatenate(parts))) / (np.sqrt(2) * NORMAL_QUARTILE)
-            level *= self.noise.levels[kind]
-            level = level if level > 1 + max(NOISIER, 5 / np.sqrt(count)) else 1.0
-            if abs(level / self.noise.levels[kind] - 1) > 0.5 * NOISIER:
-                found[kind] = level
-        if not found:
-            return False
-        louder = {kind: level / self.noise.levels[kind] for kind, level in found.items()}
-        self.noise.with_levels(found)
-        self._expected.clear()
-        self._nuisances.forget()
-        self._signatures.follow_levels(self.noise, louder)
-        return True
-
-    def _learn_jitter(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
-        worst = min((f.log_p_value for f in findings if f.channel == COMMAND), default=0.0)
-        if worst > SUSPICIOUS:
-            return False
-        jitter, lines = self._estimate_jitter(self._raw_residual(causes))
-        frequency = np.linspace(0.5, 40.0, 80)
-        floor = self.noise.command_floor
-        ratio = (jitter.density(frequency) + floor) / (self.noise.jitter.density(frequency) + floor)
-        if float(np.mean(np.abs(np.log(ratio)))) < SAME_SPECTRUM:
-            return False
-        self.noise.with_jitter(jitter, lines)
-        self._expected = {}
-        self._nuisances.forget(HEAD)
-        self._signatures.follow_command(self.noise)
-        return True
+        learnt = (
+            self._learning.learn_levels(causes),
+            self._learning.learn_jitter(causes, findings),
+            self._learning.learn_slow_noise(causes),
+        )
+        return any(learnt)
 
     def check_plausible(self) -> None:
         """Refuse a recording too short to hold anything out, and a twin whose statements are another stage's.
@@ -336,6 +293,7 @@ class StageProblem:
         """What was left out of the recording, and sensors noisier than the twin says."""
         found = [*self.recording.remarks, *left_out(self.twin, self._raw_residual(()), self.noise.std)]
         found += [f"{name}: {count} spikes left out" for name, count in self.spikes().items() if count]
+        found += self.noise.slow_remarks()
         time = self.noise.grid.time
         found += [
             f"rotation: a wave at {line:.2f} Hz was taken for jitter of the rotor's own; recorded at one speed only, "
@@ -391,11 +349,3 @@ class StageProblem:
 
     def _white(self, stacked: Signals) -> Rows:
         return {channel: rows for channel, rows in self.noise.whiten(stacked).items() if np.any(rows)}
-
-    def _estimate_jitter(self, raw: Signals) -> tuple[Jitter, Array]:
-        """Jitter's spectrum from what the heads share, once anything that goes with the motion is taken out of it."""
-        grid = self.noise.grid
-        mean, enough = self.noise.shared({name: raw[name][:, :, None] for name in grid.heads})
-        command = np.asarray(self.twin.inputs.command(grid.time), np.float64)
-        smooth = self._search.motion_basis(grid.time)
-        return estimate_jitter(SharedMotion(grid.time, command, mean[:, 0], enough, smooth, self.noise.command_floor))

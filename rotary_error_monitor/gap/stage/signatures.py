@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD
 from rotary_error_monitor.gap.problem import Array, Rows
-from rotary_error_monitor.twin.stage_noise import COMMAND, StageNoise
+from rotary_error_monitor.twin.stage_noise import COMMAND, StageNoise, kind_of
 
 SignatureKey = tuple[str, str, bytes, tuple[int, ...]]
 """Name and location of an effect, its values, and which of them are asked for."""
@@ -47,7 +47,6 @@ class KeptSignatures:
         if HEAD in louder:
             self.follow_command(noise)
 
-
-def kind_of(channel: str) -> str:
-    """Kind of sensor of a channel: `head_a` is a `head`, `lvdt.x` is of the `lvdt`."""
-    return channel.partition(".")[0].partition("_")[0]
+    def follow_slow_noise(self, kind: str) -> None:
+        """Make those that a kind of sensor shows again when they are wanted: its slow noise is known better."""
+        self._kept = {key: kept for key, kept in self._kept.items() if kind not in map(kind_of, kept[0])}

@@ -222,7 +222,9 @@ class LiveCell:
 
     def judge(self, since_ns: int, until_ns: int | None = None) -> None:
         """All that was published with stamps from `since_ns` on is right, but for a five-hundredth of the ticks."""
-        until_ns = self.clock() if until_ns is None else until_ns
+        if until_ns is None:
+            self.wait(lambda: any(True for _ in self._judged(since_ns, self.clock())), "something that can be judged")
+            until_ns = self.clock()
         ticks = max(1.0, (until_ns - since_ns) * 1e-9 / PERIOD)
         judged: dict[str, list[Judged]] = {}
         for each in self._judged(since_ns, until_ns):

@@ -1,0 +1,172 @@
+"""The noise of a stage's sensors, learnt from what causes leave of a recording, where that cannot hide a fault."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.rotor import HEAD
+from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
+from rotary_error_monitor.gap.problem import Array, Finding, LateRows, Rows
+from rotary_error_monitor.gap.slow_noise import Family, by_kind, cosines, in_all, learn_slow_noise
+from rotary_error_monitor.gap.stage.instrument import Instrument
+from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter
+from rotary_error_monitor.gap.stage.nuisances import Nuisances
+from rotary_error_monitor.gap.stage.search import StageSearch
+from rotary_error_monitor.gap.stage.signatures import KeptSignatures
+from rotary_error_monitor.twin.stage import Signals
+from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, kind_of
+
+if TYPE_CHECKING:
+    from rotary_error_monitor.gap.stage.problem import StageProblem
+
+SAME_SPECTRUM = 0.12
+"""Mean difference of two spectra, as a logarithm, that is within the scatter of an estimate from 40 s."""
+
+SAME_SLOW = 0.1
+"""Part by which sizes of slow noise may differ and be the same: an estimate from forty orders scatters more."""
+
+SUSPICIOUS = -6.0
+"""Logarithm of the chance below which structure in the command's channel makes its spectrum worth another look."""
+
+WAVES = 40
+"""Half periods of the shortest wave over the recording that is looked for in the place of slow noise: most of the power
+of that is in lower orders."""
+
+NOISIER = 0.05
+"""Noise is reported from this much above what the twin states."""
+
+
+class NoiseLearning:
+    """Learns the noise of a stage's sensors, and has what was made white with another noise made again.
+
+    Args:
+        problem: recording beside twin.
+        signatures: that are kept.
+        nuisances: likewise.
+        search: for candidates.
+        expected: squares of rows that are kept.
+    """
+
+    def __init__(
+        self,
+        problem: StageProblem,
+        signatures: KeptSignatures,
+        nuisances: Nuisances,
+        search: StageSearch,
+        expected: Rows,
+    ) -> None:
+        self._problem, self._signatures, self._nuisances = problem, signatures, nuisances
+        self._search, self._expected = search, expected
+        self._slow: dict[str, Array] = {}
+
+    def learn_levels(self, causes: Sequence[Cause]) -> bool:
+        """Noise larger than the stage states: told from neighbouring rows, which differ by nothing else."""
+        noise = self._problem.noise
+        apart: dict[str, list[Array]] = {}
+        for track in self._problem.tracks(self._problem.residual(causes)):
+            if track.channel != COMMAND:
+                apart.setdefault(kind_of(track.channel), []).append(np.abs(np.diff(track.rows)))
+        found = {}
+        for kind, parts in apart.items():
+            count = sum(len(part) for part in parts)
+            level = float(np.median(np.concatenate(parts))) / (np.sqrt(2) * NORMAL_QUARTILE)
+            level *= noise.levels[kind]
+            level = level if level > 1 + max(NOISIER, 5 / np.sqrt(count)) else 1.0
+            if abs(level / noise.levels[kind] - 1) > 0.5 * NOISIER:
+                found[kind] = level
+        if not found:
+            return False
+        louder = {kind: level / noise.levels[kind] for kind, level in found.items()}
+        noise.with_levels(found)
+        self._expected.clear()
+        self._nuisances.forget()
+        self._signatures.follow_levels(noise, louder)
+        return True
+
+    def learn_jitter(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+        """Spectrum of the jitter, where the command's channel shows structure."""
+        noise = self._problem.noise
+        if min((f.log_p_value for f in findings if f.channel == COMMAND), default=0.0) > SUSPICIOUS:
+            return False
+        jitter, lines = self.estimate_jitter(self._problem.raw_residual(causes))
+        frequency = np.linspace(0.5, 40.0, 80)
+        floor = noise.command_floor
+        ratio = (jitter.density(frequency) + floor) / (noise.jitter.density(frequency) + floor)
+        if float(np.mean(np.abs(np.log(ratio)))) < SAME_SPECTRUM:
+            return False
+        noise.with_jitter(jitter, lines)
+        self._expected.clear()
+        self._nuisances.forget(HEAD)
+        self._signatures.follow_command(noise)
+        return True
+
+    def estimate_jitter(self, raw: Signals) -> tuple[Jitter, Array]:
+        """Jitter's spectrum from what the heads share, once anything that goes with the motion is taken out of it."""
+        grid = self._problem.noise.grid
+        mean, enough = self._problem.noise.shared({name: raw[name][:, :, None] for name in grid.heads})
+        command = np.asarray(self._problem.twin.inputs.command(grid.time), np.float64)
+        smooth, floor = self._search.motion_basis(grid.time), self._problem.noise.command_floor
+        return estimate_jitter(SharedMotion(grid.time, command, mean[:, 0], enough, smooth, floor))
+
+    def learn_slow_noise(self, causes: Sequence[Cause]) -> bool:
+        """Slow noise of each kind of sensor."""
+        kinds = dict.fromkeys(kind_of(channel) for channel in self._problem.channels if channel != COMMAND)
+        rest = self._problem.residual(causes)
+        changed = [kind for kind in kinds if self._learn_slow_noise_of(kind, causes, rest)]
+        for kind in changed:
+            self._nuisances.forget(kind)
+            self._signatures.follow_slow_noise(kind)
+        return bool(changed)
+
+    def _learn_slow_noise_of(self, kind: str, causes: Sequence[Cause], rest: Rows) -> bool:
+        problem = self._problem
+        first = next(channel for channel in problem.channels if kind_of(channel) == kind)
+        own = Instrument(kind, problem.channels, problem.noise, problem.times(first))
+        white = own.sums(rest)[:, :, 0]
+        uncertain = own.stacked(problem.own_nuisance(causes))
+        found = learn_slow_noise(white, own.weight, own.passed, uncertain, self._faults(own, causes, rest))
+        before = self._slow.pop(kind, None)
+        if found is not None:
+            self._slow[kind] = found
+        if (found is None and before is None) or (
+            found is not None and before is not None and np.allclose(found, before, rtol=SAME_SLOW)
+        ):
+            return False
+        problem.noise.with_slow_noise(kind, None if found is None else cosines(own.passed) * (found / own.usual))
+        return True
+
+    def _faults(self, own: Instrument, causes: Sequence[Cause], rest: Rows) -> Iterator[Family]:
+        """What else may be slow: waves, what goes with an input, known effects, and departures of the causes."""
+        yield [in_all(columns, own.weight) for columns in _waves(own.passed)]
+        yield _seen([in_all(columns[:, None], own.weight) for columns in self._inputs(own.time).T])
+        effects = []
+        for candidate in self._problem.candidates(rest, causes):
+            alone = candidate.cause(np.zeros(len(candidate.linear)))
+            effects.append(own.stacked(self._problem.own_signature(alone, candidate.linear, ())))
+        yield _seen(effects)
+        for i in range(len(causes)):
+            departures = self._problem.own_departures(i, causes)
+            assert not isinstance(departures.columns, LateRows)
+            yield _seen(by_kind(own.stacked(departures.columns), departures.kinds))
+
+    def _inputs(self, time: Array) -> Array:
+        """(k, p) what the stage is exposed to: its commanded motion, temperature and force."""
+        inputs = self._problem.twin.inputs
+        motion = self._search.motion_basis(time)[:, 1:]
+        outer = np.column_stack([inputs.warming(time), inputs.force(time)])
+        return np.asarray(np.concatenate([motion, outer - outer.mean(axis=0)], axis=1), np.float64)
+
+
+def _seen(family: Family) -> Family:
+    """Those that show in these channels at all."""
+    return [columns for columns in family if columns.shape[1] and np.any(columns)]
+
+
+def _waves(passed: Array) -> Family:
+    """What comes and goes: a wave with its second harmonic, of as many half periods as the slowest noise has."""
+    turns = [[k * order * np.pi * passed for k in (1, 2)] for order in range(1, WAVES + 1)]
+    return [np.stack([wave(angle) for angle in angles for wave in (np.cos, np.sin)], axis=1) for angles in turns]

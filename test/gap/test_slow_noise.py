@@ -1,0 +1,71 @@
+"""Slow noise of an instrument is learnt as noise; what a fault could be is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.gap.slow_noise import cosines, learn_slow_noise
+
+POSES = 100
+PASSED = (np.arange(POSES) + 0.5) / POSES
+
+
+def learnt_from(white, others):
+    """Root mean square of what is learnt; 0 for none."""
+    columns = np.split(others, others.shape[1], axis=1)
+    found = learn_slow_noise(white, np.ones((3, POSES)), PASSED, np.zeros((3 * POSES, 0)), [columns])
+    return 0.0 if found is None else float(np.sqrt(np.mean(np.sum(np.square(cosines(PASSED) * found), axis=1))))
+
+
+def learnt(seed, drifting):
+    draw = np.random.default_rng(seed)
+    return learnt_from(draw.normal(size=(3, POSES)) + drifting(draw), draw.normal(size=(3 * POSES, 30)))
+
+
+def walk(draw):
+    steps = draw.normal(size=(3, POSES))
+    return 3.0 * np.cumsum(steps, axis=1) / np.sqrt(POSES)
+
+
+def step(draw):
+    return np.where(np.arange(POSES) >= draw.integers(20, 80), 3.0, 0.0) * draw.choice([-1.0, 1.0], (3, 1))
+
+
+def test_white_noise_is_hardly_ever_slow():
+    """Either is as likely beforehand, and what is learnt by chance is small."""
+    sizes = np.array([learnt(seed, lambda draw: 0.0) for seed in range(100)])
+    assert np.count_nonzero(sizes) <= 5
+    assert sizes.max() < 0.5
+
+
+def test_a_random_walk_is_learnt_with_its_size():
+    sizes = np.array([learnt(seed, walk) for seed in range(40)])
+    assert np.mean(sizes > 0) >= 0.9
+    assert 0.5 < np.median(sizes) / (3.0 / np.sqrt(2)) < 2.0
+
+
+def test_a_step_is_a_fault_and_no_noise():
+    assert sum(learnt(seed, step) > 0 for seed in range(40)) <= 2
+
+
+@pytest.mark.parametrize("size", [1.0, 10.0])
+def test_what_a_machine_may_do_is_no_noise(size):
+    found = 0
+    for seed in range(40):
+        slow = np.tile(np.linspace(-1.0, 1.0, POSES), 3)[:, None]
+        white = np.random.default_rng(seed).normal(size=3 * POSES) + size * slow[:, 0]
+        found += learnt_from(white.reshape(3, POSES), slow) > 0
+    assert found <= 2
+
+
+@pytest.mark.parametrize("left", [0.1, 0.3])
+def test_a_fault_that_departs_from_what_is_known_is_no_noise(left):
+    """It leaves a part that no known fault explains and that is as slow as noise."""
+    found = 0
+    for seed in range(40):
+        draw = np.random.default_rng(seed)
+        slow = np.tile(np.linspace(-1.0, 1.0, POSES), 3)[:, None]
+        white = draw.normal(size=(3, POSES)) + 10.0 * (slow[:, 0].reshape(3, POSES) + left * walk(draw) / 3.0)
+        found += learnt_from(white, slow) > 0
+    assert found <= 2
