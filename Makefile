@@ -51,8 +51,9 @@ CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_w
 	$(addprefix pipeline/test_,estimation.py reversals.py))
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \
-	$(addprefix gap/test_,admission.py bounds.py cases.py machine_diagnosis.py stage_diagnosis.py stage_slow_noise.py stage_stretches.py) \
-	kinds/mount/test_departures.py kinds/quadrature/test_problem.py \
+	$(addprefix gap/test_,bounds.py cases.py) \
+	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
+	$(addprefix kinds/stage/test_,admission.py diagnosis.py slow_noise.py stretches.py) \
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py) \
 	$(addprefix plant/test_,cases.py departures.py mimics.py))
 RATES := $(CELL_RATES) $(MODEL_RATES)

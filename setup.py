@@ -97,8 +97,8 @@ setup(
         ],
         # What can be diagnosed, by the section of its twin, and effects beside the package's own folder of them.
         f"{PACKAGE}.kinds": [
-            f"stage = {PACKAGE}.gap.stage.kind:StageKind",
-            f"machine = {PACKAGE}.gap.machine.kind:MachineKind",
+            f"stage = {PACKAGE}.kinds.stage.kind:StageKind",
+            f"machine = {PACKAGE}.kinds.machine.kind:MachineKind",
             f"mount = {PACKAGE}.kinds.mount.kind:MountKind",
             f"quadrature = {PACKAGE}.kinds.quadrature.kind:QuadratureKind",
         ],

@@ -11,6 +11,12 @@ import hypothesis
 import pytest
 import yaml
 
+from rotary_error_monitor.effects.library import load_effects
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.kinds.stage.problem import StageProblem
+from rotary_error_monitor.plant.cases import make_stage_case
+from rotary_error_monitor.twin.recording import record_stage, stage_topic
+
 hypothesis.settings.register_profile("shared computer", deadline=None)  # an example takes what else runs leaves it
 hypothesis.settings.load_profile("shared computer")
 
@@ -55,3 +61,17 @@ def _no_figures_left() -> Iterator[None]:
 
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
+
+
+@pytest.fixture(scope="session")
+def stage_problem():
+    """Function that gives the problem and the truth of a case of the plant."""
+
+    def make(seed, kind, effects=None, snr=None, rough=False, duration=20.0, stage_effects=None, motion=None):
+        case = make_stage_case(seed, kind, effects, snr, rough, duration, motion)
+        topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+        recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
+        known = load_effects(StageEffect) if stage_effects is None else stage_effects
+        return StageProblem(case.twin, recording, known), case.truth
+
+    return make

@@ -16,8 +16,8 @@ from typing import Any
 
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.gap.admission import FEWEST_TURNS, SHORTEST
 from rotary_error_monitor.gap.loading import load_twin
+from rotary_error_monitor.kinds.stage.admission import FEWEST_TURNS, SHORTEST
 from rotary_error_monitor.nodes.diagnosis_process import DiagnosisProcess, Outcome
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode

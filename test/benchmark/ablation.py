@@ -20,8 +20,8 @@ from rotary_error_monitor.blind_check.solver import diagnose_case, seal_process
 from rotary_error_monitor.gap import judgement, posterior
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
-from rotary_error_monitor.gap.machine import problem as machine
-from rotary_error_monitor.gap.stage import problem as stage
+from rotary_error_monitor.kinds.machine import problem as machine
+from rotary_error_monitor.kinds.stage import problem as stage
 
 WHOLE = "nothing"
 """Name of the method with all its parts."""

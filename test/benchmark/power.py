@@ -28,7 +28,7 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
 from rotary_error_monitor.gap.normal import stack, width_of
 from rotary_error_monitor.gap.options import FALSE_ALARMS
-from rotary_error_monitor.gap.stage.problem import StageProblem
+from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.plant.draws import DURATION
 from rotary_error_monitor.plant.faults import StageFault

@@ -27,7 +27,7 @@ from power import (
 )
 
 from rotary_error_monitor.gap.fitting import fit_causes
-from rotary_error_monitor.gap.stage.problem import StageProblem
+from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0, 2.5, 6.0])

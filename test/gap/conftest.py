@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.effects.effect import Effect, Parameter
-from rotary_error_monitor.effects.library import load_effects
-from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.problem import Candidate, Conditions
-from rotary_error_monitor.gap.stage.problem import StageProblem
-from rotary_error_monitor.plant.cases import make_stage_case
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
 
 
 class Shape(Effect):
@@ -101,17 +96,3 @@ def linear(rng):
     }
     data = {"x": 0.5 * first + rng.normal(size=(count, 1)), "y": rng.normal(size=(count, 1))}
     return LinearProblem(data, effects)
-
-
-@pytest.fixture(scope="session")
-def stage_problem():
-    """Function that gives the problem and the truth of a case of the plant."""
-
-    def make(seed, kind, effects=None, snr=None, rough=False, duration=20.0, stage_effects=None, motion=None):
-        case = make_stage_case(seed, kind, effects, snr, rough, duration, motion)
-        topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-        recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
-        known = load_effects(StageEffect) if stage_effects is None else stage_effects
-        return StageProblem(case.twin, recording, known), case.truth
-
-    return make

@@ -22,11 +22,10 @@ from rotary_error_monitor.gap.bounded import descend_within, solve_within
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
-from rotary_error_monitor.gap.machine.problem import MachineProblem
 from rotary_error_monitor.gap.normal import combine
 from rotary_error_monitor.gap.sentences import describe_cause
-from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.kinds.machine.problem import MachineProblem
 from rotary_error_monitor.kinds.mount.description import MountDescription
 from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.pointings import parse_pointings
@@ -35,6 +34,7 @@ from rotary_error_monitor.kinds.quadrature.description import QuadratureDescript
 from rotary_error_monitor.kinds.quadrature.effects import QuadratureEffect
 from rotary_error_monitor.kinds.quadrature.problem import QuadratureProblem
 from rotary_error_monitor.kinds.quadrature.twin import QuadratureRecording
+from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 from rotary_error_monitor.twin.document import causes_from_rows
 from rotary_error_monitor.twin.finite import UnpredictableError

@@ -20,7 +20,7 @@ from rotary_error_monitor.gap.problem import Array, Candidate, Rows
 from rotary_error_monitor.twin.stage_noise import kind_of
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.stage.problem import StageProblem
+    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 PROPOSED_ORDERS = 3
 """Orders proposed by each group of channels."""

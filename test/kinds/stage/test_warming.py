@@ -10,7 +10,7 @@ import pytest
 from rotary_error_monitor.effects.effect import Cause, Parameter
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
-from rotary_error_monitor.gap.stage.warming import uncertain_warmings
+from rotary_error_monitor.kinds.stage.warming import uncertain_warmings
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import StageTwin, twin_of
 

@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.description.stage import Mirror, Spindle, load_stage
-from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
-from rotary_error_monitor.gap.fitting import fit_causes
-from rotary_error_monitor.gap.shrink import measure_gap
-from rotary_error_monitor.gap.stage.another import check_stage, stage_statements
-from rotary_error_monitor.gap.stage.problem import StageProblem
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.kinds.stage.another import check_stage, stage_statements
+from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.cases import EPOCH_NS, make_stage_case
 from rotary_error_monitor.plant.draws import draw_stage
 from rotary_error_monitor.plant.motion import Motion, Segment
@@ -193,15 +190,3 @@ def test_a_twin_without_noise_is_refused(demo, section, kind, noise):
         InputError, match=rf"stage\.{kind}: noise and resolution together are \S+ (m|rad); .* above 1e-12"
     ):
         StageProblem(replace(stage, **{section: ideal}), recording, EFFECTS)
-
-
-def test_a_shrink_is_no_quotient_of_next_to_nothing(linear, rng):
-    """Whatever the floor: between -1 and 1."""
-    noise = {channel: rng.normal(size=rows.shape) for channel, rows in linear.data.items()}
-    linear.data = noise
-    first = next(iter(linear.effects.values()))
-    fit = fit_causes(linear, [Cause(first, "", np.zeros(1))])
-    before = measure_gap(fit, linear.conditions).before
-    for floor in (None, before, before * (1 - 1e-9), before * (1 + 1e-9), 0.5 * before):
-        gap = measure_gap(fit, linear.conditions, floor)
-        assert -1 <= gap.interval[0] <= gap.interval[1] <= 1 and -1 <= gap.shrink <= 1

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.problem import Rows, SparseRows
-from rotary_error_monitor.gap.stage.distortion import changes
+from rotary_error_monitor.kinds.stage.distortion import changes
 from rotary_error_monitor.twin.stage import Signals, StageTwin
 from rotary_error_monitor.twin.stage_parameters import UncertainParameter
 from rotary_error_monitor.twin.whitening import side_by_side

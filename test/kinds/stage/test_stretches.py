@@ -8,9 +8,9 @@ import pytest
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.normal import combine, stack
-from rotary_error_monitor.gap.stage import stretches
-from rotary_error_monitor.gap.stage.stretches import LongStageProblem, cut_recording, stage_problem
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.kinds.stage import stretches
+from rotary_error_monitor.kinds.stage.stretches import LongStageProblem, cut_recording, stage_problem
 
 STRETCH = 8.0
 

@@ -16,7 +16,7 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import Kind, TwinFile, check_amended, opened_bag
-from rotary_error_monitor.gap.machine.problem import MachineProblem
+from rotary_error_monitor.kinds.machine.problem import MachineProblem
 from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
 
 POSE = "/machine/joint_states"

@@ -17,7 +17,7 @@ from rotary_error_monitor.twin.recording import stage_topic
 from rotary_error_monitor.twin.stage_noise import COMMAND
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.stage.problem import StageProblem
+    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 ALIKE = 0.9
 """Heads whose gaps differ less than this see the rotation itself: the gap is named against the command."""

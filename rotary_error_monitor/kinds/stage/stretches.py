@@ -26,9 +26,9 @@ from rotary_error_monitor.gap.problem import (
     SparseRows,
     StretchedConditions,
 )
-from rotary_error_monitor.gap.stage.conditions import MOST_BLOCKS, stage_conditions
-from rotary_error_monitor.gap.stage.problem import StageProblem
-from rotary_error_monitor.gap.stage.search import StageSearch
+from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS, stage_conditions
+from rotary_error_monitor.kinds.stage.problem import StageProblem
+from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
 from rotary_error_monitor.twin.stage import StageInputs, twin_of
 

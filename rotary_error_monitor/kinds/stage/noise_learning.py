@@ -12,16 +12,16 @@ from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.gap.problem import Array, Finding, LateRows, Rows
 from rotary_error_monitor.gap.slow_noise import Family, by_kind, cosines, in_all, learn_slow_noise
-from rotary_error_monitor.gap.stage.instrument import Instrument
-from rotary_error_monitor.gap.stage.jitter import SharedMotion, estimate_jitter
-from rotary_error_monitor.gap.stage.nuisances import Nuisances
-from rotary_error_monitor.gap.stage.search import StageSearch
-from rotary_error_monitor.gap.stage.signatures import KeptSignatures
+from rotary_error_monitor.kinds.stage.instrument import Instrument
+from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitter
+from rotary_error_monitor.kinds.stage.nuisances import Nuisances
+from rotary_error_monitor.kinds.stage.search import StageSearch
+from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.twin.stage import Signals
 from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, kind_of
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.stage.problem import StageProblem
+    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 SAME_SPECTRUM = 0.12
 """Mean difference of two spectra, as a logarithm, that is within the scatter of an estimate from 40 s."""

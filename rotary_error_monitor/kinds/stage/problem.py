@@ -11,16 +11,18 @@ import numpy as np
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role, among
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
-from rotary_error_monitor.gap.admission import check_extent, check_noise
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
-from rotary_error_monitor.gap.stage.another import check_stage, left_out
-from rotary_error_monitor.gap.stage.conditions import stage_conditions
-from rotary_error_monitor.gap.stage.distortion import distortions
-from rotary_error_monitor.gap.stage.experiments import advise
-from rotary_error_monitor.gap.stage.jitter import orders_at_one_speed
-from rotary_error_monitor.gap.stage.modulations import (
+from rotary_error_monitor.gap.structure import LINE_ORDERS, Track, find_shared, find_structure
+from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise
+from rotary_error_monitor.kinds.stage.another import check_stage, left_out
+from rotary_error_monitor.kinds.stage.conditions import stage_conditions
+from rotary_error_monitor.kinds.stage.distortion import distortions
+from rotary_error_monitor.kinds.stage.experiments import advise
+from rotary_error_monitor.kinds.stage.jitter import orders_at_one_speed
+from rotary_error_monitor.kinds.stage.modulations import (
     StageModulations,
     goes_by_another_name,
     linear_values,
@@ -28,15 +30,13 @@ from rotary_error_monitor.gap.stage.modulations import (
     next_order,
     one_by_one,
 )
-from rotary_error_monitor.gap.stage.noise_learning import NOISIER, NoiseLearning
-from rotary_error_monitor.gap.stage.nuisances import Nuisances
-from rotary_error_monitor.gap.stage.offset import offset_figures
-from rotary_error_monitor.gap.stage.search import StageSearch
-from rotary_error_monitor.gap.stage.signatures import KeptSignatures
-from rotary_error_monitor.gap.stage.warming import uncertain_warmings
-from rotary_error_monitor.gap.stage.where import stage_where
-from rotary_error_monitor.gap.structure import LINE_ORDERS, Track, find_shared, find_structure
-from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.kinds.stage.noise_learning import NOISIER, NoiseLearning
+from rotary_error_monitor.kinds.stage.nuisances import Nuisances
+from rotary_error_monitor.kinds.stage.offset import offset_figures
+from rotary_error_monitor.kinds.stage.search import StageSearch
+from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
+from rotary_error_monitor.kinds.stage.warming import uncertain_warmings
+from rotary_error_monitor.kinds.stage.where import stage_where
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_noise import COMMAND, StageNoise, kind_of, noise_std

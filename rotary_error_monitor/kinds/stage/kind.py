@@ -15,7 +15,7 @@ from rotary_error_monitor.twin.document import stage_mapping
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.stage.problem import StageProblem
+    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 
 class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
@@ -35,7 +35,7 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
         that is and what its streams lack.
         """
         # The libraries of a stage's signals take a second to load, which who only looks at a twin need not wait for.
-        from rotary_error_monitor.gap.stage.stretches import stage_problem
+        from rotary_error_monitor.kinds.stage.stretches import stage_problem
 
         with opened_bag(recording) as reader:
             letters = sorted(twin.description.encoder.azimuths)

@@ -15,7 +15,7 @@ from rotary_error_monitor.metrology.error_motion import remove_eccentricity, rem
 from rotary_error_monitor.twin.stage import StageTwin
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.stage.problem import StageProblem
+    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 INSTANTS = 4000
 """Instants at which the estimate is held against the truth: many to a turn of any usual recording."""

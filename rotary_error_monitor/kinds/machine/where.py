@@ -15,7 +15,7 @@ from rotary_error_monitor.gap.telling_apart import advise_best, distance
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.machine.problem import MachineProblem
+    from rotary_error_monitor.kinds.machine.problem import MachineProblem
 
 TOPIC = "/machine/tool_probe"
 TELLING = 0.1

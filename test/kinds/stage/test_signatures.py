@@ -11,8 +11,8 @@ from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.problem import Finding
-from rotary_error_monitor.gap.stage.problem import StageProblem
-from rotary_error_monitor.gap.stage.signatures import KeptSignatures
+from rotary_error_monitor.kinds.stage.problem import StageProblem
+from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.twin.stage_noise import kind_of
 
 EFFECTS = load_effects(StageEffect)

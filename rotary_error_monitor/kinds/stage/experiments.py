@@ -21,7 +21,7 @@ from rotary_error_monitor.gap.telling_apart import advise_best, distance
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.stage.problem import StageProblem
+    from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 Key = tuple[str, str]
 

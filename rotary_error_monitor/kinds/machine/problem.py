@@ -12,13 +12,13 @@ from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.machine.modulations import machine_departures
-from rotary_error_monitor.gap.machine.smooth import SmoothMachine
-from rotary_error_monitor.gap.machine.where import machine_advice, machine_where
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.slow_noise import Family, by_kind, cosines, learn_slow_noise
 from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.kinds.machine.modulations import machine_departures
+from rotary_error_monitor.kinds.machine.smooth import SmoothMachine
+from rotary_error_monitor.kinds.machine.where import machine_advice, machine_where
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe

@@ -16,7 +16,7 @@ from rotary_error_monitor.gap.pose_modulations import Quantity, departures_at_po
 from rotary_error_monitor.gap.problem import Array
 
 if TYPE_CHECKING:
-    from rotary_error_monitor.gap.machine.problem import MachineProblem
+    from rotary_error_monitor.kinds.machine.problem import MachineProblem
 
 
 def machine_departures(problem: MachineProblem, place: int, causes: Sequence[Cause]) -> Departures:
