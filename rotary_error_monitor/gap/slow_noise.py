@@ -28,12 +28,12 @@ _LOG_PRIOR = np.log(_PRIOR / np.sum(_PRIOR) / len(FALLS))
 """Of each size, by the logarithm of which they are spaced, and of either law."""
 
 STEPS = 160
-"""Moments at which a step is looked for: one a quarter of that apart in time explains nearly the same."""
+"""Moments at which a step is looked for: steps that are closer to one another explain nearly the same."""
 
 SAME = 1e-9
 """Part of the squares of columns below which a sum of them is rounding."""
 
-Family = Sequence[Array]
+Rivals = Sequence[Array]
 """White columns (c n, p) of each of several explanations, of which any one may hold, all as likely."""
 
 
@@ -48,19 +48,19 @@ def in_all(columns: Array, weight: Array) -> Array:
     return np.asarray(np.kron(np.eye(len(weight)), columns) * weight.reshape(-1, 1), np.float64)
 
 
-def by_kind(columns: Array, kinds: Sequence[str]) -> Family:
+def by_kind(columns: Array, kinds: Sequence[str]) -> Rivals:
     """Columns (c n, q), those of one kind together."""
     named = np.asarray(kinds)
     return [columns[:, named == kind] for kind in dict.fromkeys(kinds)]
 
 
 def learn_slow_noise(
-    white: Array, weight: Array, passed: Array, uncertain: Array, families: Iterable[Family]
+    white: Array, weight: Array, passed: Array, uncertain: Array, rivals: Iterable[Rivals]
 ) -> Array | None:
     """Slow noise that the components of one instrument show beside white noise, each a course of its own.
 
     There is some where it is likelier than none, all cosines and sizes integrated out, unless one of the explanations
-    in `families`, or a step somewhere, is likelier in its place or at work beside it, with odds above those of a false
+    in `rivals`, or a step somewhere, is likelier in its place or at work beside it, with odds above those of a false
     alarm (Schwarz's criterion for each): what those can explain, even in part, is a fault, and no noise. What stands
     out less beside slow noise would not be found beside it either.
 
@@ -69,7 +69,7 @@ def learn_slow_noise(
         weight: (c, n) what a course of one adds to it; 0 where there is no sample.
         passed: (n,) part of the recording that has passed.
         uncertain: (c n, u) one standard uncertainty of each parameter of the twin, components one after the other.
-        families: what else there may be; looked at only where slow noise shows.
+        rivals: what else there may be; looked at only where slow noise shows.
 
     Returns:
         (q,) standard deviation of each of the `cosines`; None where no slow noise shows.
@@ -85,12 +85,12 @@ def learn_slow_noise(
     likely = _log_sum(log_evidence)
     if likely <= 0:
         return None
-    for family in itertools.chain([_steps(weight)], families):
-        for columns in _of_one_width(family):
+    for alike in itertools.chain([_steps(weight)], rivals):
+        for columns in _of_one_width(alike):
             own = data.whitened(columns)
             beside = [spectrum.log_evidence + spectrum.reduction(data, own) for spectrum in found]
             most = max(float(np.max(data.reduction(own))), float(np.max(_log_sum(np.stack(beside, axis=1)))))
-            price = 0.5 * columns.shape[2] * np.log(count) + np.log(len(family))
+            price = 0.5 * columns.shape[2] * np.log(count) + np.log(len(alike))
             if most - price + np.log(FALSE_ALARMS) > likely:
                 return None
     law, size = np.unravel_index(int(np.argmax(log_evidence)), log_evidence.shape)
@@ -180,13 +180,13 @@ def _reduction(gram: Array, moment: Array) -> Array:
     return np.asarray(0.5 * np.sum(moment * np.linalg.solve(held, moment[..., None])[..., 0], axis=-1), np.float64)
 
 
-def _of_one_width(family: Family) -> list[Array]:
+def _of_one_width(rivals: Rivals) -> list[Array]:
     """Columns (c n, m, p) of the m members of each width p."""
-    widths = sorted({columns.shape[1] for columns in family})
-    return [np.stack([c for c in family if c.shape[1] == width], axis=1) for width in widths]
+    widths = sorted({columns.shape[1] for columns in rivals})
+    return [np.stack([c for c in rivals if c.shape[1] == width], axis=1) for width in widths]
 
 
-def _steps(weight: Array) -> Family:
+def _steps(weight: Array) -> Rivals:
     """A step of every component at once after each sample but the first two and the last, or after `STEPS` of them."""
     begins, place = np.flatnonzero(weight.any(axis=0))[2:-1], np.arange(weight.shape[1])
     begins = begins[:: max(1, len(begins) // STEPS)]

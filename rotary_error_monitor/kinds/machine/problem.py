@@ -14,7 +14,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
-from rotary_error_monitor.gap.slow_noise import Family, by_kind, cosines, learn_slow_noise
+from rotary_error_monitor.gap.slow_noise import Rivals, by_kind, cosines, learn_slow_noise
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.kinds.machine.modulations import machine_departures
 from rotary_error_monitor.kinds.machine.smooth import SmoothMachine
@@ -186,7 +186,7 @@ class MachineProblem:
         std = learn_slow_noise(white.T / level, weight, passed, uncertain / level, self._faults(causes))
         return np.zeros((len(kept), 0)) if std is None else cosines(passed) * (level * std)
 
-    def _faults(self, causes: Sequence[Cause]) -> Iterator[Family]:
+    def _faults(self, causes: Sequence[Cause]) -> Iterator[Rivals]:
         """What else may be left: smooth errors of the axes, and departures of the causes."""
         yield np.split(self._smooth.columns, self._smooth.columns.shape[1], axis=1)
         for departures in self.departures(causes):

@@ -11,7 +11,7 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.gap.problem import Array, Finding, LateRows, Rows
-from rotary_error_monitor.gap.slow_noise import Family, by_kind, cosines, in_all, learn_slow_noise
+from rotary_error_monitor.gap.slow_noise import Rivals, by_kind, cosines, in_all, learn_slow_noise
 from rotary_error_monitor.kinds.stage.instrument import Instrument
 from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitter
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
@@ -139,7 +139,7 @@ class NoiseLearning:
         problem.noise.with_slow_noise(kind, None if found is None else cosines(own.passed) * (found / own.usual))
         return True
 
-    def _faults(self, own: Instrument, causes: Sequence[Cause], rest: Rows) -> Iterator[Family]:
+    def _faults(self, own: Instrument, causes: Sequence[Cause], rest: Rows) -> Iterator[Rivals]:
         """What else may be slow: waves, what goes with an input, known effects, and departures of the causes."""
         yield [in_all(columns, own.weight) for columns in _waves(own.passed)]
         yield _seen([in_all(columns[:, None], own.weight) for columns in self._inputs(own.time).T])
@@ -161,12 +161,12 @@ class NoiseLearning:
         return np.asarray(np.concatenate([motion, outer - outer.mean(axis=0)], axis=1), np.float64)
 
 
-def _seen(family: Family) -> Family:
+def _seen(rivals: Rivals) -> Rivals:
     """Those that show in these channels at all."""
-    return [columns for columns in family if columns.shape[1] and np.any(columns)]
+    return [columns for columns in rivals if columns.shape[1] and np.any(columns)]
 
 
-def _waves(passed: Array) -> Family:
+def _waves(passed: Array) -> Rivals:
     """What comes and goes: a wave with its second harmonic, of as many half periods as the slowest noise has."""
     turns = [[k * order * np.pi * passed for k in (1, 2)] for order in range(1, WAVES + 1)]
     return [np.stack([wave(angle) for angle in angles for wave in (np.cos, np.sin)], axis=1) for angles in turns]
