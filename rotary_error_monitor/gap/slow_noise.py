@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,7 +84,7 @@ def learn_slow_noise(
     likely = _log_sum(log_evidence)
     if likely <= 0:
         return None
-    for alike in itertools.chain([_steps(weight)], rivals):
+    for alike in _and_steps(rivals, weight):
         for columns in _of_one_width(alike):
             own = data.whitened(columns)
             beside = [spectrum.log_evidence + spectrum.reduction(data, own) for spectrum in found]
@@ -184,6 +183,12 @@ def _of_one_width(rivals: Rivals) -> list[Array]:
     """Columns (c n, m, p) of the m members of each width p."""
     widths = sorted({columns.shape[1] for columns in rivals})
     return [np.stack([c for c in rivals if c.shape[1] == width], axis=1) for width in widths]
+
+
+def _and_steps(rivals: Iterable[Rivals], weight: Array) -> Iterator[Rivals]:
+    """Steps come last: what is known is likelier to be at work, and the first that is ends the search."""
+    yield from rivals
+    yield _steps(weight)
 
 
 def _steps(weight: Array) -> Rivals:

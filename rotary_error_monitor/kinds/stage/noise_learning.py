@@ -140,9 +140,7 @@ class NoiseLearning:
         return True
 
     def _faults(self, own: Instrument, causes: Sequence[Cause], rest: Rows) -> Iterator[Rivals]:
-        """What else may be slow: waves, what goes with an input, known effects, and departures of the causes."""
-        yield [in_all(columns, own.weight) for columns in _waves(own.passed)]
-        yield _seen([in_all(columns[:, None], own.weight) for columns in self._inputs(own.time).T])
+        """What else may be slow: known effects, departures of the causes, what goes with an input, and waves."""
         effects = []
         for candidate in self._problem.candidates(rest, causes):
             alone = candidate.cause(np.zeros(len(candidate.linear)))
@@ -152,6 +150,8 @@ class NoiseLearning:
             departures = self._problem.own_departures(i, causes)
             assert not isinstance(departures.columns, LateRows)
             yield _seen(by_kind(own.stacked(departures.columns), departures.kinds))
+        yield _seen([in_all(columns[:, None], own.weight) for columns in self._inputs(own.time).T])
+        yield [in_all(columns, own.weight) for columns in _waves(own.passed)]
 
     def _inputs(self, time: Array) -> Array:
         """(k, p) what the stage is exposed to: its commanded motion, temperature and force."""
