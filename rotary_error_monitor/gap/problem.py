@@ -101,14 +101,13 @@ class Candidate:
         effect: the effect.
         location: where.
         start: values from which it is fitted: zero amplitude, shape as found by a search.
-        trials: independent places, orders or moments that were searched to arrive at it, itself included.
-        log_prior: logarithm of the chance of this place, order or moment if the effect is at work at all.
+        log_prior: logarithm of the chance of this place, order or moment if the effect is at work at all: one over the
+            independent ones that were searched, where all are as likely.
     """
 
     effect: AnyEffect
     location: str
     start: Values
-    trials: int = 1
     log_prior: float = 0.0
 
     @property

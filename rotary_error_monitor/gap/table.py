@@ -142,10 +142,10 @@ class TableProblem(ABC, Generic[State]):
         """One effect at every place, or of every order."""
         orders, places = range(effect.lowest, effect.orders + 1), effect.locations(self.thing)
         for place in () if effect.orders else places:
-            yield Candidate(effect, place, effect.start(place), len(places), -float(np.log(len(places))))
+            yield Candidate(effect, place, effect.start(place), -float(np.log(len(places))))
         for order in orders:
             place = order_location(order)
-            yield Candidate(effect, place, effect.start(place), len(orders), effect.log_prior_of(order))
+            yield Candidate(effect, place, effect.start(place), effect.log_prior_of(order))
 
     def at_zero(self, key: tuple[str, str]) -> Cause:
         """An effect without size at a place, of the lowest order if it has orders there."""

@@ -300,9 +300,9 @@ class MachineProblem:
                 yield from self._harmonics(effect, place, most, len(places))
             elif getattr(effect, "wave", None):
                 start, trials = self._period(effect, place, rest)
-                yield Candidate(effect, place, start, trials, -float(np.log(len(places) * trials)))
+                yield Candidate(effect, place, start, -float(np.log(len(places) * trials)))
             else:
-                yield Candidate(effect, place, effect.start(place), len(places), -float(np.log(len(places))))
+                yield Candidate(effect, place, effect.start(place), -float(np.log(len(places))))
 
     def _harmonics(self, effect: MachineEffect, place: str, most: int, places: int) -> Iterator[Candidate]:
         for order in range(1, most + 1):
@@ -310,7 +310,7 @@ class MachineProblem:
             start[effect.slices()["order"]] = order
             # Lower orders are likelier: eccentricity and oval shapes come before teeth.
             prior = -float(np.log(order * places * np.sum(1 / np.arange(1, most + 1))))
-            yield Candidate(effect, place, start, most * places, prior)
+            yield Candidate(effect, place, start, prior)
 
     def _period(self, effect: AnyEffect, place: str, rest: Rows) -> tuple[Array, int]:
         """Period with the most power along the axis, from a Lomb-Scargle scan of the positions."""

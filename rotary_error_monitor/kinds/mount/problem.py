@@ -117,7 +117,7 @@ class MountProblem(TableProblem[MountGeometry]):
             start = effect.start(place)
             if order:
                 start[effect.slices()["order"]] = order
-            yield Candidate(effect, place, start, trials, -float(np.log(trials)))
+            yield Candidate(effect, place, start, -float(np.log(trials)))
 
     def quantities(self) -> Mapping[str, Array]:
         """Hour angle, declination, altitude and time, in the units that people use."""

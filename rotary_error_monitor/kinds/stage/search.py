@@ -58,7 +58,7 @@ class StageSearch:
             else:
                 places = effect.locations(self._problem.stage)
                 prior = -float(np.log(len(places)))
-                found += [Candidate(effect, place, effect.start(place), len(places), prior) for place in places]
+                found += [Candidate(effect, place, effect.start(place), prior) for place in places]
         return tuple(found)
 
     def motion_basis(self, time: Array) -> Array:
@@ -74,7 +74,7 @@ class StageSearch:
 
     def _of_order(self, effect: AnyEffect, order: int) -> Candidate:
         place = order_location(order)
-        return Candidate(effect, place, effect.start(place), effect.orders, effect.log_prior_of(order))
+        return Candidate(effect, place, effect.start(place), effect.log_prior_of(order))
 
     def _angle(self, channel: str) -> Array:
         """(m,) commanded rotation at the rows of a channel."""
@@ -119,7 +119,7 @@ class StageSearch:
             start[effect.slices()["time"]] = moment
             # Steps less than a few samples apart cannot be told apart: the trials are fewer than the samples.
             trials = 4 * max(len(rest[place]) // 20, 1)
-            found.append(Candidate(effect, place, start, trials, -float(np.log(trials))))
+            found.append(Candidate(effect, place, start, -float(np.log(trials))))
         return found
 
     def _waves(self, effect: AnyEffect, rest: Rows) -> list[Candidate]:
@@ -128,7 +128,7 @@ class StageSearch:
         order, trials = find_wave(angle, rows)
         start = effect.start("")
         start[effect.slices()["order"]] = order
-        return [Candidate(effect, "", start, trials, -float(np.log(trials)))]
+        return [Candidate(effect, "", start, -float(np.log(trials)))]
 
 
 def find_step(time: Array, rows: Array) -> float:
