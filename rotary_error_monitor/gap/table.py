@@ -14,12 +14,6 @@ from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
 
-STEP = 1e-2
-"""Step of numerical derivatives in usual sizes of a parameter."""
-
-SHAPE_STEP = 1e-4
-"""The same relative to a parameter that shapes the effect."""
-
 TELLING = 0.05
 """Part of a channel's gap from which it is said what it depends on."""
 
@@ -41,11 +35,15 @@ class TableProblem(ABC, Generic[State]):
     Attributes:
         names: channels of rows, each with its name in the diagnosis.
         unit: of the channels, for pictures, and how many of it the unit of what is measured is.
+        step: of numerical derivatives, in usual sizes of a parameter.
+        shape_step: the same relative to a parameter that shapes the effect.
         kept: (n,) rows that are no outliers.
     """
 
     names: ClassVar[Mapping[str, str]]
     unit: ClassVar[tuple[str, float]]
+    step: ClassVar[float] = 1e-2
+    shape_step: ClassVar[float] = 1e-4
     m_open: ClassVar[bool] = False
 
     def __init__(
@@ -119,8 +117,8 @@ class TableProblem(ABC, Generic[State]):
         base = self.predict(state, causes)
         for index in indices:
             shape = index in effect.indices(Role.SHAPE)
-            step = SHAPE_STEP * float(cause.values[index]) if shape else STEP * float(effect.scales()[index])
-            step, values = effect.inward(cause.values, index, step), cause.values.copy()
+            size = self.shape_step * float(cause.values[index]) if shape else self.step * float(effect.scales()[index])
+            step, values = effect.inward(cause.values, index, size), cause.values.copy()
             values[index] += step
             columns.append((self.predict(state, among(cause.with_values(values), others)) - base) / step)
         return self.white(np.stack(columns, axis=2))

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among
+from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.slow_noise import Rivals, by_kind, cosines, learn_slow_noise
-from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.gap.table import TableProblem, acting
 from rotary_error_monitor.kinds.machine.modulations import machine_departures
 from rotary_error_monitor.kinds.machine.smooth import SmoothMachine
-from rotary_error_monitor.kinds.machine.where import machine_advice, machine_where
+from rotary_error_monitor.kinds.machine.where import TOPIC, machine_advice, machine_where
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
@@ -27,7 +28,6 @@ from rotary_error_monitor.twin.slow_noise import Cells, SlowNoise
 PROBE_STD = 1.5e-6
 """Standard deviation of one component of the laser tracker's result, m, where nothing else is stated."""
 
-CHANNELS = ("x", "y", "z")
 FOLDS = 6
 SMALL = 1e-3
 """Departure, m, that any machine may have by the way in which it was set up."""
@@ -41,15 +41,9 @@ PERIODS = (2e-3, 0.5)
 SAME_DRIFT = 0.2
 """Part by which the size of a drift may be another: that of one learnt from a recording is no better known."""
 
-_STEP = 0.1
-"""Step of numerical derivatives in usual sizes, µm or µrad: the machine is linear in its errors to one part in 10^5."""
 
-_SHAPE_STEP = 1e-8
-"""Relative step of derivatives with respect to a period: small beside one turn in all turns over the travel."""
-
-
-class MachineProblem:
-    """Poses of a machine beside its twin.
+class MachineProblem(TableProblem[None]):
+    """Poses of a machine beside its twin, in the order of measuring; a sixth of them is held out together.
 
     Args:
         machine: the description that the twin has.
@@ -58,8 +52,12 @@ class MachineProblem:
         probe_std: standard deviation of one component of the probe, m.
     """
 
-    channels = CHANNELS
-    m_open = False
+    names = MappingProxyType({component: f"{TOPIC}.{component}" for component in "xyz"})
+    unit = ("µm", 1e6)
+    step = 0.1
+    """µm or µrad: the machine is linear in its errors to one part in 10^5."""
+    shape_step = 1e-8
+    """Of a period: small beside one turn in all turns over the travel, since a wave that is moved bends at once."""
 
     def __init__(
         self,
@@ -70,55 +68,42 @@ class MachineProblem:
     ) -> None:
         self.machine = machine
         self.recording = recording
-        self.effects = tuple(effects)
         self.probe_std = probe_std
-        self.index = np.arange(len(recording.probe), dtype=np.float64)
+        edges = np.linspace(0, len(recording.probe), 4 * FOLDS + 1)
+        labels = (np.arange(4 * FOLDS) // 4).astype(np.intp)
+        folds = Conditions(edges - 0.5, labels, tuple(f"poses {i + 1}/{FOLDS}" for i in range(FOLDS)))
+        super().__init__(machine, folds, recording.probe.T, np.full(3, probe_std), effects)
+        self.index = np.arange(len(self.kept), dtype=np.float64)
         self._shifts = uncertain_shifts(machine)
         self._starts: dict[tuple[str, str], Array] = {}
         self._plain: Array | None = None
         self._moved: Array | None = None
         self._smooth = SmoothMachine(machine, recording, probe_std)
-        self.kept: NDArray[np.bool_] = np.ones(len(self.index), bool)
         self.drift: Array = np.zeros((len(self.index), 0))
         self.learn_outliers((), {})
-        edges = np.linspace(0, len(self.index), 4 * FOLDS + 1)
-        labels = (np.arange(4 * FOLDS) // 4).astype(np.intp)
-        self._conditions = Conditions(edges - 0.5, labels, tuple(f"poses {i + 1}/{FOLDS}" for i in range(FOLDS)))
 
-    @property
-    def conditions(self) -> Conditions:
-        """Poses in the order of measuring; a sixth of them is held out together."""
-        return self._conditions
+    def settle(self, causes: Sequence[Cause]) -> None:
+        """Nothing is fitted whatever the causes."""
 
-    def times(self, channel: str) -> Array:
-        """(n,) number of each pose."""
-        return self.index
+    def predict(self, state: None, causes: Sequence[Cause]) -> Array:
+        """(3, n) what the probe shows with these causes, m; that without any size is kept."""
+        fitted = acting(causes)
+        if fitted:
+            return predict_probe(self.machine, self.recording, fitted).T
+        if self._plain is None:
+            self._plain = predict_probe(self.machine, self.recording).T
+        return self._plain
 
-    def expected(self, channel: str) -> Array:
-        """(n,) 1 for poses that count, 0 for outliers."""
-        return self.kept.astype(np.float64)
+    def white(self, values: Array) -> Rows:
+        """White rows (n, p) of values (3, n, p): slow noise as well."""
+        slow = self._slow_noise()
+        return {channel: slow.whiten(rows) for channel, rows in super().white(values).items()}
 
-    def residual(self, causes: Sequence[Cause]) -> Rows:
-        """White rows (n, 1) of measured minus predicted."""
-        return self._rows((self.recording.probe - self._prediction(causes))[:, :, None])
-
-    def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
-        """White rows of the derivative of the prediction with respect to values of `cause`, beside `others`."""
-        effect, columns = cause.effect, []
-        base = self._prediction(among(cause, others))
-        for index in indices:
-            # A wave that is moved along bends at once: the step in its period is far smaller.
-            shape = index in effect.indices(Role.SHAPE)
-            step = _SHAPE_STEP * float(cause.values[index]) if shape else _STEP * effect.scales()[index]
-            step = effect.inward(cause.values, index, step)
-            values = cause.values.copy()
-            values[index] += step
-            columns.append((self._prediction(among(cause.with_values(values), others)) - base) / step)
-        return self._rows(np.stack(columns, axis=2))
-
-    def distortions(self, candidates: Sequence[Candidate], causes: Sequence[Cause]) -> Sequence[float]:
-        """None: errors this small add up, whatever else is wrong."""
-        return [0.0] * len(candidates)
+    def quantities(self) -> Mapping[str, Array]:
+        """Positions of the axes."""
+        scales = [("mm", 1e3) if axis.kind == LINEAR else ("°", 180 / np.pi) for axis in self.machine.axes]
+        positions = zip(self.machine.axes, scales, self.recording.positions.T, strict=True)
+        return {f"{axis.letter}, {unit}": scale * position for axis, (unit, scale), position in positions}
 
     def departures(self, causes: Sequence[Cause]) -> tuple[Departures, ...]:
         """Ways in which each cause may depart from its textbook form."""
@@ -130,13 +115,13 @@ class MachineProblem:
         Causes are micrometres on a machine of metres: what a parameter does beside them is the same.
         """
         moved = self._moved_by_uncertainty()
-        return self._rows(moved) if moved.shape[2] else {}
+        return self.white(moved) if moved.shape[2] else {}
 
     def _moved_by_uncertainty(self) -> Array:
-        """(n, 3, u) change of the prediction by one standard uncertainty of each parameter, m."""
+        """(3, n, u) change of the prediction by one standard uncertainty of each parameter, m."""
         if self._moved is None:
-            base = self._prediction(())
-            moved = [predict_probe(shift.machine, self.recording) - base for shift in self._shifts]
+            base = self.predict(None, ())
+            moved = [predict_probe(shift.machine, self.recording).T - base for shift in self._shifts]
             self._moved = np.stack(moved, axis=2) if moved else np.zeros((*base.shape, 0))
         return self._moved
 
@@ -148,7 +133,7 @@ class MachineProblem:
 
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of what is left: its power, and every smooth error that a machine's axes can have."""
-        white = np.concatenate([rest[channel][:, 0] for channel in CHANNELS])
+        white = np.concatenate([rest[channel][:, 0] for channel in self.channels])
         count = 3 * int(self.kept.sum())
         power = float(white @ white)
         scatter = Finding("probe", "power", log_chi_square_tail(power, count), max(0.0, power - count), "pose: scatter")
@@ -163,27 +148,27 @@ class MachineProblem:
 
         Of poses that were left out before that is not known: they come back if the causes alone explain them.
         """
-        white = (self.recording.probe - self._prediction(causes)) / self.probe_std
+        white = self.error(causes) / self.probe_std
         if departing:
-            white -= np.concatenate([self._slow_noise().plain(departing[channel]) for channel in CHANNELS], axis=1)
-        kept = self._smooth.inliers(white)
-        moved = self._moved_by_uncertainty() / self.probe_std
-        uncertain = moved.transpose(1, 0, 2).reshape(3 * len(white), -1)
+            white -= np.stack([self._slow_noise().plain(departing[channel])[:, 0] for channel in self.channels])
+        kept = self._smooth.inliers(white.T)
         # What departures as they are fitted leave of a fault may look like slow noise: that is learnt without them.
-        drift = self.drift if departing else self._learn_drift(white, kept, uncertain, causes)
+        drift = self.drift if departing else self._learn_drift(white, kept, causes)
         if np.array_equal(kept, self.kept) and _alike(drift, self.drift):
             return False
         self.kept, self.drift = kept, drift
         return True
 
-    def _learn_drift(self, white: Array, kept: NDArray[np.bool_], uncertain: Array, causes: Sequence[Cause]) -> Array:
+    def _learn_drift(self, white: Array, kept: NDArray[np.bool_], causes: Sequence[Cause]) -> Array:
         """(n, q) one standard deviation of each slow course of a component of the probe, in those of its noise."""
         passed = (self.index + 0.5) / len(self.index)
         # Neighbours differ by noise, and by what goes with the pose, but hardly by what is slow.
-        apart = np.abs(np.diff(white[kept], axis=0))
+        apart = np.abs(np.diff(white[:, kept], axis=1))
         level = max(1.0, float(np.median(apart)) / (np.sqrt(2) * NORMAL_QUARTILE))
+        moved = self._moved_by_uncertainty()
+        uncertain = moved.reshape(3 * len(kept), moved.shape[2]) / (self.probe_std * level)
         weight = np.tile(kept, (3, 1)).astype(np.float64)
-        std = learn_slow_noise(white.T / level, weight, passed, uncertain / level, self._faults(causes))
+        std = learn_slow_noise(white / level, weight, passed, uncertain, self._faults(causes))
         return np.zeros((len(kept), 0)) if std is None else cosines(passed) * (level * std)
 
     def _faults(self, causes: Sequence[Cause]) -> Iterator[Rivals]:
@@ -191,7 +176,7 @@ class MachineProblem:
         yield np.split(self._smooth.columns, self._smooth.columns.shape[1], axis=1)
         for departures in self.departures(causes):
             assert isinstance(departures.columns, dict)
-            shown = [self._slow_noise().plain(departures.columns[channel]) for channel in CHANNELS]
+            shown = [self._slow_noise().plain(departures.columns[channel]) for channel in self.channels]
             yield by_kind(np.concatenate(shown), departures.kinds)
 
     def check_plausible(self) -> None:
@@ -200,8 +185,8 @@ class MachineProblem:
         Raises:
             InputError: the twin describes another machine.
         """
-        predicted = self._prediction(())
-        off = float(np.median(np.abs(self.recording.probe - predicted)))
+        predicted = self.predict(None, ())
+        off = float(np.median(np.abs(self.measured - predicted)))
         described = float(np.median(np.abs(predicted)))
         if off <= max(OTHERS * described, SMALL) or off <= (reach := self._reach()):
             return
@@ -213,11 +198,11 @@ class MachineProblem:
 
     def _reach(self) -> float:
         """Largest median change of the probe by any known effect as large as it may be, m."""
-        base, reach = self._prediction(()), 0.0
+        base, reach = self.predict(None, ()), 0.0
         for effect in self.effects:
             for place in effect.locations(self.machine):
                 try:
-                    moved = predict_probe(self.machine, self.recording, (Cause(effect, place, effect.largest(place)),))
+                    moved = self.predict(None, (Cause(effect, place, effect.largest(place)),))
                 except UnpredictableError:
                     continue
                 reach = max(reach, float(np.median(np.abs(moved - base))))
@@ -231,9 +216,8 @@ class MachineProblem:
         """How wrong the causes make the tool's offset at the poses."""
         if not causes:
             return {}
-        plain = predict_probe(self.machine, self.recording)
-        moved = predict_probe(self.machine, self.recording, causes) - plain
-        return {"tool_offset_error_um": 1e6 * float(np.sqrt(np.mean(np.sum(np.square(moved), axis=1))))}
+        moved = self.shown(causes)
+        return {"tool_offset_error_um": 1e6 * float(np.sqrt(np.mean(np.sum(np.square(moved), axis=0))))}
 
     def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
         """Poses that would tell effects apart."""
@@ -256,43 +240,15 @@ class MachineProblem:
         size = 1e6 * self.probe_std * float(np.sqrt(np.mean(np.sum(np.square(self.drift), axis=1))))
         return [f"probe: drifts by {size:.2g} µm (root mean square) beside its noise"] if size else []
 
-    def views(self, channels: Sequence[str], causes: Sequence[Cause]) -> list[View]:
-        """Residuals of the probe's components over each axis, before and after the causes, in µm."""
-        before = 1e6 * (self.recording.probe - self._prediction(()))
-        after = 1e6 * (self.recording.probe - self._prediction(causes))
-        found = []
-        for channel in channels:
-            component = CHANNELS.index(channel[-1])
-            for column, axis in enumerate(self.machine.axes):
-                words, scale = ("mm", 1e3) if axis.kind == LINEAR else ("°", 180 / np.pi)
-                x = scale * self.recording.positions[:, column]
-                quantity = f"{axis.letter}, {words}"
-                found.append(View(channel, quantity, x, before[:, component], after[:, component], "µm"))
-        return found
-
     def at_zero(self, key: tuple[str, str]) -> Cause:
         """An effect without size, its shape as it was proposed."""
         effect = next(e for e in self.effects if e.name == key[0])
         return Cause(effect, key[1], self._starts.get(key, effect.start(key[1])))
 
-    def _prediction(self, causes: Sequence[Cause]) -> Array:
-        """Prediction with these causes; that without any size is kept."""
-        fitted = tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
-        if fitted:
-            return predict_probe(self.machine, self.recording, fitted)
-        if self._plain is None:
-            self._plain = predict_probe(self.machine, self.recording)
-        return self._plain
-
-    def _rows(self, values: Array) -> Rows:
-        white = values / self.probe_std * self.kept[:, None, None]
-        slow = self._slow_noise()
-        return {channel: slow.whiten(white[:, i]) for i, channel in enumerate(CHANNELS)}
-
     def _slow_noise(self) -> SlowNoise:
         return SlowNoise(Cells(np.arange(len(self.index)), self.kept.astype(np.float64)), self.drift)
 
-    def _of(self, effect: MachineEffect, rest: Rows) -> Iterator[Candidate]:
+    def _of(self, effect: AnyEffect, rest: Rows) -> Iterator[Candidate]:
         places = effect.locations(self.machine)
         most = int(getattr(effect, "harmonics", 0))
         for place in places:
@@ -304,7 +260,7 @@ class MachineProblem:
             else:
                 yield Candidate(effect, place, effect.start(place), -float(np.log(len(places))))
 
-    def _harmonics(self, effect: MachineEffect, place: str, most: int, places: int) -> Iterator[Candidate]:
+    def _harmonics(self, effect: AnyEffect, place: str, most: int, places: int) -> Iterator[Candidate]:
         for order in range(1, most + 1):
             start = effect.start(place)
             start[effect.slices()["order"]] = order
@@ -320,14 +276,13 @@ class MachineProblem:
         # Cosine and sine of the longest period, each times its own wave, add up to a constant: the direction in which
         # the axis's error shows.
         longest = float(effect.bounds()[1][effect.slices()["period"]][0])
-        shown = np.zeros_like(self.recording.probe)
+        shown = np.zeros_like(self.measured)
         for name, wave in (("cos", np.cos), ("sin", np.sin)):
             long, size = unit.copy(), effect.slices()[name]
             long[effect.slices()["period"]], long[size] = longest, effect.scales()[size]
-            moved = self._prediction((Cause(effect, place, long),)) - self._prediction(())
-            shown += wave(2 * np.pi * position / longest)[:, None] * moved
-        along = shown / np.maximum(np.linalg.norm(shown, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-        signal = np.sum(np.stack([rest[c][:, 0] for c in CHANNELS], axis=1) * along, axis=1)
+            shown += wave(2 * np.pi * position / longest) * self.shown((Cause(effect, place, long),))
+        along = shown / np.maximum(np.linalg.norm(shown, axis=0), np.finfo(np.float64).tiny)
+        signal = np.sum(np.stack([rest[channel][:, 0] for channel in self.channels]) * along, axis=0)
         span = float(np.ptp(position))
         best = find_frequency(position, signal, 1 / PERIODS[1], 1 / PERIODS[0])
         start = unit.copy()
