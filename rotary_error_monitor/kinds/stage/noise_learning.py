@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,7 @@ from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitte
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
+from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.stage import Signals
 from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, kind_of
 
@@ -144,7 +146,8 @@ class NoiseLearning:
         effects = []
         for candidate in self._problem.candidates(rest, causes):
             alone = candidate.cause(np.zeros(len(candidate.linear)))
-            effects.append(own.stacked(self._problem.own_signature(alone, candidate.linear, ())))
+            with suppress(UnpredictableError):  # whoever weighs the candidates leaves it out as well, and says so
+                effects.append(own.stacked(self._problem.own_signature(alone, candidate.linear, ())))
         yield _seen(effects)
         for i in range(len(causes)):
             departures = self._problem.own_departures(i, causes)
