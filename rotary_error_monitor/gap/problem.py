@@ -250,8 +250,8 @@ class Problem(Protocol):
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
         """Estimate again what of the noise is estimated from the recording, the causes taken out.
 
-        Called when structure is found; the noise is looked at only where that could be the noise itself. Says whether
-        the rows have changed by it.
+        Called beside each set of causes that is tested: what was learnt beside fewer may have been one of these. Says
+        whether the rows have changed by it.
         """
 
 

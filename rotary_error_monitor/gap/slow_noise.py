@@ -10,6 +10,7 @@ from scipy.special import logsumexp
 
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.twin.slow_noise import Cells, SlowNoise
 
 ORDERS = 120
 """Orders of cosines over the recording of which slow noise is made; beyond them what falls with the order is far less
@@ -104,18 +105,15 @@ class _Data:
     """
 
     def __init__(self, white: Array, weight: Array, uncertain: Array) -> None:
-        self._used = used = weight.reshape(-1, 1) > 0
-        # Rows times the inverse root of I + U U': of the singular values s of U, 1 / sqrt(1 + s^2) in their directions.
-        left, sizes, _ = np.linalg.svd(np.where(used, uncertain, 0.0), full_matrices=False)
-        self._left, self._taken = left, 1 - 1 / np.sqrt(1 + np.square(sizes))
-        self.rows = self._apart(np.where(used, white.reshape(-1, 1), 0.0))[:, 0]
+        self._used = weight.reshape(-1, 1) > 0
+        self._uncertain = SlowNoise(Cells(np.arange(len(uncertain)), self._used[:, 0].astype(np.float64)), uncertain)
+        self.rows = self.whitened(white.reshape(-1, 1))[:, 0]
 
     def whitened(self, columns: Array) -> Array:
-        """White columns (c n, …) with uncertain parameters integrated out."""
-        return self._apart(np.where(self._used, columns.reshape(len(columns), -1), 0.0)).reshape(columns.shape)
-
-    def _apart(self, rows: Array) -> Array:
-        return np.asarray(rows - self._left @ (self._taken[:, None] * (self._left.T @ rows)), np.float64)
+        """White columns (c n, …) with uncertain parameters integrated out, as slow courses are."""
+        return self._uncertain.whiten(np.where(self._used, columns.reshape(len(columns), -1), 0.0)).reshape(
+            columns.shape
+        )
 
     def reduction(self, columns: Array) -> Array:
         """(m,) half the squares that whitened columns (c n, m, p) of any size take away."""
