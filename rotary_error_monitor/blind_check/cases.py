@@ -18,7 +18,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.case_faults import LOUDEST, Kind
 from rotary_error_monitor.plant.cases import MachineCase, StageCase, make_machine_case, make_stage_case
 from rotary_error_monitor.plant.draws import machine_faults, stage_faults
-from rotary_error_monitor.plant.motion import random_motion
+from rotary_error_monitor.plant.motion import motion_in_use, random_motion
 from rotary_error_monitor.plant.noise_forms import FORMS
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.document import machine_mapping, stage_mapping
@@ -67,6 +67,18 @@ STAND_INS: Mapping[str, tuple[str, ...]] = {
 Where one is taken out of the library its stand-ins go as well: they would explain the gap, and rightly.
 """
 
+WITHOUT_TURNS = (
+    "reversal_backlash",
+    "encoder_latency",
+    "following_error",
+    "autocollimator_drift",
+    "thermal_drift",
+)
+"""Effects of a stage that show on the smallest arc."""
+
+STAGE_ONLY = frozenset({"new speed", "motion"})
+"""Groups of recordings that move otherwise: the poses of a machine stand still."""
+
 _SHARES: tuple[tuple[str, Kind, float], ...] = (
     ("single", "single", 0.40),
     ("pair", "pair", 0.12),
@@ -80,6 +92,8 @@ _SHARES: tuple[tuple[str, Kind, float], ...] = (
     ("mimic", "mimic", 0.12),
     ("noise", "null", 0.10),
     ("noise", "single", 0.06),
+    ("motion", "null", 0.10),
+    ("motion", "single", 0.10),
 )
 
 GROUPS = tuple(dict.fromkeys(group for group, _, _ in _SHARES))
@@ -99,7 +113,8 @@ class CasePlan:
         group: single, pair, unknown, null, weak, new speed (the causes must hold in a second recording, at speeds that
             the first one has not), left out: its effect is missing from the diagnoser's library, variant: its effect
             departs from the textbook form, loud: a pair of which one is far louder than the other, mimic: half of a
-            known effect, which is none, or noise: nothing or a single effect in noise that is not as stated.
+            known effect, which is none, noise: nothing or a single effect in noise that is not as stated, or motion:
+            nothing or a single effect while the stage moves as one in use, on arcs too.
         effects: what is at work; None lets the seed draw it.
         left_out: effects that the diagnoser may not know.
         noise: form of a noise that is not as the twin states it; empty for as stated.
@@ -137,9 +152,9 @@ def plan_cases(
         known = stage_faults() if family == "stage" else machine_faults()
         for harsh in rough:
             for group, kind, share in _SHARES:
-                if (groups and group not in groups) or (group == "new speed" and family == "machine"):
+                if (groups and group not in groups) or (group in STAGE_ONLY and family == "machine"):
                     continue
-                own = draw.permutation(known)
+                own = draw.permutation(WITHOUT_TURNS if group == "motion" else known)
                 for i in range(max(1, round(share / whole * count))):
                     named = _effects_of(group, kind, i, own, draw)
                     left_out = (*named, *STAND_INS.get(named[0], ())) if group == "left out" and named else ()
@@ -198,7 +213,8 @@ def make_case(plan: CasePlan) -> StageCase | MachineCase:
     drawn = (plan.seed, plan.kind, effects, plan.snr, plan.rough)
     loudness = LOUDNESS if plan.group == "loud" else None
     if plan.family == "stage":
-        return make_stage_case(*drawn, loudness=loudness, noise=plan.noise)
+        motion = motion_in_use(plan.seed) if plan.group == "motion" else None
+        return make_stage_case(*drawn, motion=motion, loudness=loudness, noise=plan.noise)
     return make_machine_case(draw_machine(plan.seed), *drawn, loudness=loudness, noise=plan.noise)
 
 

@@ -238,7 +238,7 @@ def _share(flags: Sequence[bool]) -> str:
 
 def _sort(outcome: Outcome) -> str:
     plan = outcome.plan
-    return f"{plan.group}, {plan.kind}" if plan.group == "noise" else plan.group
+    return f"{plan.group}, {plan.kind}" if plan.group in ("noise", "motion") else plan.group
 
 
 def _by_group(outcomes: Sequence[Outcome]) -> str:

@@ -14,6 +14,9 @@ from rotary_error_monitor.gap.problem import Array
 ARCS_A_WAVE = 80
 """Arcs that one wave of the highest order is cut into, at least: its power comes out 0.06 % too small at most."""
 
+SHOWN = 1e-6
+"""Part of the squares of an order's cosine below which its sine is rounding of the arcs."""
+
 
 def order_sums(angle: Array, rows: Array, orders: int) -> NDArray[np.complex128]:
     """(orders + 1,) sums of rows (n,) times `exp(-i k angle)` for whole orders k = 0, 1, … of angles (n,) in rad."""
@@ -25,8 +28,20 @@ def order_sums(angle: Array, rows: Array, orders: int) -> NDArray[np.complex128]
 
 
 def order_spectrum(angle: Array, rows: Array, orders: int) -> Array:
-    """(orders,) power of each whole order 1, 2, … in white rows: chi-square with two degrees of freedom under noise."""
-    return np.asarray(2 * np.square(np.abs(order_sums(angle, rows, orders)[1:])) / max(len(rows), 1), np.float64)
+    """(orders,) squares that each whole order 1, 2, … explains of white rows, taken alone.
+
+    Chi-square with two degrees of freedom under noise, wherever the rotor was: on an arc a cosine and a sine are not as
+    large as one another, nor independent.
+    """
+    rows_at, waves_at = order_sums(angle, rows, orders)[1:], order_sums(angle, np.ones(len(rows)), 2 * orders)
+    twice, count = waves_at[2::2], max(len(rows), 1)
+    # Along the axes of the products of cosine and sine: what an arc shows of an order, and what it hardly shows.
+    turned = rows_at * np.exp(-0.5j * np.angle(twice))
+    length = np.abs(twice)
+    more, less = 0.5 * (count + length), 0.5 * (count - length)
+    shown = np.square(turned.real) / more
+    hidden = np.divide(np.square(turned.imag), less, out=np.zeros(orders), where=less > SHOWN * more)
+    return np.asarray(shown + hidden, np.float64)
 
 
 def wave_products(angle: Array, rows: Array, orders: int) -> tuple[Array, Array]:

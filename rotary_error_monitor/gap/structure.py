@@ -7,7 +7,7 @@ is kept however the tests overlap.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,33 +59,37 @@ def find_structure(track: Track) -> list[Finding]:
     return [test(track) for test in tests]
 
 
-def find_shared(spectra: Mapping[str, Array], independent: int) -> list[Finding]:
+def find_shared(tracks: Sequence[Track], independent: int) -> list[Finding]:
     """Orders that several channels hold, too weak to be seen in any one of them.
 
     Args:
-        spectra: (orders,) power of each order in white rows by channel, as `order_spectrum` gives it.
+        tracks: the channels.
         independent: how many of the channels' rows are independent: of heads against their mean one less than all.
 
     Returns:
         That of one order, the strongest, and that of the modelled ones together.
     """
-    channels, each = list(spectra), np.stack(list(spectra.values()))
-    power = each.sum(axis=0) * independent / len(channels)
+    each = np.stack([order_spectrum(track.angle, track.rows, LINE_ORDERS) for track in tracks])
+    power = each.sum(axis=0) * independent / len(tracks)
     dof = 2 * independent
-    low = power[:MODELLED_ORDERS]
     noise = float(np.median(power[MODELLED_ORDERS : 3 * MODELLED_ORDERS]) / chi_square_median(dof))
 
     def finding(kind: str, order: int, reduction: float, dof: int, trials: int) -> Finding:
-        loudest = channels[int(np.argmax(each[:, order]))]
+        loudest = tracks[int(np.argmax(each[:, order]))].channel
         chance = _log_any(log_chi_square_tail(reduction, dof), trials)
         return Finding(
-            loudest, kind, chance, max(0.0, reduction - dof), f"angle: order {order + 1} in {len(channels)} channels"
+            loudest, kind, chance, max(0.0, reduction - dof), f"angle: order {order + 1} in {len(tracks)} channels"
         )
 
-    best = int(np.argmax(power))
+    reduction, rank = 0.0, 0
+    for track in tracks:
+        gram, moment = wave_products(track.angle, track.rows, MODELLED_ORDERS)
+        part, dimension = _explained(gram[1:, 1:], moment[1:])
+        reduction, rank = reduction + part * independent / len(tracks), max(rank, dimension)
+    best, strongest = int(np.argmax(power)), int(np.argmax(power[:MODELLED_ORDERS]))
     return [
         finding("shared line", best, float(power[best]), dof, len(power)),
-        finding("shared orders", int(np.argmax(low)), float(low.sum()) / max(1.0, noise), len(low) * dof, 1),
+        finding("shared orders", strongest, reduction / max(1.0, noise), rank * independent, 1),
     ]
 
 
@@ -101,7 +105,10 @@ def _orders(track: Track) -> Finding:
         chosen = track.labels == label
         if np.count_nonzero(chosen) < 4 * MODELLED_ORDERS:
             continue
-        part, dimension, each = _explained(*wave_products(track.angle[chosen], track.rows[chosen], MODELLED_ORDERS))
+        gram, moment = wave_products(track.angle[chosen], track.rows[chosen], MODELLED_ORDERS)
+        part, dimension = _explained(gram, moment)
+        alone = moment**2 / np.maximum(np.diag(gram), 1e-12)
+        each = alone[: MODELLED_ORDERS + 1] + np.append(0.0, alone[MODELLED_ORDERS + 1 :])
         floor = max(1.0, _noise_above(track.angle[chosen], track.rows[chosen]))
         reduction, dof = reduction + part / floor, dof + dimension
         if np.max(each) / floor > best:
@@ -115,16 +122,11 @@ def _orders(track: Track) -> Finding:
     )
 
 
-def _explained(gram: Array, moment: Array) -> tuple[float, int, Array]:
-    """Power that waves explain, their rank, and the power at each order alone."""
+def _explained(gram: Array, moment: Array) -> tuple[float, int]:
+    """Power that waves explain, and their rank."""
     values, vectors = np.linalg.eigh(gram)
     seen = values > 1e-6 * values[-1]
-    reduction = float(np.sum((vectors.T @ moment)[seen] ** 2 / values[seen]))
-    single = moment**2 / np.maximum(np.diag(gram), 1e-12)
-    orders = (len(moment) + 1) // 2
-    each = single[:orders].copy()
-    each[1:] += single[orders:]
-    return reduction, int(seen.sum()), each
+    return float(np.sum((vectors.T @ moment)[seen] ** 2 / values[seen])), int(seen.sum())
 
 
 def _noise_above(angle: Array, rows: Array) -> float:

@@ -17,7 +17,7 @@ from typing import Any
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.loading import load_twin
-from rotary_error_monitor.kinds.stage.admission import FEWEST_TURNS, SHORTEST
+from rotary_error_monitor.kinds.stage.admission import SHORTEST
 from rotary_error_monitor.nodes.diagnosis_process import DiagnosisProcess, Outcome
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
@@ -33,6 +33,9 @@ _LOOK_PERIOD = 0.2
 _STALE_AFTER = 1.0
 _SPAN = 0.1
 _STALE_PERIODS = 3.0
+_FEWEST_TURNS = 1.0
+"""Turns below which a verdict would tell less than the one before: orders look like one another on an arc."""
+
 _SHORTEST = 1.25 * SHORTEST
 """Time, s, that is kept at least: streams begin and end a little apart."""
 
@@ -227,7 +230,7 @@ class GapMonitor(ManagedNode):
         if silent:
             return f"no samples on {', '.join(silent)}"
         recent, turns = self._recent, self.setting("turns")
-        if recent.is_full and recent.turns < FEWEST_TURNS:
+        if recent.is_full and recent.turns < _FEWEST_TURNS:
             return f"the stage turned only {recent.turns:.2g} times in the last {recent.duration:.0f} s"
         return "" if recent.is_full else f"{recent.turns:.1f} of {turns} turns in {recent.duration:.0f} s so far"
 

@@ -1,7 +1,7 @@
 """The true world of mocks and benchmarks: exact geometry that shares no formula with twin and estimator."""
 
 from rotary_error_monitor.plant.environment import Forces, Push, Temperature, intermittent_forces
-from rotary_error_monitor.plant.motion import Motion, Segment, random_motion, reversing_motion
+from rotary_error_monitor.plant.motion import Motion, Segment, motion_in_use, random_motion, reversing_motion
 from rotary_error_monitor.plant.stage import Clock, Fault, Scene, StagePlant, stage_clocks
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "StagePlant",
     "Temperature",
     "intermittent_forces",
+    "motion_in_use",
     "random_motion",
     "reversing_motion",
     "stage_clocks",

@@ -118,6 +118,19 @@ def reversing_motion(speeds: Sequence[float] = (np.pi / 2, 2 * np.pi)) -> Motion
     return Motion((rest, *forward, *backward, rest))
 
 
+def motion_in_use(seed: int) -> Motion:
+    """Motion with what axes in use do: arcs of a thousandth of a turn and many turns, stops, small changes of speed.
+
+    One in two repeats itself to the last digit after two to four segments.
+    """
+    draw = Noise(seed, "motion in use").generator()
+    count = int(draw.integers(2, 5)) if draw.random() < 0.5 else 12
+    lengths = draw.uniform(2.0, 8.0, count)
+    speeds = draw.choice([-1.0, 1.0], count) * draw.uniform(0.3, 1.0, count) * (draw.random(count) < 0.8)
+    top = 10 ** draw.uniform(-4.0, 0.8)  # rad/s: in 40 s less than a thousandth of a turn, or forty turns
+    return Motion(tuple(Segment(float(t), float(top * v)) for t, v in zip(lengths, speeds, strict=True)))
+
+
 def random_motion(seed: int, duration: float = 40.0, segments: int = 6, top_speed: float = 7.6) -> Motion:
     """Motion with seeded speeds and segment lengths, forward and backward in turn, standing still at both ends."""
     draw = Noise(seed, "motion").generator()

@@ -23,6 +23,24 @@ def input_gaps(recording: StageRecording) -> Array:
     return np.asarray(spans)
 
 
+def between_samples(command: Stream, time: Array, least: float) -> NDArray[np.bool_]:
+    """(m,) whether the command is off by more than `least`, rad, where it is interpolated to times (m,).
+
+    A speed that changes within one sample cannot be told from the samples around it. Speeds that differ by d on either
+    side of an interval h, and nowhere else, put a cubic on angles and speeds off by up to d h / 8; their third
+    difference is 2 d. Where the speed is smooth that is 24 times too much: no interval is missed.
+    """
+    count = len(command.time) - 1
+    third = np.abs(np.diff(command.values[:, 1], 3))
+    largest = np.zeros(count)
+    for first in range(3):  # an interval and those beside it: a change of acceleration shows in one of the three
+        reach = largest[first : first + len(third)]
+        np.maximum(reach, third, out=reach)
+    uncertain = largest * np.diff(command.time) / 16 > least
+    interval = np.clip(np.searchsorted(command.time, time, side="right") - 1, 0, count - 1)
+    return np.asarray(uncertain[interval], bool)
+
+
 def inside(time: Array, spans: Array) -> NDArray[np.bool_]:
     """(m,) whether times (m,) lie inside any of the spans (n, 2)."""
     found = np.zeros(len(time), bool)

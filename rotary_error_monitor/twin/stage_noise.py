@@ -29,7 +29,7 @@ from scipy.special import gamma
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, LVDT
 from rotary_error_monitor.twin.head_grid import align_heads
-from rotary_error_monitor.twin.lost_samples import bridge, input_gaps, inside
+from rotary_error_monitor.twin.lost_samples import between_samples, bridge, input_gaps, inside
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.twin.whitening import Whitener, drift_predictor, predictor, segments_of
@@ -96,6 +96,7 @@ class StageNoise:
     Attributes:
         std: standard deviation of one sample of each kind of sensor, rounding included.
         levels: how many times what the stage states that is.
+        uncommanded: (m,) instants of the heads at which the command is not known to the noise of their mean.
     """
 
     def __init__(
@@ -119,6 +120,8 @@ class StageNoise:
         self._kept = {name: ~inside(recording.streams[name].time, lost) for name in residual}
         self._present = self._heads_present()
         self._count = self._present.sum(axis=1)
+        least = self.std["head"] / np.sqrt(max(len(self.grid.heads), 1))
+        self.uncommanded = between_samples(recording.streams[COMMAND], self.grid.time, least)
         self.spikes = {name: self._find_spikes(name, residual[name], collimator.turbulence) for name in self._sensors}
         self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
         self._turbulence = collimator.turbulence
@@ -214,7 +217,8 @@ class StageNoise:
     def _shared_rows(self, mean: Array) -> Array:
         """Whitened rows (m, p) of what the heads share (m, p)."""
         enough = segments_of(self._count * 2 >= len(self.grid.heads))
-        return self._command_whitener.apply(mean, enough) * self._weight[:, None]
+        bridged = bridge(mean, self.uncommanded)
+        return self._command_whitener.apply(bridged, enough) * (self._weight * ~self.uncommanded)[:, None]
 
     @property
     def command_floor(self) -> float:
@@ -264,7 +268,8 @@ class StageNoise:
         expected = {name: present[:, i] * share for i, name in enumerate(self.grid.heads)}
         ones = np.ones((len(self.grid.time), 1))
         enough = segments_of(count * 2 >= len(self.grid.heads))
-        expected[COMMAND] = (self._command_whitener.apply(ones, enough)[:, 0] != 0) * weight
+        seen = (self._command_whitener.apply(ones, enough)[:, 0] != 0) & ~self.uncommanded
+        expected[COMMAND] = seen * weight
         basis = self._line_basis
         if basis is not None:
             expected[COMMAND] = expected[COMMAND] * (1 - np.sum(np.square(basis), axis=1))
@@ -275,8 +280,8 @@ class StageNoise:
         return expected
 
     def shared(self, signals: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
-        """Mean over the heads (m, p) that are present, and where at least half of them are."""
-        return self._mean(self._table(signals)).T, self._count * 2 >= len(self.grid.heads)
+        """Mean over the heads (m, p) that are present, and where at least half of them are and the command is known."""
+        return self._mean(self._table(signals)).T, (self._count * 2 >= len(self.grid.heads)) & ~self.uncommanded
 
     def _heads_present(self) -> NDArray[np.bool_]:
         """(m, heads) which heads were read at each instant."""

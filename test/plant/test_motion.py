@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.environment import Forces, Push, Temperature, intermittent_forces
-from rotary_error_monitor.plant.motion import Motion, Segment, random_motion, reversing_motion
+from rotary_error_monitor.plant.motion import Motion, Segment, motion_in_use, random_motion, reversing_motion
 
 
 @pytest.mark.parametrize("motion", [reversing_motion(), random_motion(3), random_motion(4, duration=60, segments=9)])
@@ -67,6 +67,16 @@ def test_random_motion_is_seeded_lasts_as_told_and_goes_both_ways() -> None:
         speeds = [segment.speed for segment in motion.segments]
         assert min(speeds) < 0 < max(speeds)
         assert speeds[0] == speeds[-1] == 0
+
+
+def test_motion_in_use_makes_arcs_and_many_turns_stops_and_small_changes_of_speed() -> None:
+    motions = [motion_in_use(seed) for seed in range(60)]
+    arcs = [float(np.ptp(motion.at(np.linspace(0.0, 40.0, 4000))[0])) / (2 * np.pi) for motion in motions]
+    assert min(arcs) < 1e-3 and max(arcs) > 3
+    assert any(segment.speed == 0 for motion in motions for segment in motion.segments)
+    changes = [abs(change) for motion in motions for change in np.diff([s.speed for s in motion.segments]) if change]
+    assert min(changes) < 0.1 < max(changes)
+    assert any(motion.cycle < 20 for motion in motions) and any(motion.cycle > 40 for motion in motions)
 
 
 def test_push_rises_stays_and_goes() -> None:

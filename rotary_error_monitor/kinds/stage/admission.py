@@ -16,10 +16,6 @@ SHORTEST = 12.0
 """Duration, s, below which the jitter of the rotor cannot be told from effects: of 72 recordings of 6 to 10 s without a
 gap 11 showed one, of 112 from 12 to 16 s none."""
 
-FEWEST_TURNS = 1.0
-"""Turns of the stage below which an order cannot be told from a drift."""
-
-
 FINEST = 1e-12
 """Noise of a reading, rad or m, that no instrument comes below; less than that is a stand-in for not known."""
 
@@ -54,17 +50,38 @@ def check_extent(recording: StageRecording, raw: Signals, noise: Mapping[str, fl
         noise: standard deviation of one sample of each kind of sensor: head, autocollimator, lvdt.
 
     Raises:
-        InputError: it lasts or turns too little; the message says what can be said all the same.
+        InputError: it lasts too little; the message says what can be said all the same.
     """
-    turns = float(np.abs(np.diff(recording.streams[COMMAND].values[:, 0])).sum() / (2 * np.pi))
-    if recording.duration >= SHORTEST and turns >= FEWEST_TURNS:
+    if recording.duration >= SHORTEST:
         return
     damage = "".join(f"; {remark}" for remark in recording.remarks)
     raise InputError(
-        f"the recording lasts {recording.duration:.1f} s and {turns:.2g} turns of the stage: too little to hold data "
-        f"out and to tell effects from noise; record at least {SHORTEST:g} s and {FEWEST_TURNS:g} turn. "
+        f"the recording lasts {recording.duration:.1f} s: too little to hold data out and to tell effects from noise; "
+        f"record at least {SHORTEST:g} s. "
         f"What can be said: {_describe(raw, noise)}{damage}"
     )
+
+
+def motion_remarks(recording: StageRecording, uncommanded: int) -> list[str]:
+    """What the motion hides: orders on an arc, and samples at which the command is not known.
+
+    Args:
+        recording: what was measured.
+        uncommanded: number of samples of the heads that do not count against the command.
+    """
+    found = []
+    arc = float(np.ptp(recording.streams[COMMAND].values[:, 0])) / (2 * np.pi)
+    if arc < 1:
+        found.append(
+            f"the stage turned within {arc:.2g} of a turn: orders look like one another and like a drift there, "
+            "and what lies beyond does not show"
+        )
+    if uncommanded:
+        found.append(
+            f"command: {uncommanded} samples of the heads are not held against it, where its speed changes within a "
+            "sample: publish the command at a higher rate"
+        )
+    return found
 
 
 def _describe(raw: Signals, noise: Mapping[str, float]) -> str:

@@ -12,11 +12,10 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role, among
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
-from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
-from rotary_error_monitor.gap.structure import LINE_ORDERS, Track, find_shared, find_structure
+from rotary_error_monitor.gap.structure import Track, find_shared, find_structure
 from rotary_error_monitor.gap.views import View
-from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise
+from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks
 from rotary_error_monitor.kinds.stage.another import check_stage, left_out
 from rotary_error_monitor.kinds.stage.conditions import stage_conditions
 from rotary_error_monitor.kinds.stage.distortion import distortions
@@ -244,15 +243,14 @@ class StageProblem:
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of each channel against orders, lines, places and times; of those of one kind of sensor together."""
         findings: list[Finding] = []
-        spectra: dict[str, dict[str, Array]] = {}
+        alike: dict[str, list[Track]] = {}
         for track in self.tracks(rest):
             findings += find_structure(track)
-            found = spectra.setdefault(kind_of(track.channel), {})
-            found[track.channel] = order_spectrum(track.angle, track.rows, LINE_ORDERS)
-        for kind, found in spectra.items():
-            if len(found) > 1:
+            alike.setdefault(kind_of(track.channel), []).append(track)
+        for kind, tracks in alike.items():
+            if len(tracks) > 1:
                 # What each head shows beyond their mean: those of one instant sum to zero.
-                findings += find_shared(found, len(found) - (kind == HEAD))
+                findings += find_shared(tracks, len(tracks) - (kind == HEAD))
         return findings
 
     def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
@@ -271,7 +269,7 @@ class StageProblem:
         """Refuse a recording too short to hold anything out, and a twin whose statements are another stage's.
 
         Raises:
-            InputError: the recording lasts or turns too little, or the twin describes another stage.
+            InputError: the recording lasts too little, or the twin describes another stage.
         """
         raw = self._raw_residual(())
         check_extent(self.recording, raw, self.noise.std)
@@ -293,6 +291,7 @@ class StageProblem:
         """What was left out of the recording, and sensors noisier than the twin says."""
         found = [*self.recording.remarks, *left_out(self.twin, self._raw_residual(()), self.noise.std)]
         found += [f"{name}: {count} spikes left out" for name, count in self.spikes().items() if count]
+        found += motion_remarks(self.recording, int(self.noise.uncommanded.sum()))
         found += self.noise.slow_remarks()
         time = self.noise.grid.time
         found += [

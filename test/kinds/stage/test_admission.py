@@ -18,7 +18,6 @@ from rotary_error_monitor.kinds.stage.another import check_stage, stage_statemen
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.cases import EPOCH_NS, make_stage_case
 from rotary_error_monitor.plant.draws import draw_stage
-from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.twin.recording import Stream, record_stage, stage_topic
 from rotary_error_monitor.twin.stage import twin_of
@@ -45,19 +44,11 @@ def test_a_short_recording_is_refused_with_what_can_be_said(cases, length):
     with pytest.raises(InputError) as error:
         diagnose(problem)
     told = str(error.value)
-    assert "too little to hold data out" in told and "record at least 12 s and 1 turn" in told
+    assert "too little to hold data out" in told and "record at least 12 s." in told
     for sensor in ("head_a", "head_d", "autocollimator", "lvdt"):
         assert f"{sensor} " in told
     found, noise = re.search(r"autocollimator (\S+) µrad \(noise of one sample (\S+) µrad", told).groups()
     assert float(found) == pytest.approx(float(noise), rel=0.1)
-
-
-@pytest.mark.parametrize("speed", [0.0, 0.2])
-def test_a_stage_that_hardly_turns_is_refused(cases, speed):
-    plant = replace(cases[0].plant, motion=Motion((Segment(60.0, speed),)))
-    problem = StageProblem(cases[0].twin, recorded(plant, 20.0), EFFECTS)
-    with pytest.raises(InputError, match=r"lasts 20\.0 s and 0(\.64)? turns of the stage: too little"):
-        diagnose(problem)
 
 
 def compared(twin_description, recording):
