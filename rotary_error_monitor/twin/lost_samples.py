@@ -26,19 +26,26 @@ def input_gaps(recording: StageRecording) -> Array:
 def between_samples(command: Stream, time: Array, least: float) -> NDArray[np.bool_]:
     """(m,) whether the command is off by more than `least`, rad, where it is interpolated to times (m,).
 
-    A speed that changes within one sample cannot be told from the samples around it. Speeds that differ by d on either
-    side of an interval h, and nowhere else, put a cubic on angles and speeds off by up to d h / 8; their third
-    difference is 2 d. Where the speed is smooth that is 24 times too much: no interval is missed.
+    A speed that jumps by d within an interval h, which nothing around it tells, puts a cubic on angles and speeds off
+    by up to d h / 8; its second differences are d and then -d. An acceleration that jumps by a puts it off by less than
+    a h^2 / 128 and shows as a third difference of a h / 2. A speed with three derivatives is off by a 384th of its
+    third difference times h.
     """
-    count = len(command.time) - 1
-    third = np.abs(np.diff(command.values[:, 1], 3))
-    largest = np.zeros(count)
-    for first in range(3):  # an interval and those beside it: a change of acceleration shows in one of the three
-        reach = largest[first : first + len(third)]
-        np.maximum(reach, third, out=reach)
-    uncertain = largest * np.diff(command.time) / 16 > least
-    interval = np.clip(np.searchsorted(command.time, time, side="right") - 1, 0, count - 1)
-    return np.asarray(uncertain[interval], bool)
+    speed, intervals = command.values[:, 1], len(command.time) - 1
+    second, third = np.diff(speed, 2), np.abs(np.diff(speed, 3))
+    there_and_back = np.where(second[1:] * second[:-1] < 0, np.minimum(np.abs(second[1:]), np.abs(second[:-1])), 0.0)
+    off = _around(np.maximum(there_and_back / 8, third / 64), intervals) * np.diff(command.time)
+    interval = np.clip(np.searchsorted(command.time, time, side="right") - 1, 0, intervals - 1)
+    return np.asarray(off[interval] > least, bool)
+
+
+def _around(differences: Array, intervals: int) -> Array:
+    """(intervals,) the largest of the third differences into which both ends of an interval enter."""
+    largest = np.zeros(intervals)
+    for first in range(3):
+        reach = largest[first : first + len(differences)]
+        np.maximum(reach, differences, out=reach)
+    return largest
 
 
 def inside(time: Array, spans: Array) -> NDArray[np.bool_]:

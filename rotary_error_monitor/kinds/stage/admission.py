@@ -16,6 +16,9 @@ SHORTEST = 12.0
 """Duration, s, below which the jitter of the rotor cannot be told from effects: of 72 recordings of 6 to 10 s without a
 gap 11 showed one, of 112 from 12 to 16 s none."""
 
+WORTH_SAYING = 0.01
+"""Part of the samples that is said to be left out: with less nothing is known less well."""
+
 FINEST = 1e-12
 """Noise of a reading, rad or m, that no instrument comes below; less than that is a stand-in for not known."""
 
@@ -76,7 +79,7 @@ def motion_remarks(recording: StageRecording, uncommanded: int) -> list[str]:
             f"the stage turned within {arc:.2g} of a turn: orders look like one another and like a drift there, "
             "and what lies beyond does not show"
         )
-    if uncommanded:
+    if uncommanded > WORTH_SAYING * len(recording.streams[COMMAND].time):
         found.append(
             f"command: {uncommanded} samples of the heads are not held against it, where its speed changes within a "
             "sample: publish the command at a higher rate"
