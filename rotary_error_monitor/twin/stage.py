@@ -286,11 +286,14 @@ def _tilt(stage: StageDescription, state: RotorState, acting: Acting) -> Array:
 def _head(name: str, stage: StageDescription, state: RotorState, acting: Acting) -> Array:
     encoder = stage.encoder
     azimuth = encoder.azimuths[name.removeprefix(f"{HEAD}_")]
-    reading = _sight_line(stage, azimuth, state, acting) + state.theta
+    ahead = _sight_line(stage, azimuth, state, acting)
+    reading = ahead + state.theta
     if encoder.graduation:
-        reading += state.keep(
+        # What the head sees of the ring lies where its sight line cuts it, not where it would cut a centred one.
+        error, slope = state.keep(
             "graduation", (encoder.graduation, azimuth), lambda: _graduation(encoder.graduation, azimuth, state)
         )
+        reading += error - slope * ahead
     return reading
 
 
@@ -307,14 +310,15 @@ def _sight_line(stage: StageDescription, azimuth: float, state: RotorState, acti
 
 
 def _graduation(rows: Sequence[AngularHarmonic], azimuth: float, state: RotorState) -> Array:
-    """(m,) error of the graduation that a head sees."""
-    total = np.zeros(len(state.theta))
+    """(2, m) error of the graduation that a head sees of a centred ring, and its slope over the ring."""
+    total = np.zeros((2, len(state.theta)))
     for row in rows:
         # psi = azimuth - theta, so cos(k psi) and sin(k psi) follow from the kept harmonics of theta.
         cos, sin = state.harmonic(row.order)
         at_cos, at_sin = np.cos(row.order * azimuth), np.sin(row.order * azimuth)
-        total += (row.cos * at_cos + row.sin * at_sin) * cos
-        total += (row.cos * at_sin - row.sin * at_cos) * sin
+        even, odd = row.cos * at_cos + row.sin * at_sin, row.cos * at_sin - row.sin * at_cos
+        total[0] += even * cos + odd * sin
+        total[1] += row.order * (even * sin - odd * cos)
     return total
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rotary_error_monitor.description.harmonics import AngularHarmonic
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -75,3 +76,23 @@ def test_waves_of_more_orders_than_are_kept(recorded):
     np.testing.assert_allclose(state.planar(wanted), direct, atol=1e-12)
     np.testing.assert_allclose(state.planar({}), np.zeros((len(state.theta), 2)))
     np.testing.assert_allclose(state.turned((2.0, 1.0))[:, 1], 2 * np.sin(state.theta) + np.cos(state.theta))
+
+
+@pytest.mark.parametrize("order", [2, 9, 16])
+def test_a_graduation_is_read_where_the_sight_line_cuts_the_eccentric_ring(order):
+    """Against the plant, which cuts a ring in space: with 130 µrad on a ring that is 26 µm off centre."""
+    case = make_stage_case(7, "null", duration=6.0)
+    topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+    recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
+
+    def shown(*graduation):
+        encoder = replace(case.twin.encoder, eccentricity=(2e-5, -1.6e-5), graduation=graduation)
+        plant = replace(case.plant, description=replace(case.plant.description, encoder=encoder), jitter=0.0)
+        twin = twin_of(replace(case.twin, encoder=encoder), recording)
+        return twin.predict(streams=["head_a"])["head_a"], plant.signal("head_a", twin.times["head_a"])
+
+    told, true = (
+        after - before for after, before in zip(shown(AngularHarmonic(order, 5e-5, -1.2e-4)), shown(), strict=True)
+    )
+    assert np.abs(true).max() > 1.2e-4
+    assert np.abs(told - true).max() < 3e-9
