@@ -67,8 +67,8 @@ def _no_figures_left() -> Iterator[None]:
 def stage_problem():
     """Function that gives the problem and the truth of a case of the plant."""
 
-    def make(seed, kind, effects=None, snr=None, rough=False, duration=20.0, stage_effects=None, motion=None):
-        case = make_stage_case(seed, kind, effects, snr, rough, duration, motion)
+    def make(seed, kind, effects=None, snr=None, rough=False, duration=20.0, stage_effects=None, **others):
+        case = make_stage_case(seed, kind, effects, snr, rough, duration, **others)
         topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
         recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
         known = load_effects(StageEffect) if stage_effects is None else stage_effects

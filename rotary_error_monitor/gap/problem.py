@@ -247,7 +247,7 @@ class Problem(Protocol):
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of what is left against every kind of structure, each with the chance of it under noise."""
 
-    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+    def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Estimate again what of the noise is estimated from the recording, the causes taken out.
 
         Called beside each set of causes that is tested: what was learnt beside fewer may have been one of these. Says

@@ -79,12 +79,11 @@ class _Search:
 
     def assess(self, fit: Fit, hypothesis: Hypothesis | None) -> Step:
         """Test what a fit leaves."""
-        findings = find_left(self._problem, fit)
         # What was learnt beside fewer causes may have been one of these.
-        if self._problem.learn_noise(fit.causes, findings):
+        if self._problem.learn_noise(fit.causes):
             self._columns.clear()
             fit = fit_causes(self._problem, fit.causes)
-            findings = find_left(self._problem, fit)
+        findings = find_left(self._problem, fit)
         table, included = self._table(fit)
         larger = table.singles(included)
         self._keep_promising(table, larger)

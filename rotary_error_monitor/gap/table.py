@@ -166,7 +166,7 @@ class TableProblem(ABC, Generic[State]):
                 findings.append(Finding(channel, group, chance, max(0.0, float(gains[best]) - 1), pattern))
         return findings
 
-    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+    def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Nothing to learn: the noise is as it was stated or found, whatever the causes."""
         return False
 

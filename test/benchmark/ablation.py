@@ -89,7 +89,7 @@ def _no_unknown(stack: ExitStack) -> None:
 def _no_learning(stack: ExitStack) -> None:
     """Noise, spectrum of the jitter and outliers are what they are without any cause."""
     for owner in PROBLEMS:
-        stack.enter_context(patch.object(owner, "learn_noise", lambda self, causes, findings: False))
+        stack.enter_context(patch.object(owner, "learn_noise", lambda self, causes: False))
 
 
 def _no_uncertainty(stack: ExitStack) -> None:

@@ -89,7 +89,7 @@ def test_without_something_unknown_the_best_set_is_believed(found):
 def test_without_learning_the_noise_stays(found):
     problem, causes = found
     with without("learning of noise"):
-        assert problem.learn_noise(causes, ()) is False
+        assert problem.learn_noise(causes) is False
     assert type(problem).learn_noise.__name__ == "learn_noise"
 
 

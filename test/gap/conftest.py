@@ -73,7 +73,7 @@ class LinearProblem:
     def structure(self, rest):
         return []
 
-    def learn_noise(self, causes, findings):
+    def learn_noise(self, causes):
         return False
 
 

@@ -139,7 +139,7 @@ class MachineProblem(TableProblem[None]):
         scatter = Finding("probe", "power", log_chi_square_tail(power, count), max(0.0, power - count), "pose: scatter")
         return [scatter, *self._smooth.findings(white, self.kept)]
 
-    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+    def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Look for outliers and for a drift of the probe again; whether the rows or their noise have changed by it."""
         return bool(causes) and self.learn_outliers(causes, {})
 

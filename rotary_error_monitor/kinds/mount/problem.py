@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.problem import Array, Candidate, Finding, Rows
+from rotary_error_monitor.gap.problem import Array, Candidate, Rows
 from rotary_error_monitor.gap.table import Shapes, TableProblem
 from rotary_error_monitor.kinds.mount.advice import mount_advice
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
@@ -155,7 +155,7 @@ class MountProblem(TableProblem[MountGeometry]):
             "direction": [("of hour axis", direction[:, 0]), ("of declination axis", direction[:, 1])],
         }
 
-    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+    def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Estimate again how well the mount repeats, the causes taken out; whether the rows have changed by it."""
         std, kept = self._repeatability(causes)
         if np.all(np.abs(std / self.std - 1) < SAME_NOISE) and np.array_equal(kept, self.kept):

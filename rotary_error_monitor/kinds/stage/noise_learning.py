@@ -11,7 +11,7 @@ import numpy as np
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
-from rotary_error_monitor.gap.problem import Array, Finding, LateRows, Rows
+from rotary_error_monitor.gap.problem import Array, LateRows, Rows
 from rotary_error_monitor.gap.slow_noise import Rivals, by_kind, cosines, in_all, learn_slow_noise
 from rotary_error_monitor.kinds.stage.instrument import Instrument
 from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitter
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 SAME_SPECTRUM = 0.12
 """Mean difference of two spectra, as a logarithm, that is within the scatter of an estimate from 40 s."""
 
+SAME_LINE = 0.25
+"""Turns over the whole recording by which lines may differ and be one: a line takes up what is a little off."""
+
 SAME_SLOW = 0.1
 """Part by which sizes of slow noise may differ and be the same: an estimate from forty orders scatters more."""
-
-SUSPICIOUS = -6.0
-"""Logarithm of the chance below which structure in the command's channel makes its spectrum worth another look."""
 
 WAVES = 40
 """Half periods of the shortest wave over the recording that is looked for in the place of slow noise: most of the power
@@ -89,22 +89,25 @@ class NoiseLearning:
         self._signatures.follow_levels(noise, louder)
         return True
 
-    def learn_jitter(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
-        """Spectrum of the jitter, where the command's channel shows structure."""
+    def learn_jitter(self, causes: Sequence[Cause]) -> bool:
+        """Spectrum of the jitter, beside other causes than before: what was learnt beside fewer may have been one."""
         noise = self._problem.noise
-        if min((f.log_p_value for f in findings if f.channel == COMMAND), default=0.0) > SUSPICIOUS:
-            return False
         jitter, lines = self.estimate_jitter(self._problem.raw_residual(causes))
         frequency = np.linspace(0.5, 40.0, 80)
         floor = noise.command_floor
         ratio = (jitter.density(frequency) + floor) / (noise.jitter.density(frequency) + floor)
-        if float(np.mean(np.abs(np.log(ratio)))) < SAME_SPECTRUM:
+        if float(np.mean(np.abs(np.log(ratio)))) < SAME_SPECTRUM and self._are_known(lines):
             return False
         noise.with_jitter(jitter, lines)
         self._expected.clear()
         self._nuisances.forget(HEAD)
         self._signatures.follow_command(noise)
         return True
+
+    def _are_known(self, lines: Array) -> bool:
+        """Whether the lines are those that the noise has already; a turn between them shows from end to end."""
+        known, time = np.sort(self._problem.noise.lines), self._problem.noise.grid.time
+        return len(lines) == len(known) and bool(np.all(np.abs(np.sort(lines) - known) * np.ptp(time) < SAME_LINE))
 
     def estimate_jitter(self, raw: Signals) -> tuple[Jitter, Array]:
         """Jitter's spectrum from what the heads share, once anything that goes with the motion is taken out of it."""

@@ -253,14 +253,14 @@ class StageProblem:
                 findings += find_shared(tracks, len(tracks) - (kind == HEAD))
         return findings
 
-    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+    def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Estimate level, slow noise and spectrum of the jitter again with the causes taken out.
 
         Says whether any differs beyond its scatter.
         """
         learnt = (
             self._learning.learn_levels(causes),
-            self._learning.learn_jitter(causes, findings),
+            self._learning.learn_jitter(causes),
             self._learning.learn_slow_noise(causes),
         )
         return any(learnt)

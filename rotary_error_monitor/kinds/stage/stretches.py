@@ -20,7 +20,6 @@ from rotary_error_monitor.gap.problem import (
     Array,
     Columns,
     Conditions,
-    Finding,
     LateRows,
     Rows,
     SparseRows,
@@ -135,9 +134,9 @@ class LongStageProblem(StageProblem):
         """White rows of one standard uncertainty of each uncertain parameter."""
         return LateRows(self.nuisances, lambda i: self._open(i).own_nuisance(causes)) if self.nuisances else {}
 
-    def learn_noise(self, causes: Sequence[Cause], findings: Sequence[Finding]) -> bool:
+    def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Estimate the jitter's spectrum again in each stretch; says whether it differs in any."""
-        changed = [self._open(i).learn_noise(causes, findings) for i in range(len(self._stretches))]
+        changed = [self._open(i).learn_noise(causes) for i in range(len(self._stretches))]
         self._expected = {}
         return any(changed)
 

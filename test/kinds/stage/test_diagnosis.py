@@ -125,6 +125,21 @@ def test_a_pair_as_on_a_shop_floor(stage_problem):
     assert any("spikes" in remark for remark in diagnosis.remarks)
 
 
+@pytest.mark.parametrize("quiet", ["following_error", "disc_scale"])
+def test_a_quiet_cause_beside_a_loud_error_of_the_ring_is_named(stage_problem, quiet):
+    """What is learnt of the rotor's jitter beside the loud one alone is not kept: it would hide the quiet one."""
+    wrong = {}
+    for seed in range(6):
+        effects, sizes = ["graduation_error", quiet], (600.0, 1500.0)
+        problem, _ = stage_problem(seed, "pair", effects, sizes, rough=True, loudness=(100.0, 200.0))
+        found = diagnose(problem)
+        alike = {effect for group in found.indistinguishable for effect, _ in group.effects}
+        named = {f.cause.effect.name for f in found.causes}
+        if found.verdict is not Verdict.EXPLAINED or len(named) != 2 or not set(effects) <= named | alike:
+            wrong[seed] = found.verdict.value, named
+    assert len(wrong) <= 1, wrong
+
+
 def test_an_error_within_lines_beside_a_ring_off_centre_is_sized(stage_problem):
     """It takes a part of the reading back, and the phase it depends on is all but lost in noise."""
     effects, off = ["disc_eccentricity", "subdivisional_error"], []

@@ -10,7 +10,6 @@ import pytest
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
-from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.twin.stage_noise import kind_of
@@ -43,7 +42,7 @@ def test_kept_signatures_follow_the_noise(stage_problem, section, noise):
     )
     problem = StageProblem(dataclasses.replace(case.stage, **{section: quiet}), case.recording, EFFECTS)
     before = signatures(problem)
-    assert problem.learn_noise((), [Finding("command", "line", -50.0, 1.0, "")])
+    assert problem.learn_noise(())
     kept = signatures(problem)
     problem._signatures = KeptSignatures()
     anew = signatures(problem)
