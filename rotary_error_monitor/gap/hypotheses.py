@@ -57,6 +57,10 @@ class Hypothesis:
         """Natural logarithm of the chance that noise alone gives this reduction to these columns."""
         return log_chi_square_tail(self.reduction, self.dof)
 
+    def evidence_in(self, scatter: float) -> float:
+        """Log evidence where squares are `scatter` times those of noise: they are divided by it, priors are not."""
+        return self.log_evidence - 0.5 * self.reduction * (1 - 1 / scatter)
+
 
 def price_of(power: Array, count: Array) -> Array:
     """What the evidence of members is less than half of what they explain: of their power, and number of amplitudes."""

@@ -162,7 +162,8 @@ def _passed_by(problem: Problem, null: Step) -> list[Posterior]:
             best.setdefault(table.candidates[hypothesis.members[0]].effect.name, hypothesis)
     alone = list(best.values())[:MOST_ALONE]
     found = [posterior for hypothesis in alone for posterior in _alone(problem, null, hypothesis)]
-    return sorted(found, key=lambda posterior: -_log_weight(null, posterior))
+    scatter = min((dispersion(posterior.fit) for posterior in found), default=1.0)
+    return sorted(found, key=lambda posterior: -_log_weight(null, posterior, scatter))
 
 
 def _alone(problem: Problem, null: Step, hypothesis: Hypothesis) -> Iterator[Posterior]:
@@ -179,17 +180,20 @@ def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior
     """
     best = max(tried, key=lambda pair: pair[1].total)
     alike = [p for p in tried if len(p[1].fit.causes) == len(best[1].fit.causes) and p[1].likelier]
-    return max(alike, key=lambda pair: _log_weight(*pair), default=best)
+    scatter = min((dispersion(posterior.fit) for _, posterior in alike), default=1.0)
+    return max(alike, key=lambda pair: _log_weight(pair[0], pair[1], scatter), default=best)
 
 
-def _log_weight(step: Step, posterior: Posterior) -> float:
+def _log_weight(step: Step, posterior: Posterior, scatter: float) -> float:
     """Log evidence of a set with its departures and the places and orders of its causes.
 
-    What something unknown is likelier than is so much less likely beside other sets.
+    What something unknown is likelier than is so much less likely beside other sets. Squares are divided by `scatter`,
+    how many times those of noise the best set leaves: what no set describes is noise to the choice among them.
     """
     members = (step.table.position(cause.key) for cause in posterior.fit.causes)
     prior = sum(step.table.log_prior(i) for i in members if i is not None)
-    return marginal_likelihood(posterior.fit) + prior + min(posterior.total, 0.0)
+    undescribed = 0.5 * posterior.fit.squares * (1 - 1 / scatter)
+    return marginal_likelihood(posterior.fit) + undescribed + prior + min(posterior.total, 0.0)
 
 
 def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarms: float) -> list[Posterior]:
@@ -208,9 +212,9 @@ def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarm
 
 
 def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement:
-    keys = {cause.key for cause in best.fit.causes}
+    keys, scatter = {cause.key for cause in best.fit.causes}, dispersion(best.fit)
     credits = {
-        key: _log_weight(step, posterior) - _log_weight(step, best)
+        key: _log_weight(step, posterior, scatter) - _log_weight(step, best, scatter)
         for posterior in others
         for key in {cause.key for cause in posterior.fit.causes} - keys
         if len(posterior.fit.causes) == len(best.fit.causes)
@@ -344,7 +348,7 @@ def _rivals(step: Step) -> Iterator[tuple[Cause, ...]]:
             alike = scatter * chi_square_quantile(REJECTED, max(abs(full.dof - hypothesis.dof), 1))
             if full.reduction - hypothesis.reduction < max(alike, LARGEST_POWER * own):
                 near.append(hypothesis)
-    for hypothesis in sorted(near, key=lambda w: -w.log_evidence)[:MOST_RIVALS]:
+    for hypothesis in sorted(near, key=lambda w: -w.evidence_in(scatter))[:MOST_RIVALS]:
         yield table.causes(hypothesis)
 
 
