@@ -199,8 +199,8 @@ class HypothesisTable:
         pairs = {tuple(sorted((i, j))) for i in shortlist for j in self.free((i,))}
         return max(self.evaluate_all(sorted(pairs)), key=lambda hypothesis: hypothesis.log_evidence, default=None)
 
-    def exchange(self, start: Hypothesis) -> Hypothesis:
-        """The set improved by replacing one member at a time as long as that helps."""
+    def exchange(self, start: Hypothesis, scatter: float = 1.0) -> Hypothesis:
+        """The set improved by replacing one member at a time as long as that helps; see `Hypothesis.evidence_in`."""
         best = start
         while True:
             trials = [
@@ -210,8 +210,8 @@ class HypothesisTable:
                     best.members, k, self.free((*best.members[:k], *best.members[k + 1 :]))
                 )
             ]
-            found = max(trials, key=lambda hypothesis: hypothesis.log_evidence, default=best)
-            if found.log_evidence <= best.log_evidence + 1e-9:
+            found = max(trials, key=lambda hypothesis: hypothesis.evidence_in(scatter), default=best)
+            if found.evidence_in(scatter) <= best.evidence_in(scatter) + 1e-9:
                 return best
             best = found
 

@@ -337,11 +337,16 @@ def _entering(problem: Problem, step: Step, fit: Fit) -> list[Finding]:
 
 
 def _rivals(step: Step) -> Iterator[tuple[Cause, ...]]:
-    """Sets with one cause replaced that, as they may depart, could explain as much as the step's."""
-    table = step.table
-    members = tuple(i for i in (table.position(c.key) for c in step.fit.causes) if i is not None)
-    full, scatter = table.evaluate(members), dispersion(step.fit)
-    near = []
+    """Sets with one cause replaced that, as they may depart, could explain as much as the step's.
+
+    The set itself is replaced first where another is likelier once what none describes counts as noise.
+    """
+    table, scatter = step.table, dispersion(step.fit)
+    grown = tuple(i for i in (table.position(c.key) for c in step.fit.causes) if i is not None)
+    full = table.exchange(table.evaluate(grown), scatter)
+    members, near = full.members, list[Hypothesis]()
+    if members != grown:
+        yield table.causes(full)
     for k in range(len(members)):
         own = full.reduction - table.evaluate((*members[:k], *members[k + 1 :])).reduction
         for hypothesis in table.replacements(members, k, table.free(members)):
