@@ -47,9 +47,9 @@ def rank_alternatives(
     The probability of a candidate is that of all sets that hold it, among the chosen set and those with one member
     replaced, less the chance that something unknown is at work. Without a cause the candidates stand alone, beside the
     possibility of none. `dispersion` is how many times the squares that remain are those of noise: what all candidates
-    leave alike is noise to the choice among them, and squares are divided by it; priors are not. `credits` are the log odds of other sets
-    that were weighed with their departures, beside the chosen one; `needless` those that a cause is a departure of the
-    others.
+    leave alike is noise to the choice among them, and squares are divided by it; priors are not. `credits` are the log
+    odds of other sets that were weighed with their departures, beside the chosen one; `needless` those that a cause is
+    a departure of the others.
     """
     table = step.table
     members = tuple(i for i in (table.position(c.key) for c in causes) if i is not None)
