@@ -21,6 +21,7 @@ from rotary_error_monitor.gap import judgement, posterior
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
 from rotary_error_monitor.kinds.machine import problem as machine
+from rotary_error_monitor.kinds.stage import noise_learning
 from rotary_error_monitor.kinds.stage import problem as stage
 
 WHOLE = "nothing"
@@ -92,6 +93,11 @@ def _no_learning(stack: ExitStack) -> None:
         stack.enter_context(patch.object(owner, "learn_noise", lambda self, causes: False))
 
 
+def _no_slow_noise(stack: ExitStack) -> None:
+    for module in (noise_learning, machine):
+        stack.enter_context(patch.object(module, "learn_slow_noise", lambda *arguments: None))
+
+
 def _no_uncertainty(stack: ExitStack) -> None:
     stack.enter_context(patch.object(stage, "uncertain_parameters", lambda description: ()))
     stack.enter_context(patch.object(stage, "uncertain_warmings", lambda twin, recording: ()))
@@ -111,6 +117,7 @@ PARTS: dict[str, Callable[[ExitStack], None]] = {
     "price of departures": _no_price,
     "something unknown": _no_unknown,
     "learning of noise": _no_learning,
+    "slow noise": _no_slow_noise,
     "uncertain parameters": _no_uncertainty,
     "rivals": _no_rivals,
 }

@@ -93,6 +93,21 @@ def test_without_learning_the_noise_stays(found):
     assert type(problem).learn_noise.__name__ == "learn_noise"
 
 
+@pytest.mark.parametrize(("family", "words"), [("stage", "slow noise"), ("machine", "probe: drifts")])
+def test_without_slow_noise_none_is_learnt(tmp_path, family, words):
+    if family == "stage":
+        write_case(make_stage_case(11, "null", noise="flicker"), tmp_path / "case")
+    else:
+        write_case(make_machine_case(draw_machine(11), 11, "null", noise="flicker"), tmp_path / "case")
+
+    def remarks():
+        return " ".join(diagnose(problem_of(tmp_path / "case")).remarks)
+
+    assert words in remarks()
+    with without("slow noise"):
+        assert words not in remarks()
+
+
 def test_without_uncertain_parameters_the_twin_is_exact(found, folder):
     assert width_of(found[0].nuisance(())) > 0
     with without("uncertain parameters"):
