@@ -105,8 +105,9 @@ class Bench:
             return self.radial_changed(radial) if self.radial_changed else radial
         phi = s.encoder.azimuths[stream[-1]]
         c = d + turn @ np.array(s.encoder.eccentricity)
-        psi = phi - theta
-        angle = theta + (-c[0] * math.sin(phi) + c[1] * math.cos(phi)) / s.encoder.disc_radius
+        ahead = (-c[0] * math.sin(phi) + c[1] * math.cos(phi)) / s.encoder.disc_radius
+        psi = phi - theta - ahead  # the mark of the displaced ring that the sight line meets
+        angle = theta + ahead
         angle += sum(w.cos * math.cos(w.order * psi) + w.sin * math.sin(w.order * psi) for w in s.encoder.graduation)
         return np.array([angle + self.head_added[stream](self.t, angle) if stream in self.head_added else angle])
 
