@@ -174,14 +174,18 @@ def _alone(problem: Problem, null: Step, hypothesis: Hypothesis) -> Iterator[Pos
 
 
 def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior]:
-    """The set with the highest log odds; of sets as large, likelier than something unknown, the likeliest.
+    """Of the sets of which each cause is likelier than something unknown that with the highest log odds; of those as
+    large the likeliest. Where there is no such set, that with the highest log odds of all.
 
     Odds against something unknown hardly tell one good fit from another.
     """
-    best = max(tried, key=lambda pair: pair[1].total)
-    alike = [p for p in tried if len(p[1].fit.causes) == len(best[1].fit.causes) and p[1].likelier]
-    scatter = min((dispersion(posterior.fit) for _, posterior in alike), default=1.0)
-    return max(alike, key=lambda pair: _log_weight(pair[0], pair[1], scatter), default=best)
+    believable = [pair for pair in tried if pair[1].likelier] or tried
+    best = max(believable, key=lambda pair: pair[1].total)
+    alike = [pair for pair in believable if len(pair[1].fit.causes) == len(best[1].fit.causes)]
+    if not best[1].likelier:
+        return best
+    scatter = min(dispersion(posterior.fit) for _, posterior in alike)
+    return max(alike, key=lambda pair: _log_weight(pair[0], pair[1], scatter))
 
 
 def _log_weight(step: Step, posterior: Posterior, scatter: float) -> float:
