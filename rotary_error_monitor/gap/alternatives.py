@@ -47,9 +47,8 @@ def rank_alternatives(
     The probability of a candidate is that of all sets that hold it, among the chosen set and those with one member
     replaced, less the chance that something unknown is at work. Without a cause the candidates stand alone, beside the
     possibility of none. `dispersion` is how many times the squares that remain are those of noise: what all candidates
-    leave alike is noise to the choice among them, and squares are divided by it; priors are not. `credits` are the log
-    odds of other sets that were weighed with their departures, beside the chosen one; `needless` those that a cause is
-    a departure of the others.
+    leave alike is noise to the choice among them. `credits` are the log odds of other sets that were weighed with their
+    departures, beside the chosen one; `needless` those that a cause is a departure of the others.
     """
     table = step.table
     members = tuple(i for i in (table.position(c.key) for c in causes) if i is not None)
@@ -62,7 +61,8 @@ def rank_alternatives(
         rows += others
     if not members:
         rows += table.singles()
-    logs = np.array([row.evidence_in(dispersion) for row in rows]) - chosen.evidence_in(dispersion)
+    evidence = np.array([row.log_evidence for row in rows])
+    logs = (evidence - chosen.log_evidence) / dispersion
     if credits is not None:
         logs = np.array([_credited(log, key, credits) for log, key in zip(logs, replaced, strict=True)])
     for k, member in enumerate(members):
