@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -318,7 +319,8 @@ def test_the_output_is_plain_json_and_a_page(tmp_path, stage_problem):
         write_report(problem, diagnosis, tmp_path, "a <case>", painter)
     page = (tmp_path / "diagnosis.html").read_text(encoding="utf-8")
     assert "mirror_wobble" in page and "a &lt;case&gt;" in page
-    assert "http" not in page.replace("http-equiv", "")
+    # Four letters of an embedded picture may happen to be those.
+    assert "http" not in re.sub(r"base64,[A-Za-z0-9+/=]*", "", page).replace("http-equiv", "")
     assert (tmp_path / "diagnosis.png").read_bytes().startswith(b"\x89PNG")
 
 
