@@ -9,6 +9,9 @@ from rotary_error_monitor.twin.recording import StageRecording, Stream
 
 Array = NDArray[np.float64]
 
+USUAL = 8.0
+"""Medians of what scatter alone does beyond which it jumps: more than five standard deviations of it."""
+
 
 def input_gaps(recording: StageRecording) -> Array:
     """(n, 2) spans of time in which command or force were not recorded, so that nothing can be predicted."""
@@ -29,14 +32,15 @@ def between_samples(command: Stream, time: Array, least: float) -> NDArray[np.bo
     A speed that jumps by d within an interval h, which nothing around it tells, puts a cubic on angles and speeds off
     by up to d h / 8; its second differences are d and then -d. An acceleration that jumps by a puts it off by less than
     a h^2 / 128 and shows as a third difference of a h / 2. A speed with three derivatives is off by a 384th of its
-    third difference times h.
+    third difference times h. What the speeds scatter throughout, as a driver's that takes them from differences of
+    counts, is noise of the command, and is left to be seen as such.
     """
     speed, intervals = command.values[:, 1], len(command.time) - 1
     second, third = np.diff(speed, 2), np.abs(np.diff(speed, 3))
     there_and_back = np.where(second[1:] * second[:-1] < 0, np.minimum(np.abs(second[1:]), np.abs(second[:-1])), 0.0)
     off = _around(np.maximum(there_and_back / 8, third / 64), intervals) * np.diff(command.time)
     interval = np.clip(np.searchsorted(command.time, time, side="right") - 1, 0, intervals - 1)
-    return np.asarray(off[interval] > least, bool)
+    return np.asarray(off[interval] > max(least, USUAL * float(np.median(off))), bool)
 
 
 def _around(differences: Array, intervals: int) -> Array:

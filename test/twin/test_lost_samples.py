@@ -54,6 +54,17 @@ def test_a_smooth_ramp_of_many_samples_is_believed():
     assert not between_samples(command, time, LEAST).any()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_speeds_that_are_noisy_throughout_are_no_jumps_but_a_jump_among_them_is(seed):
+    """A driver may take its speed from differences of counts: what that does everywhere is noise, seen as such."""
+    draw = np.random.default_rng(seed)
+    command = sampled(kinked(3.0017, 0.3, 0.0))
+    command.values[:, 1] += 3e-3 * draw.normal(size=len(command.time))
+    middle = command.time[:-1] + PERIOD / 2
+    lost = np.flatnonzero(between_samples(command, middle, LEAST))
+    assert 750 in lost and len(lost) < 12
+
+
 def test_a_jump_costs_the_intervals_around_it_alone():
     command = sampled(kinked(3.0017, 0.1, 0.0))
     lost = np.flatnonzero(between_samples(command, command.time + PERIOD / 2, LEAST))

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rotary_error_monitor.blind_check.cases import WITHOUT_TURNS
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.plant.motion import Motion, Segment, motion_in_use
 
 SEEDS = range(40, 52)
 DURATION = 20.0
-
-WITHOUT_TURNS = ("reversal_backlash", "encoder_latency", "following_error", "autocollimator_drift", "thermal_drift")
-"""Effects that show on the smallest arc."""
 
 
 def test_nothing_is_seen_in_a_healthy_stage_however_it_turns(stage_problem):
