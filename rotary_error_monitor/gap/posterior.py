@@ -7,7 +7,7 @@ them. The two are weighed against one another, cause by cause, on the channels t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -40,9 +40,6 @@ of the cause, seven standard deviations of their prior, and something unknown is
 
 Powers = Mapping[str, float]
 """Squares of white rows by channel."""
-
-Kind = tuple[int, str]
-"""A cause by its number, and a kind of departure."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +205,7 @@ def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fi
         return fit
     gram, moment = _beside(problem, fit, [d.columns for d in offered])
     labels = [(k, kind) for k, d in enumerate(offered) for kind in d.kinds]
-    chosen = _chosen_kinds(gram, moment, labels, -float(np.log(false_alarms)))
+    chosen, _ = likeliest_kinds(gram, moment, labels, -float(np.log(false_alarms)))
     kept = [d.chosen([i for i, kind in enumerate(d.kinds) if (k, kind) in chosen]) for k, d in enumerate(offered)]
     kept = [d for d in kept if d.kinds]
     if not kept:
@@ -257,10 +254,24 @@ def _beside(problem: Problem, fit: Fit, columns: Sequence[Columns]) -> tuple[Arr
     return total.gram[first:, first:] - taken[:-1, :-1], total.moment[first:] - taken[:-1, -1]
 
 
-def _chosen_kinds(gram: Array, moment: Array, labels: Sequence[Kind], least: float) -> set[Kind]:
+def likeliest_kinds(
+    gram: Array, moment: Array, labels: Sequence[Hashable], least: float = 0.0
+) -> tuple[set[Hashable], float]:
+    """Kinds of columns that data ask for, and the logarithm of their marginal likelihood relative to none.
+
+    Kinds join one by one, each time that with the most evidence, as long as that grows by more than the logarithm of
+    the number of kinds there are, and `least`.
+
+    Args:
+        gram: (q, q) products of columns with unit Gaussian priors.
+        moment: (q,) of those with the data.
+        labels: (q,) kind of each column.
+        least: how much more evidence each must bring.
+    """
     kinds = list(dict.fromkeys(labels))
     places = {kind: np.array([i for i, label in enumerate(labels) if label == kind]) for kind in kinds}
-    chosen: list[Kind] = []
+    price = float(np.log(len(kinds)))
+    chosen: list[Hashable] = []
     best = 0.0
     while len(chosen) < len(kinds):
         trials = {
@@ -269,11 +280,11 @@ def _chosen_kinds(gram: Array, moment: Array, labels: Sequence[Kind], least: flo
             if kind not in chosen
         }
         kind = max(trials, key=lambda k: trials[k])
-        if trials[kind] <= best + np.log(len(kinds)) + least:
+        if trials[kind] <= best + price + least:
             break
         best = trials[kind]
         chosen.append(kind)
-    return set(chosen)
+    return set(chosen), best - price * len(chosen)
 
 
 def log_evidence(gram: Array, moment: Array, index: NDArray[np.intp]) -> float:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from rotary_error_monitor.gap.options import FALSE_ALARMS
+from rotary_error_monitor.gap.known_effects import KnownEffect
+from rotary_error_monitor.gap.normal import solve_scaled
+from rotary_error_monitor.gap.posterior import NO_DEPARTURE, PRIOR_OF_UNKNOWN, likeliest_kinds
 from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.twin.slow_noise import Cells, SlowNoise
 
@@ -34,7 +36,7 @@ SAME = 1e-9
 """Part of the squares of columns below which a sum of them is rounding."""
 
 Rivals = Sequence[Array]
-"""White columns (c n, p) of each of several explanations, of which any one may hold, all as likely."""
+"""White columns (c n, p) of each of several explanations that are no known effect, all as likely."""
 
 
 def cosines(passed: Array) -> Array:
@@ -48,21 +50,20 @@ def in_all(columns: Array, weight: Array) -> Array:
     return np.asarray(np.kron(np.eye(len(weight)), columns) * weight.reshape(-1, 1), np.float64)
 
 
-def by_kind(columns: Array, kinds: Sequence[str]) -> Rivals:
-    """Columns (c n, q), those of one kind together."""
-    named = np.asarray(kinds)
-    return [columns[:, named == kind] for kind in dict.fromkeys(kinds)]
-
-
 def learn_slow_noise(
-    white: Array, weight: Array, passed: Array, uncertain: Array, rivals: Iterable[Rivals]
+    white: Array,
+    weight: Array,
+    passed: Array,
+    uncertain: Array,
+    rivals: Iterable[Rivals],
+    known: Iterable[KnownEffect] = (),
 ) -> Array | None:
     """Slow noise that the components of one instrument show beside white noise, each a course of its own.
 
-    There is some where it is likelier than none, all cosines and sizes integrated out, unless one of the explanations
-    in `rivals`, or a step somewhere, is likelier in its place or at work beside it, with odds above those of a false
-    alarm (Schwarz's criterion for each): what those can explain, even in part, is a fault, and no noise. What stands
-    out less beside slow noise would not be found beside it either.
+    All cosines and sizes are integrated out. Where one of the explanations in `rivals`, a step somewhere, or a known
+    effect as it may depart, is likelier in its place, there is no slow noise: what a fault explains is none. Where one
+    is likelier beside it, it is as large as it is beside the likeliest: it takes no part of what else is there. Slow
+    noise is as likely beforehand as known effects are together.
 
     Args:
         white: (c, n) what is left, in standard deviations of the stated noise; c components.
@@ -70,6 +71,7 @@ def learn_slow_noise(
         passed: (n,) part of the recording that has passed.
         uncertain: (c n, u) one standard uncertainty of each parameter of the twin, components one after the other.
         rivals: what else there may be; looked at only where slow noise shows.
+        known: effects, and causes that were found, that may depart; likewise.
 
     Returns:
         (q,) standard deviation of each of the `cosines`; None where no slow noise shows.
@@ -81,20 +83,103 @@ def learn_slow_noise(
     data = _Data(white, weight, uncertain)
     courses = data.whitened(in_all(waves, weight))
     found = [_Spectrum.of(data, courses, len(white), fall) for fall in FALLS]
-    log_evidence = np.stack([spectrum.log_evidence for spectrum in found])
-    likely = _log_sum(log_evidence)
+    best = _Explanation(0.0, np.stack([spectrum.log_evidence for spectrum in found]))
+    likely = best.log_evidence
     if likely <= 0:
         return None
-    for alike in _and_steps(rivals, weight):
-        for columns in _of_one_width(alike):
-            own = data.whitened(columns)
-            beside = [spectrum.log_evidence + spectrum.reduction(data, own) for spectrum in found]
-            most = max(float(np.max(data.reduction(own))), float(np.max(_log_sum(np.stack(beside, axis=1)))))
-            price = 0.5 * columns.shape[2] * np.log(count) + np.log(len(alike))
-            if most - price + np.log(FALSE_ALARMS) > likely:
-                return None
-    law, size = np.unravel_index(int(np.argmax(log_evidence)), log_evidence.shape)
+    for explanation in _explanations(data, found, _and_steps(rivals, weight), known, count):
+        if explanation.beside is None and explanation.log_evidence > likely:
+            return None
+        if explanation.beside is not None and explanation.log_evidence > best.log_evidence:
+            best = explanation
+    assert best.beside is not None
+    law, size = np.unravel_index(int(np.argmax(best.beside)), best.beside.shape)
     return np.asarray(SIZES[size] * found[law].shape, np.float64)
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """What rows may show beside white noise.
+
+    Attributes:
+        log_prior: logarithm of its probability beforehand, relative to that of slow noise alone.
+        beside: (laws, sizes) log evidence beside slow noise; None without any.
+        alone: log evidence without any.
+    """
+
+    log_prior: float
+    beside: Array | None
+    alone: float = -np.inf
+
+    @property
+    def log_evidence(self) -> float:
+        """Prior included, all sizes integrated out."""
+        return self.log_prior + (self.alone if self.beside is None else float(_log_sum(self.beside)))
+
+
+def _explanations(
+    data: _Data, found: Sequence[_Spectrum], rivals: Iterable[Rivals], known: Iterable[KnownEffect], count: int
+) -> Iterator[_Explanation]:
+    """What else there may be, in the place of slow noise or beside it."""
+    likely = _log_sum(np.stack([spectrum.log_evidence for spectrum in found]))
+    for alike in rivals:
+        for columns in _of_one_width(alike):
+            log_prior = float(np.log(PRIOR_OF_UNKNOWN / len(alike)))
+            alone, beside = _of_columns(data, found, data.whitened(columns), count)
+            yield _Explanation(log_prior, None, alone)
+            yield _Explanation(log_prior, beside)
+    for effect in known:
+        own = data.whitened(effect.columns)
+        if effect.log_prior is None:
+            yield from _of_departures(data, found, effect, own, _Explanation(0.0, None, 0.0))
+            continue
+        alone, beside = _of_columns(data, found, own[:, None], count)
+        textbook = _Explanation(effect.log_prior, None, alone)
+        yield textbook
+        yield _Explanation(effect.log_prior, beside)
+        if alone > (1 - NO_DEPARTURE) * likely:
+            yield next(_of_departures(data, found, effect, own, textbook))
+
+
+def _of_columns(
+    data: _Data, found: Sequence[_Spectrum], columns: Array, count: int | None = None
+) -> tuple[float, Array]:
+    """Log evidence of the best of whitened columns (c n, m, p), in the place of slow noise and (laws, sizes) beside it.
+
+    Their amplitudes have priors of one, or where there is a `count` of samples as wide as one of those would show them,
+    or as they are seen to be (George and Foster 2000) where that is wider.
+    """
+    gram, moment = data.products(columns)
+    prior = np.eye(columns.shape[2])[None]
+    if count:
+        power = _squares(_held(gram), moment) / columns.shape[2]
+        prior = gram / np.maximum(power, count)[:, None, None]
+    alone = _log_evidence(gram, moment, prior)
+    each = [s.log_evidence + _log_evidence(*s.products(data, columns), prior[:, None]) for s in found]
+    beside = np.stack(each, axis=1)
+    return float(np.max(alone)), np.asarray(beside[int(np.argmax(_log_sum(beside)))], np.float64)
+
+
+def _of_departures(
+    data: _Data, found: Sequence[_Spectrum], effect: KnownEffect, own: Array, textbook: _Explanation
+) -> Iterator[_Explanation]:
+    """Departures of an effect, beside its whitened columns (c n, p), by which its textbook form is likelier: those that
+    are likeliest together, then each kind beside slow noise.
+    """
+    gram, moment = own.T @ own, own.T @ data.rows
+    columns, kinds = effect.departures(solve_scaled(gram, moment))
+    if not kinds:
+        yield textbook
+        return
+    shown = data.whitened(columns)
+    apart = shown - own @ solve_scaled(gram, own.T @ shown)
+    likelier = likeliest_kinds(apart.T @ apart, apart.T @ data.rows, kinds)[1]
+    yield _Explanation(textbook.log_prior, None, textbook.alone + likelier)
+    named = list(dict.fromkeys(kinds))
+    for kind in named:
+        alike = apart[:, [other == kind for other in kinds]]
+        _, beside = _of_columns(data, found, alike[:, None])
+        yield _Explanation(-float(np.log(len(named))), beside)
 
 
 class _Data:
@@ -115,9 +200,9 @@ class _Data:
             columns.shape
         )
 
-    def reduction(self, columns: Array) -> Array:
-        """(m,) half the squares that whitened columns (c n, m, p) of any size take away."""
-        return _reduction(np.einsum("nmp,nmq->mpq", columns, columns), np.einsum("nmp,n->mp", columns, self.rows))
+    def products(self, columns: Array) -> tuple[Array, Array]:
+        """(m, p, p) of whitened columns (c n, m, p) with one another, and (m, p) with the data."""
+        return _products(columns), np.einsum("nmp,n->mp", columns, self.rows)
 
 
 @dataclass(frozen=True)
@@ -153,16 +238,16 @@ class _Spectrum:
         evidence = 0.5 * np.sum(widths * np.square(shown) / spread - np.log(spread), axis=1)
         return cls(shape, directions, powers, shown, evidence + _LOG_PRIOR)
 
-    def reduction(self, data: _Data, columns: Array) -> Array:
-        """(m, sizes) half the squares that whitened columns (c n, m, p) of any size take away beside slow noise."""
+    def products(self, data: _Data, columns: Array) -> tuple[Array, Array]:
+        """(m, sizes, p, p) and (m, sizes, p) the same products beside slow noise of each size."""
         widths = np.square(SIZES)[:, None]
         taken = widths / (1 + widths * self.powers)
         cross = np.tensordot(self.directions, columns, (0, 0))
         products = np.einsum("rmp,rmq->mpqr", cross, cross)
-        gram = np.einsum("nmp,nmq->mpq", columns, columns)[:, None] - np.moveaxis(products @ taken.T, -1, 1)
+        gram = _products(columns)[:, None] - np.moveaxis(products @ taken.T, -1, 1)
         moments = np.moveaxis(cross * self.shown[:, None, None], 0, -1) @ taken.T
         moment = np.einsum("nmp,n->mp", columns, data.rows)[:, None] - np.moveaxis(moments, -1, 1)
-        return _reduction(gram, moment)
+        return gram, moment
 
 
 def _log_sum(log_evidence: Array) -> Array:
@@ -170,11 +255,33 @@ def _log_sum(log_evidence: Array) -> Array:
     return np.asarray(logsumexp(log_evidence, axis=(-2, -1)), np.float64)
 
 
-def _reduction(gram: Array, moment: Array) -> Array:
-    """(…) half the squares that columns with products (…, p, p) take of data with products (…, p)."""
+def _products(columns: Array) -> Array:
+    """(m, p, p) of columns (c n, m, p) with one another."""
+    return np.asarray(np.einsum("nmp,nmq->mpq", columns, columns), np.float64)
+
+
+def _log_evidence(gram: Array, moment: Array, prior: Array) -> Array:
+    """(…) logarithm of the marginal likelihood of columns, relative to none of them.
+
+    Args:
+        gram: (…, p, p) products of columns with one another.
+        moment: (…, p) of columns with data.
+        prior: (…, p, p) inverse of the covariance of their amplitudes beforehand.
+    """
+    held = _held(prior)
+    cost = np.linalg.slogdet(held + gram)[1] - np.linalg.slogdet(held)[1]
+    return np.asarray(0.5 * (_squares(held + gram, moment) - cost), np.float64)
+
+
+def _squares(gram: Array, moment: Array) -> Array:
+    """(…) that columns with products (…, p, p) take of data with products (…, p)."""
+    return np.asarray(np.sum(moment * np.linalg.solve(gram, moment[..., None])[..., 0], axis=-1), np.float64)
+
+
+def _held(gram: Array) -> Array:
+    """Products (…, p, p) of columns, some of which may be sums of others."""
     trace = np.trace(gram, axis1=-2, axis2=-1)[..., None, None]
-    held = gram + (SAME * trace + np.finfo(np.float64).tiny) * np.eye(gram.shape[-1])
-    return np.asarray(0.5 * np.sum(moment * np.linalg.solve(held, moment[..., None])[..., 0], axis=-1), np.float64)
+    return np.asarray(gram + (SAME * trace + np.finfo(np.float64).tiny) * np.eye(gram.shape[-1]), np.float64)
 
 
 def _of_one_width(rivals: Rivals) -> list[Array]:

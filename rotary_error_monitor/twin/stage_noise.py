@@ -27,7 +27,7 @@ from scipy.ndimage import median_filter
 from scipy.special import gamma
 
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, LVDT
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT
 from rotary_error_monitor.twin.head_grid import align_heads
 from rotary_error_monitor.twin.lost_samples import between_samples, bridge, input_gaps, inside
 from rotary_error_monitor.twin.recording import StageRecording
@@ -77,7 +77,7 @@ def noise_std(stage: StageDescription) -> dict[str, float]:
     """Standard deviation of one sample of each kind of sensor as the stage states it, rounding included, rad or m."""
     encoder, collimator = stage.encoder, stage.autocollimator
     return {
-        "head": float(np.hypot(encoder.noise, encoder.resolution / np.sqrt(12))),
+        HEAD: float(np.hypot(encoder.noise, encoder.resolution / np.sqrt(12))),
         AUTOCOLLIMATOR: float(np.hypot(collimator.noise, collimator.resolution / np.sqrt(12))),
         LVDT: 0.0 if stage.lvdt is None else stage.lvdt.noise,
     }
@@ -120,7 +120,7 @@ class StageNoise:
         self._kept = {name: ~inside(recording.streams[name].time, lost) for name in residual}
         self._present = self._heads_present()
         self._count = self._present.sum(axis=1)
-        least = self.std["head"] / np.sqrt(max(len(self.grid.heads), 1))
+        least = self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
         self.uncommanded = between_samples(recording.streams[COMMAND], self.grid.time, least)
         self.spikes = {name: self._find_spikes(name, residual[name], collimator.turbulence) for name in self._sensors}
         self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
@@ -150,7 +150,8 @@ class StageNoise:
     def with_slow_noise(self, kind: str, courses: Array | None) -> None:
         """Take slow noise of a kind of sensor for known: one standard deviation of each course (`CELLS` or fewer, q).
 
-        In standard deviations of a sample's white noise; None for no such noise.
+        Courses are cosines of orders from 0 on over the recording, in standard deviations of a sample's white noise;
+        None for no such noise. What each head has of its own their mean has as well.
         """
         self._slow.pop(kind, None)
         if courses is not None:
@@ -212,7 +213,8 @@ class StageNoise:
     def command_rows(self, mean: Array) -> Array:
         """White rows (m, p) of the command's channel from what the heads share (m, p), as `shared` gives it."""
         rows, basis = self._shared_rows(mean), self._line_basis
-        return rows if basis is None else rows - ((rows.T @ basis) @ basis.T).T
+        rows = rows if basis is None else rows - ((rows.T @ basis) @ basis.T).T
+        return self._slow_noise(COMMAND).whiten(rows) if HEAD in self._slow else rows
 
     def _shared_rows(self, mean: Array) -> Array:
         """Whitened rows (m, p) of what the heads share (m, p)."""
@@ -223,7 +225,7 @@ class StageNoise:
     @property
     def command_floor(self) -> float:
         """One-sided density of the readings' noise in the mean of all heads, rad^2/Hz."""
-        return 2 * self.grid.period * self.std["head"] ** 2 / len(self.grid.heads)
+        return 2 * self.grid.period * self.std[HEAD] ** 2 / len(self.grid.heads)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -257,8 +259,15 @@ class StageNoise:
 
     def _slow_noise(self, channel: str) -> SlowNoise:
         if channel not in self._kept_slow:
-            self._kept_slow[channel] = SlowNoise(self.cells(channel), self._slow[kind_of(channel)])
+            courses = self._shared_courses() if channel == COMMAND else self._slow[kind_of(channel)]
+            self._kept_slow[channel] = SlowNoise(self.cells(channel), courses)
         return self._kept_slow[channel]
+
+    def _shared_courses(self) -> Array:
+        """Those of the heads' mean, which is as much less noisy at all frequencies; the jitter hides part of them."""
+        courses, floor = self._slow[HEAD], self.command_floor
+        frequency = np.arange(courses.shape[1]) / (2 * np.ptp(self.grid.time))
+        return np.asarray(courses * np.sqrt(floor / (floor + self.jitter.density(frequency))), np.float64)
 
     def expected(self) -> dict[str, Array]:
         """(m,) expected square of each white row of each channel under noise alone."""
@@ -312,7 +321,7 @@ class StageNoise:
         table, several = self._table(signals), self._count > 1
         mean = self._mean(table)
         rate = _rate(mean, several, self.grid.period)
-        weight = self._weight * several / self.std["head"]
+        weight = self._weight * several / self.std[HEAD]
         rows = {}
         for i, name in enumerate(self.grid.heads):
             table[i] -= mean

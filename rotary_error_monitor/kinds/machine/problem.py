@@ -13,9 +13,10 @@ from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
+from rotary_error_monitor.gap.known_effects import known_effects
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_chi_square_tail
-from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
-from rotary_error_monitor.gap.slow_noise import Rivals, by_kind, cosines, learn_slow_noise
+from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.slow_noise import Rivals, cosines, learn_slow_noise
 from rotary_error_monitor.gap.table import TableProblem, acting
 from rotary_error_monitor.kinds.machine.modulations import machine_departures
 from rotary_error_monitor.kinds.machine.smooth import SmoothMachine
@@ -168,16 +169,20 @@ class MachineProblem(TableProblem[None]):
         moved = self._moved_by_uncertainty()
         uncertain = moved.reshape(3 * len(kept), moved.shape[2]) / (self.probe_std * level)
         weight = np.tile(kept, (3, 1)).astype(np.float64)
-        std = learn_slow_noise(white / level, weight, passed, uncertain, self._faults(causes))
+        slow = self._slow_noise()
+
+        def shown(columns: Columns) -> Array:
+            assert isinstance(columns, dict)
+            plain = [slow.plain(columns[channel]) for channel in self.channels]
+            return np.asarray(np.concatenate(plain) / level, np.float64)
+
+        known = known_effects(self, causes, self.residual(causes), shown)
+        std = learn_slow_noise(white / level, weight, passed, uncertain, [self._smooth_errors()], known)
         return np.zeros((len(kept), 0)) if std is None else cosines(passed) * (level * std)
 
-    def _faults(self, causes: Sequence[Cause]) -> Iterator[Rivals]:
-        """What else may be left: smooth errors of the axes, and departures of the causes."""
-        yield np.split(self._smooth.columns, self._smooth.columns.shape[1], axis=1)
-        for departures in self.departures(causes):
-            assert isinstance(departures.columns, dict)
-            shown = [self._slow_noise().plain(departures.columns[channel]) for channel in self.channels]
-            yield by_kind(np.concatenate(shown), departures.kinds)
+    def _smooth_errors(self) -> Rivals:
+        """Smooth errors of the axes."""
+        return np.split(self._smooth.columns, self._smooth.columns.shape[1], axis=1)
 
     def check_plausible(self) -> None:
         """Refuse a twin that is off by more than the machine's errors and any known effect can make.

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import helmert
 
 from rotary_error_monitor.effects.rotor import HEAD
-from rotary_error_monitor.gap.problem import Array, Rows, SparseRows
+from rotary_error_monitor.gap.problem import Array, Columns, LateRows, Rows, SparseRows
 from rotary_error_monitor.twin.stage_noise import StageNoise, kind_of
 
 
@@ -53,7 +53,9 @@ class Instrument:
                 part[:, acting] = self._noise.plain_sums(channel, rows[channel])
         return np.tensordot(self._components, sums, 1)
 
-    def stacked(self, columns: Rows | SparseRows) -> Array:
+    def stacked(self, columns: Columns) -> Array:
         """(c k, p) the same, components one after the other."""
+        if isinstance(columns, LateRows):
+            raise TypeError("rows of a stretch are kept")
         sums = self.sums(columns)
         return sums.reshape(sums.shape[0] * sums.shape[1], sums.shape[2])

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
+from rotary_error_monitor.gap.known_effects import known_effects
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
-from rotary_error_monitor.gap.problem import Array, LateRows, Rows
-from rotary_error_monitor.gap.slow_noise import Rivals, by_kind, cosines, in_all, learn_slow_noise
+from rotary_error_monitor.gap.problem import Array, Rows
+from rotary_error_monitor.gap.slow_noise import Rivals, cosines, in_all, learn_slow_noise
 from rotary_error_monitor.kinds.stage.instrument import Instrument
 from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitter
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
-from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.stage import Signals
 from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, kind_of
 
@@ -133,7 +132,8 @@ class NoiseLearning:
         own = Instrument(kind, problem.channels, problem.noise, problem.times(first))
         white = own.sums(rest)[:, :, 0]
         uncertain = own.stacked(problem.own_nuisance(causes))
-        found = learn_slow_noise(white, own.weight, own.passed, uncertain, self._faults(own, causes, rest))
+        known = known_effects(problem, causes, rest, own.stacked)
+        found = learn_slow_noise(white, own.weight, own.passed, uncertain, self._rivals(own), known)
         before = self._slow.pop(kind, None)
         if found is not None:
             self._slow[kind] = found
@@ -144,18 +144,8 @@ class NoiseLearning:
         problem.noise.with_slow_noise(kind, None if found is None else cosines(own.passed) * (found / own.usual))
         return True
 
-    def _faults(self, own: Instrument, causes: Sequence[Cause], rest: Rows) -> Iterator[Rivals]:
-        """What else may be slow: known effects, departures of the causes, what goes with an input, and waves."""
-        effects = []
-        for candidate in self._problem.candidates(rest, causes):
-            alone = candidate.cause(np.zeros(len(candidate.linear)))
-            with suppress(UnpredictableError):  # whoever weighs the candidates leaves it out as well, and says so
-                effects.append(own.stacked(self._problem.own_signature(alone, candidate.linear, ())))
-        yield _seen(effects)
-        for i in range(len(causes)):
-            departures = self._problem.own_departures(i, causes)
-            assert not isinstance(departures.columns, LateRows)
-            yield _seen(by_kind(own.stacked(departures.columns), departures.kinds))
+    def _rivals(self, own: Instrument) -> Iterator[Rivals]:
+        """What else may be slow beside known effects: what goes with an input, and waves."""
         yield _seen([in_all(columns[:, None], own.weight) for columns in self._inputs(own.time).T])
         yield [in_all(columns, own.weight) for columns in _waves(own.passed)]
 

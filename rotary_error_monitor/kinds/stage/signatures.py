@@ -49,4 +49,5 @@ class KeptSignatures:
 
     def follow_slow_noise(self, kind: str) -> None:
         """Make those that a kind of sensor shows again when they are wanted: its slow noise is known better."""
-        self._kept = {key: kept for key, kept in self._kept.items() if kind not in map(kind_of, kept[0])}
+        shown = {kind, COMMAND} if kind == HEAD else {kind}
+        self._kept = {key: kept for key, kept in self._kept.items() if shown.isdisjoint(map(kind_of, kept[0]))}

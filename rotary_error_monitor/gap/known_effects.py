@@ -1,0 +1,79 @@
+"""Known effects as one instrument shows them, with the ways in which they may depart from their textbook forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Protocol
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
+from rotary_error_monitor.gap.departures import Departing, Departures
+from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Problem, Rows
+from rotary_error_monitor.twin.finite import UnpredictableError
+
+
+class ProblemOfEffects(Problem, Departing, Protocol):
+    """A problem that says which effects it knows."""
+
+    @property
+    def effects(self) -> Sequence[AnyEffect]:
+        """All that may be at work."""
+
+
+@dataclass(frozen=True)
+class KnownEffect:
+    """A known effect that may depart from its textbook form.
+
+    Attributes:
+        columns: (c n, p) white columns of its amplitudes.
+        departures: from amplitudes (p,) white columns (c n, q), one standard deviation of each departure, and its kind.
+        log_prior: logarithm of the probability that it is the one that is there beforehand; None for a cause that was
+            found, of which only departures are looked for.
+    """
+
+    columns: Array
+    departures: Callable[[Array], tuple[Array, Sequence[str]]]
+    log_prior: float | None = None
+
+
+def known_effects(
+    problem: ProblemOfEffects, causes: Sequence[Cause], rest: Rows, shown: Callable[[Columns], Array]
+) -> Iterator[KnownEffect]:
+    """Known effects with the ways in which they may depart, causes that were found first.
+
+    Args:
+        problem: recording beside twin.
+        causes: that were found.
+        rest: what they leave, in which candidates are looked for.
+        shown: (c n, p) of columns as an instrument shows them.
+    """
+
+    @cache
+    def found() -> tuple[Departures, ...]:
+        return problem.departures(causes)
+
+    def departures_of(place: int, amplitudes: Array) -> tuple[Array, Sequence[str]]:
+        own = found()[place]
+        return shown(own.columns), own.kinds
+
+    def departures_at(candidate: Candidate, amplitudes: Array) -> tuple[Array, Sequence[str]]:
+        with suppress(UnpredictableError):
+            (own,) = problem.departures((candidate.cause(amplitudes),))
+            return shown(own.columns), own.kinds
+        return np.zeros((0, 0)), ()
+
+    for place, cause in enumerate(causes):
+        columns = shown(problem.signature(cause, cause.effect.indices(Role.LINEAR), causes))
+        if np.any(columns):
+            yield KnownEffect(columns, partial(departures_of, place))
+    for candidate in problem.candidates(rest, causes):
+        at_zero = candidate.cause(np.zeros(len(candidate.linear)))
+        with suppress(UnpredictableError):  # whoever weighs the candidates leaves it out as well, and says so
+            columns = shown(problem.signature(at_zero, candidate.linear))
+            if np.any(columns):
+                log_prior = candidate.log_prior - float(np.log(len(problem.effects)))
+                yield KnownEffect(columns, partial(departures_at, candidate), log_prior)
