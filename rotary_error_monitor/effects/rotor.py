@@ -19,7 +19,7 @@ AUTOCOLLIMATOR = "autocollimator"
 LVDT = "lvdt"
 COMMAND = "command"
 
-_AT_REST = 1e-9
+AT_REST = 1e-9
 """Speed, rad/s, below which the rotor is at rest."""
 
 _SMALL_TURN = 1e-4
@@ -73,7 +73,7 @@ class RotorState:
     @property
     def direction(self) -> Array:
         """(n,) direction of travel: 1, -1, or 0 at rest, where interpolation leaves the speed a little off zero."""
-        return np.sign(np.where(np.abs(self.omega) > _AT_REST, self.omega, 0.0))
+        return np.sign(np.where(np.abs(self.omega) > AT_REST, self.omega, 0.0))
 
     def harmonic(self, order: float) -> tuple[Array, Array]:
         """Cosine and sine of `order * theta`, kept because many effects share them."""

@@ -210,7 +210,7 @@ def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarm
         return []
     own = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
     seen = {frozenset(cause.key for cause in step.fit.causes)}
-    rivals = [posterior for causes in _rivals(step) for posterior in _pruned(problem, step, causes, seen)]
+    rivals = [other for causes in _rivals(step) for other in _pruned(problem, step, causes, seen, false_alarms)]
     found = [replace(own, fit=departing.without_data()), *(other for other in rivals if other.settled)]
     return [posterior for posterior in found if posterior.likelier]
 
@@ -250,12 +250,14 @@ def _posteriors(problem: Problem, step: Step, seen: set[frozenset[Key]]) -> Iter
         yield from _pruned(problem, step, causes, seen)
 
 
-def _pruned(problem: Problem, step: Step, causes: tuple[Cause, ...], seen: set[frozenset[Key]]) -> Iterator[Posterior]:
+def _pruned(
+    problem: Problem, step: Step, causes: tuple[Cause, ...], seen: set[frozenset[Key]], false_alarms: float = 1.0
+) -> Iterator[Posterior]:
     """Causes weighed; without those that something unknown is likelier than, weighed again; none a second time."""
     while causes and (keys := frozenset(cause.key for cause in causes)) not in seen:
         seen.add(keys)
         try:
-            posterior = _posterior(problem, step, causes)
+            posterior = _posterior(problem, step, causes, false_alarms)
         except UnpredictableError:
             return
         if cancelled_in(problem, posterior.fit):
@@ -267,14 +269,16 @@ def _pruned(problem: Problem, step: Step, causes: tuple[Cause, ...], seen: set[f
         causes = fewer
 
 
-def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...]) -> Posterior:
-    """Causes with departures or without, whichever is likelier."""
+def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...], false_alarms: float) -> Posterior:
+    """Causes with departures or without: where both are likelier than something unknown, the likelier of the two."""
     fit = fit_causes(problem, causes)
     best = _weighed(problem, step, fit)
     if best.near:
-        departing = with_departures(problem, fit)
+        departing = with_departures(problem, fit, false_alarms)
         if departing is not fit and _predicts(problem, weighed := _weighed(problem, step, departing)):
-            best = max(best, weighed, key=lambda posterior: posterior.total)
+            # Sets are compared by the evidence of their forms: odds against something unknown hardly tell good fits.
+            scatter = min(dispersion(fit), dispersion(departing)) if best.likelier and weighed.likelier else None
+            best = max(best, weighed, key=lambda form: _log_weight(step, form, scatter) if scatter else form.total)
     needless, instead = _departures_instead(problem, step, best.fit)
     return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
 

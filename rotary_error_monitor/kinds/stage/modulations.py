@@ -20,6 +20,7 @@ from rotary_error_monitor.gap.departures import (
     wanders,
 )
 from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.kinds.stage.play import Play
 from rotary_error_monitor.twin.stage import StageTwin
 
 LOOKS = 2000
@@ -38,12 +39,13 @@ SOFT = (1 / 128, 1 / 32, 1 / 8)
 class StageModulations:
     """Modulations of the effects of one recording; those of its stretches are cut out of the same functions."""
 
-    def __init__(self, twin: StageTwin, duration: float) -> None:
+    def __init__(self, twin: StageTwin, duration: float, play: Play) -> None:
         self._duration = duration
         self._time = np.linspace(0.0, duration, LOOKS)
         state = twin.state_at(self._time)
         self._top = float(np.max(np.abs(state.omega))) or 1.0
         self._norm = Normaliser(self._quantities(state))
+        self._play = play
         self._twin = StageTwin(twin.stage, twin.inputs, dict.fromkeys(twin.times, self._time), known=twin.known)
 
     def of_state(self, state: RotorState, around: bool, jumps: bool) -> list[Modulation]:
@@ -79,6 +81,7 @@ class StageModulations:
             if unit(name):
                 size = peak * unit(name)
                 rows.append(Modulation("low speed", size * norm(name, found[name]), partial(_soft, name)))
+        rows += self._play.yielding(state, peak) if jumps else []
         for order in range(1, NEIGHBOURS + 1) if around else ():
             for wave in state.harmonic(order):
                 rows.append(Modulation(f"place {order}", np.sqrt(2) * wave, _around, True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import ClassVar
 
@@ -32,6 +33,7 @@ from rotary_error_monitor.kinds.stage.modulations import (
 from rotary_error_monitor.kinds.stage.noise_learning import NOISIER, NoiseLearning
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.offset import offset_figures
+from rotary_error_monitor.kinds.stage.play import RESTING, Play, stays
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.warming import uncertain_warmings
@@ -85,6 +87,7 @@ class StageProblem:
         check_noise(self.twin.times, noise_std(stage))
         self.noise = StageNoise(stage, recording, raw, omega)
         self._conditions = stage_conditions(recording)
+        self.play = Play(self.twin.inputs, recording.duration)
         self._search = StageSearch(self)
         self._expected: dict[str, Array] = {}
         self._starts: dict[tuple[str, str], Array] = {}
@@ -92,7 +95,7 @@ class StageProblem:
         self._signatures = KeptSignatures()
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
         self.noise.with_jitter(*self._learning.estimate_jitter(raw))
-        self._modulations = StageModulations(self.twin, recording.duration)
+        self._modulations = StageModulations(self.twin, recording.duration, self.play)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -153,19 +156,21 @@ class StageProblem:
         """How far causes scale, delay or turn what each candidate shows."""
         return distortions(self.twin, candidates, causes)
 
-    def _derivatives(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause]) -> Signals:
-        """Derivatives (n, k, len(indices)) of the signals that the cause moves."""
+    def _derivatives(
+        self, cause: Cause, indices: Sequence[int], others: Sequence[Cause], twin: StageTwin | None = None
+    ) -> Signals:
+        """Derivatives (n, k, len(indices)) of the signals that the cause moves; by another twin, if there is one."""
         effect = cause.effect
         assert isinstance(effect, StageEffect)
         streams = [name for name in self.twin.times if effect.touches(cause.location, name)]
         scales = effect.scales()
-        base = self._prediction(among(cause, others), streams)
+        base = twin.predict(among(cause, others), streams) if twin else self._prediction(among(cause, others), streams)
         columns: dict[str, list[Array]] = {name: [] for name in streams}
         for index in indices:
             step = effect.inward(cause.values, index, float(scales[index]) * _DERIVATIVE_STEP)
             values = cause.values.copy()
             values[index] += step
-            moved = self.twin.predict(among(cause.with_values(values), others), streams)
+            moved = (twin or self.twin).predict(among(cause.with_values(values), others), streams)
             for name in streams:
                 columns[name].append((moved[name] - base[name]) / step)
         return {name: side_by_side(parts) for name, parts in columns.items()}
@@ -189,18 +194,28 @@ class StageProblem:
             modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps)
             modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
             beside = [SHARE * sizes * signatures[name] for signatures in around]
+            if jumps:
+                beside.append(self._resting(cause, causes, name, signature) @ amplitudes)
             stacked[name] = np.concatenate([modulated(signature, amplitudes, sizes, modulations), *beside], axis=2)
             labels = spread_out(modulations, amplitudes, sizes)
         kinds, words, changes = labels
         orders = one_by_one(neighbours, SHARE * sizes)
+        rests = RESTING * jumps
         return Departures(
             place,
-            (*kinds, *(order.location for order in orders)),
-            (*words, *(partial(next_order, order.location) for order in orders)),
-            np.append(changes, np.zeros(len(orders))),
+            (*kinds, *(order.location for order in orders), *["at rest"] * rests),
+            (*words, *(partial(next_order, order.location) for order in orders), *[stays] * rests),
+            np.append(changes, np.zeros(len(orders) + rests)),
             self._white(stacked),
-            (*(None for _ in kinds), *orders),
+            (*(None for _ in kinds), *orders, *[None] * rests),
         )
+
+    def _resting(self, cause: Cause, causes: Sequence[Cause], name: str, signature: Array) -> Array:
+        """(n, k, r, p) what stays at rest of a cause that textbooks put back, beside its signature (n, k, p)."""
+        remembering = replace(self.twin, inputs=self.play.remembering(), _states={}, _moved={})
+        linear = cause.effect.indices(Role.LINEAR)
+        kept = self._derivatives(cause, linear, causes, remembering)[name] - signature
+        return kept[:, :, None] * self.play.resting(self.twin.times[name])[:, None, :, None]
 
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows of one standard uncertainty of each uncertain parameter."""

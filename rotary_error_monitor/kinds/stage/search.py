@@ -62,7 +62,7 @@ class StageSearch:
         return tuple(found)
 
     def motion_basis(self, time: Array) -> Array:
-        """(n, p) slow functions of the commanded motion: offset, speed, direction, acceleration and low orders."""
+        """(n, p) slow functions of the commanded motion: offset, speed, direction, acceleration, low orders, play."""
         inputs = self._problem.twin.inputs
         command, omega = inputs.command(time), inputs.omega(time)
         top = float(np.max(np.abs(omega))) or 1.0
@@ -70,7 +70,7 @@ class StageSearch:
         columns += [np.gradient(omega, time) / top, np.square(omega / top)]
         for order in range(1, 5):
             columns += [np.cos(order * command), np.sin(order * command)]
-        return np.stack(columns, axis=1)
+        return np.column_stack([*columns, self._problem.play.sides(time)])
 
     def _of_order(self, effect: AnyEffect, order: int) -> Candidate:
         place = order_location(order)

@@ -1,0 +1,98 @@
+"""Sides that the travelled way leaves, against the differential equation; and what real play is told as."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
+
+from rotary_error_monitor.effects.library import load_effects
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.kinds.stage.play import RELEASES, RESTING, TRAVELS, Play
+from rotary_error_monitor.kinds.stage.problem import StageProblem
+from rotary_error_monitor.plant.cases import make_stage_case
+from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.stage import StageInputs
+
+EFFECTS = load_effects(StageEffect)
+DURATION = 40.0
+STOPS = 8
+
+
+def drawn_inputs(seed):
+    """A motion of random legs at constant speed, some of them stops; it begins at rest."""
+    draw = np.random.default_rng(seed)
+    edges = np.concatenate([[0.0], np.sort(draw.uniform(1.0, DURATION, STOPS)), [DURATION]])
+    speeds = np.concatenate([[0.0], draw.choice([-2.0, -0.3, 0.0, 0.3, 2.0], STOPS)])
+    time = np.arange(0.0, DURATION + 0.002, 0.002)
+    omega = speeds[np.clip(np.searchsorted(edges, time, "right") - 1, 0, STOPS)]
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * np.diff(time))])
+    command = CubicHermiteSpline(time, angle, omega)
+    return StageInputs(command, lambda at: np.interp(at, time, omega), np.zeros, np.zeros), edges, speeds
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_sides_follow_the_travel(seed):
+    """Against `ds = (d - s) |dtheta| / L`, solved leg by leg; a stop keeps the side."""
+    inputs, edges, speeds = drawn_inputs(seed)
+    found = Play(inputs, DURATION).sides(edges[1:-1] - 0.02)
+    for column, travel in enumerate(TRAVELS):
+        for place, start in ((2 * column, 0.0), (2 * column + 1, 1.0)):
+            side = start
+            for leg, (begin, end, speed) in enumerate(zip(edges, edges[1:], speeds, strict=False)):
+                goal = np.sign(speed) if start == 0 else 0.0
+                course = solve_ivp(
+                    lambda _, s, to=goal, v=speed, way=travel: (to - s) * abs(v) / way,
+                    (begin, end),
+                    [side],
+                    t_eval=[end - 0.02, end],
+                    rtol=1e-9,
+                    atol=1e-12,
+                )
+                if leg < STOPS:
+                    assert found[leg, place] == pytest.approx(course.y[0, 0], abs=0.03)
+                side = course.y[0, 1]
+
+
+def test_what_stays_at_rest_creeps_back():
+    time = np.arange(0.0, DURATION, 0.002)
+    omega = np.where(time < 10.0, 0.0, np.where(time < 20.0, -1.0, 0.0))
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * 0.002)])
+    inputs = StageInputs(
+        CubicHermiteSpline(time, angle, omega), lambda at: np.interp(at, time, omega), np.zeros, np.zeros
+    )
+    play = Play(inputs, DURATION)
+    rest = play.resting(np.array([5.0, 21.0]))
+    assert rest.shape == (2, RESTING)
+    assert rest[0].tolist() == [0.0] * (RESTING - 1) + [1.0]
+    expected = [np.exp(-1.0 / release) for release in RELEASES]
+    assert rest[1, : len(RELEASES)] == pytest.approx(expected, rel=0.1)
+    assert play.remembering().omega(np.array([21.0]))[0] < 0 < play.remembering().omega(np.array([5.0]))[0]
+
+
+@pytest.mark.parametrize("name", ["reversal_backlash", "radial_hysteresis"])
+def test_play_that_is_no_jump_is_named(name):
+    """It yields over some travel, stays at rest, is soft at low speed: as real drives and bearings do."""
+    right = []
+    for seed in range(6):
+        case = make_stage_case(seed, "variant", [name], rough=bool(seed % 2))
+        topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+        problem = StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS)
+        right.append(name in {found.cause.effect.name for found in diagnose(problem).causes})
+    assert sum(right) >= len(right) - 1, right
+
+
+def test_delays_that_depart_are_told_alike():
+    """A rotor that lags and heads that are late look the same, also where either departs from its textbook form."""
+    told = []
+    for seed in range(6):
+        case = make_stage_case(seed, "variant", ["following_error"])
+        topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+        problem = StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS)
+        diagnosis = diagnose(problem)
+        named = {found.cause.effect.name for found in diagnosis.causes}
+        named |= {name for group in diagnosis.indistinguishable for name, _ in group.effects}
+        told.append("following_error" in named)
+    assert sum(told) >= len(told) - 1, told
