@@ -270,15 +270,17 @@ def _pruned(
 
 
 def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...], false_alarms: float) -> Posterior:
-    """Causes with departures or without: where both are likelier than something unknown, the likelier of the two."""
+    """Causes with departures or without: where nothing is left of either form the likelier, else that with better odds.
+
+    Sets that leave nothing are compared by evidence, for which each has to stand in its likeliest form.
+    """
     fit = fit_causes(problem, causes)
     best = _weighed(problem, step, fit)
     if best.near:
         departing = with_departures(problem, fit, false_alarms)
         if departing is not fit and _predicts(problem, weighed := _weighed(problem, step, departing)):
-            # Sets are compared by the evidence of their forms: odds against something unknown hardly tell good fits.
-            scatter = min(dispersion(fit), dispersion(departing)) if best.likelier and weighed.likelier else None
-            best = max(best, weighed, key=lambda form: _log_weight(step, form, scatter) if scatter else form.total)
+            both = best.settled and weighed.settled and weighed.likelier
+            best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if both else form.total)
     needless, instead = _departures_instead(problem, step, best.fit)
     return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
 

@@ -52,18 +52,20 @@ def known_effects(
         shown: (c n, p) of columns as an instrument shows them.
     """
 
+    def kept(place: int, departures: Sequence[Departures]) -> tuple[Array, Sequence[str]]:
+        own = next((own for own in departures if own.cause == place), None)
+        return (shown(own.columns), own.kinds) if own else (np.zeros((0, 0)), ())
+
     @cache
     def found() -> tuple[Departures, ...]:
         return problem.departures(causes)
 
     def departures_of(place: int, amplitudes: Array) -> tuple[Array, Sequence[str]]:
-        own = found()[place]
-        return shown(own.columns), own.kinds
+        return kept(place, found())
 
     def departures_at(candidate: Candidate, amplitudes: Array) -> tuple[Array, Sequence[str]]:
         with suppress(UnpredictableError):
-            (own,) = problem.departures((candidate.cause(amplitudes),))
-            return shown(own.columns), own.kinds
+            return kept(0, problem.departures((candidate.cause(amplitudes),)))
         return np.zeros((0, 0)), ()
 
     for place, cause in enumerate(causes):

@@ -29,6 +29,9 @@ _PRIOR = SIZES * np.exp(-0.5 * np.square(SIZES))
 _LOG_PRIOR = np.log(_PRIOR / np.sum(_PRIOR) / len(FALLS))
 """Of each size, by the logarithm of which they are spaced, and of either law."""
 
+UNDESCRIBED = 2.0
+"""Times the squares of white noise: where more is left, something else than slow noise is there, as large as noise."""
+
 STEPS = 160
 """Moments at which a step is looked for: steps that are closer to one another explain nearly the same."""
 
@@ -94,6 +97,9 @@ def learn_slow_noise(
             best = explanation
     assert best.beside is not None
     law, size = np.unravel_index(int(np.argmax(best.beside)), best.beside.shape)
+    taken = 2 * float(best.beside[law, size] - found[law].log_evidence[size]) + found[law].squares(SIZES[size])
+    if float(data.rows @ data.rows) - taken > UNDESCRIBED * np.count_nonzero(weight):
+        return None  # none of these describes what is there: no noise is told from it
     return np.asarray(SIZES[size] * found[law].shape, np.float64)
 
 
@@ -237,6 +243,10 @@ class _Spectrum:
         spread = 1 + widths * powers
         evidence = 0.5 * np.sum(widths * np.square(shown) / spread - np.log(spread), axis=1)
         return cls(shape, directions, powers, shown, evidence + _LOG_PRIOR)
+
+    def squares(self, size: float) -> float:
+        """That slow noise of a size takes of the data."""
+        return float(np.sum(size**2 * np.square(self.shown) / (1 + size**2 * self.powers)))
 
     def products(self, data: _Data, columns: Array) -> tuple[Array, Array]:
         """(m, sizes, p, p) and (m, sizes, p) the same products beside slow noise of each size."""

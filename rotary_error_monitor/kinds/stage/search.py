@@ -70,7 +70,7 @@ class StageSearch:
         columns += [np.gradient(omega, time) / top, np.square(omega / top)]
         for order in range(1, 5):
             columns += [np.cos(order * command), np.sin(order * command)]
-        return np.column_stack([*columns, self._problem.play.sides(time)])
+        return np.column_stack([*columns, self._problem.play.sides(time)[:, 2::4]])
 
     def _of_order(self, effect: AnyEffect, order: int) -> Candidate:
         place = order_location(order)
