@@ -66,7 +66,8 @@ def learn_slow_noise(
     All cosines and sizes are integrated out. Where one of the explanations in `rivals`, a step somewhere, or a known
     effect as it may depart, is likelier in its place, there is no slow noise: what a fault explains is none. Where one
     is likelier beside it, it is as large as it is beside the likeliest: it takes no part of what else is there. Slow
-    noise is as likely beforehand as known effects are together.
+    noise is as likely beforehand as known effects are together. Where more than noise is left of the likeliest, none
+    of them describes the data, and nothing is learnt from it.
 
     Args:
         white: (c, n) what is left, in standard deviations of the stated noise; c components.
@@ -90,7 +91,7 @@ def learn_slow_noise(
     likely = best.log_evidence
     if likely <= 0:
         return None
-    for explanation in _explanations(data, found, _and_steps(rivals, weight), known, count):
+    for explanation in _explanations(data, found, likely, _and_steps(rivals, weight), known, count):
         if explanation.beside is None and explanation.log_evidence > likely:
             return None
         if explanation.beside is not None and explanation.log_evidence > best.log_evidence:
@@ -99,7 +100,7 @@ def learn_slow_noise(
     law, size = np.unravel_index(int(np.argmax(best.beside)), best.beside.shape)
     taken = 2 * float(best.beside[law, size] - found[law].log_evidence[size]) + found[law].squares(SIZES[size])
     if float(data.rows @ data.rows) - taken > UNDESCRIBED * np.count_nonzero(weight):
-        return None  # none of these describes what is there: no noise is told from it
+        return None
     return np.asarray(SIZES[size] * found[law].shape, np.float64)
 
 
@@ -124,10 +125,14 @@ class _Explanation:
 
 
 def _explanations(
-    data: _Data, found: Sequence[_Spectrum], rivals: Iterable[Rivals], known: Iterable[KnownEffect], count: int
+    data: _Data,
+    found: Sequence[_Spectrum],
+    likely: float,
+    rivals: Iterable[Rivals],
+    known: Iterable[KnownEffect],
+    count: int,
 ) -> Iterator[_Explanation]:
-    """What else there may be, in the place of slow noise or beside it."""
-    likely = _log_sum(np.stack([spectrum.log_evidence for spectrum in found]))
+    """What else there may be, in the place of slow noise or beside it; that alone is as `likely`."""
     for alike in rivals:
         for columns in _of_one_width(alike):
             log_prior = float(np.log(PRIOR_OF_UNKNOWN / len(alike)))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.gap.slow_noise import cosines, learn_slow_noise
+from rotary_error_monitor.gap.known_effects import KnownEffect
+from rotary_error_monitor.gap.slow_noise import cosines, in_all, learn_slow_noise
 
 POSES = 100
 PASSED = (np.arange(POSES) + 0.5) / POSES
@@ -56,6 +57,22 @@ def test_what_a_machine_may_do_is_no_noise(size):
         slow = np.tile(np.linspace(-1.0, 1.0, POSES), 3)[:, None]
         white = np.random.default_rng(seed).normal(size=3 * POSES) + size * slow[:, 0]
         found += learnt_from(white.reshape(3, POSES), slow) > 0
+    assert found <= 2
+
+
+@pytest.mark.parametrize("left", [0.1, 0.3])
+def test_a_fault_that_departs_from_what_is_known_is_no_noise(left):
+    """It leaves a part that is as slow as noise, and that the fault may do as it departs."""
+    found = 0
+    waves = in_all(np.sqrt(2) * np.cos(np.pi * PASSED[:, None] * np.arange(2, 14)), np.ones((3, POSES)))
+    for seed in range(40):
+        draw = np.random.default_rng(seed)
+        slow = np.tile(np.linspace(-1.0, 1.0, POSES), 3)[:, None]
+        departing = left * waves @ draw.normal(size=waves.shape[1]) / np.sqrt(12)
+        white = draw.normal(size=(3, POSES)) + 10.0 * (slow[:, 0] + departing).reshape(3, POSES)
+        fault = KnownEffect(slow, lambda size: (0.1 * size[0] * waves, ["course"] * waves.shape[1]), 0.0)
+        arguments = white, np.ones((3, POSES)), PASSED, np.zeros((3 * POSES, 0)), [[slow]], [fault]
+        found += learn_slow_noise(*arguments) is not None
     assert found <= 2
 
 

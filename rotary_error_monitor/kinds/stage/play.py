@@ -71,10 +71,13 @@ class Play:
 
     def yielding(self, state: RotorState, peak: float) -> list[Modulation]:
         """Modulations by what of a side is not taken yet, beside that of the direction."""
-        way = state.direction
-        from_none, from_before = np.hsplit(self.sides(state.time).T.reshape(len(TRAVELS), 2, -1), 2)
-        parts = [*(way * from_none[:, 0] - np.abs(way)), *(way * from_before[:, 0])]
+        way, sides = state.direction, self.sides(state.time).T
+        parts = [*(way * sides[::2] - np.abs(way)), *(way * sides[1::2])]
         return [Modulation("after reversals", peak * part, yields) for part in parts]
+
+    def taken(self, time: Array) -> Array:
+        """(n, t / 2) the sides from none over every other travel, of which those between are sums to a few per cent."""
+        return self.sides(time)[:, 2::4]
 
     @cached_property
     def _legs(self) -> tuple[Array, Array]:

@@ -188,6 +188,7 @@ class StageProblem:
         sizes, neighbours = amplitude_sizes(cause), neighbouring(cause)
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
         jumps = self._modulations.jumps(cause)
+        staying = self._staying(cause, causes) if jumps else {}
         stacked: Signals = {}
         labels = spread_out((), amplitudes, sizes)
         for name, signature in self._derivatives(cause, linear, causes).items():
@@ -195,7 +196,8 @@ class StageProblem:
             modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
             beside = [SHARE * sizes * signatures[name] for signatures in around]
             if jumps:
-                beside.append(self._resting(cause, causes, name, signature) @ amplitudes)
+                kept = (staying[name] - signature) @ amplitudes
+                beside.append(kept[:, :, None] * self.play.resting(self.twin.times[name])[:, None])
             stacked[name] = np.concatenate([modulated(signature, amplitudes, sizes, modulations), *beside], axis=2)
             labels = spread_out(modulations, amplitudes, sizes)
         kinds, words, changes = labels
@@ -210,12 +212,10 @@ class StageProblem:
             (*(None for _ in kinds), *orders, *[None] * rests),
         )
 
-    def _resting(self, cause: Cause, causes: Sequence[Cause], name: str, signature: Array) -> Array:
-        """(n, k, r, p) what stays at rest of a cause that textbooks put back, beside its signature (n, k, p)."""
+    def _staying(self, cause: Cause, causes: Sequence[Cause]) -> Signals:
+        """Signature (n, k, p) of a cause that stays at rest as it was; textbooks put it back."""
         remembering = replace(self.twin, inputs=self.play.remembering(), _states={}, _moved={})
-        linear = cause.effect.indices(Role.LINEAR)
-        kept = self._derivatives(cause, linear, causes, remembering)[name] - signature
-        return kept[:, :, None] * self.play.resting(self.twin.times[name])[:, None, :, None]
+        return self._derivatives(cause, cause.effect.indices(Role.LINEAR), causes, remembering)
 
     def nuisance(self, causes: Sequence[Cause]) -> Columns:
         """White rows of one standard uncertainty of each uncertain parameter."""

@@ -70,7 +70,8 @@ class StageSearch:
         columns += [np.gradient(omega, time) / top, np.square(omega / top)]
         for order in range(1, 5):
             columns += [np.cos(order * command), np.sin(order * command)]
-        return np.column_stack([*columns, self._problem.play.sides(time)[:, 2::4]])
+        # Few of play: what is as slow as the jitter takes a part of the jitter along with every column.
+        return np.column_stack([*columns, self._problem.play.taken(time)])
 
     def _of_order(self, effect: AnyEffect, order: int) -> Candidate:
         place = order_location(order)
