@@ -14,9 +14,11 @@ from rotary_error_monitor.gap.hypotheses import Hypothesis, HypothesisTable
 from rotary_error_monitor.gap.p_values import chi_square_quantile
 from rotary_error_monitor.gap.shrink import HeldOut
 from rotary_error_monitor.gap.steps import Step
-from rotary_error_monitor.gap.verdict import REJECTED
 
 Key = tuple[str, str]
+
+REJECTED = 0.01
+"""Level of the likelihood-ratio test by which the recording rejects an alternative to a cause."""
 
 RANKED = 20
 """Candidates whose held-out gap is reported."""

@@ -2,70 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
-from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.alternatives import Key
-from rotary_error_monitor.gap.departures import LARGEST_POWER, Departing, LeavingOut
+from rotary_error_monitor.gap.departures import LeavingOut
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
-from rotary_error_monitor.gap.held_out import UNNEEDED, chance_of_no_better, dispersion, held_out_squares, predicts
+from rotary_error_monitor.gap.held_out import dispersion
 from rotary_error_monitor.gap.hypotheses import Hypothesis
 from rotary_error_monitor.gap.normal import combine, width_of
 from rotary_error_monitor.gap.options import FALSE_ALARMS
-from rotary_error_monitor.gap.p_values import chi_square_quantile, log_chi_square_tail
 from rotary_error_monitor.gap.posterior import (
     Posterior,
     marginal_likelihood,
-    powers_of,
-    reductions_beside,
     weigh_against_unknown,
     with_departures,
 )
 from rotary_error_monitor.gap.prior_conflict import find_left
-from rotary_error_monitor.gap.problem import Finding, Problem
-from rotary_error_monitor.gap.shrink import measure_gap
-from rotary_error_monitor.gap.standing import standing_departures
+from rotary_error_monitor.gap.problem import Problem
+from rotary_error_monitor.gap.standing import judge_open
 from rotary_error_monitor.gap.steps import Selection, Step
-from rotary_error_monitor.gap.verdict import REJECTED, Verdict, cancelled_in, probability_of_unknown
+from rotary_error_monitor.gap.verdict import (
+    Judgement,
+    Verdict,
+    alarming,
+    cancelled_in,
+    names_of,
+    probability_of_unknown,
+)
+from rotary_error_monitor.gap.weighing import departures_instead, rivals_of, weigh_causes, weigh_fit, weigh_step
 from rotary_error_monitor.twin.finite import UnpredictableError
-
-MOST_RIVALS = 2
-"""Causes in the place of one that looks the same, whose departures are looked at as well: each costs a fit."""
 
 MOST_ROUNDS = 3
 """Times that outliers are looked for beside departures: as a rule the second finds no others."""
 
 MOST_ALONE = 6
 """Effects that are looked at alone where no set is believed: each costs a fit."""
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """Outcome of weighing the sets that were tried.
-
-    Attributes:
-        step: set of causes whose table of candidates the alternatives are read from.
-        fit: causes with their departures.
-        findings: structure that is left; empty where only noise is.
-        unknown: probability that something unknown stands in the place of the causes.
-        credits: log odds of sets with another cause, by that cause, beside those of the chosen one.
-        needless: log odds, by cause, that it is a departure of the others.
-        doubts: why causes that fit were not believed.
-    """
-
-    verdict: Verdict
-    step: Step
-    fit: Fit
-    findings: tuple[Finding, ...]
-    unknown: float
-    dispersion: float = 1.0
-    credits: Mapping[Key, float] | None = None
-    needless: Mapping[Key, float] = field(default_factory=dict)
-    doubts: tuple[str, ...] = ()
 
 
 def judge(
@@ -79,7 +54,7 @@ def judge(
     if null.settled:
         return Judgement(Verdict.NO_GAP, null, null.fit, (), probability_of_unknown(null.findings))
     if problem.m_open:
-        return _judge_open(problem, selection, false_alarms)
+        return judge_open(problem, selection, false_alarms)
     doubts = _doubts(problem, chosen)
     progress("departures")
     if chosen.settled and not doubts:
@@ -107,13 +82,13 @@ def judge(
     if learnt:
         fit = fit_causes(problem, ())
         findings = tuple(find_left(problem, fit))
-    return Judgement(Verdict.UNKNOWN, null, fit, _alarming(findings, null), unknown, doubts=doubts)
+    return Judgement(Verdict.UNKNOWN, null, fit, alarming(findings, null), unknown, doubts=doubts)
 
 
 def _tried(problem: Problem, selection: Selection) -> list[tuple[Step, Posterior]]:
     """All sets of the search, and those that may look the same, weighed; each with the step that it is of."""
     seen: set[frozenset[Key]] = set()
-    return [(step, posterior) for step in selection.steps[1:] for posterior in _posteriors(problem, step, seen)]
+    return [(step, posterior) for step in selection.steps[1:] for posterior in weigh_step(problem, step, seen)]
 
 
 def _learns_outliers(problem: Problem, tried: Sequence[Posterior]) -> bool:
@@ -134,7 +109,7 @@ def _learns_outliers(problem: Problem, tried: Sequence[Posterior]) -> bool:
 def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judgement:
     """Of causes that leave only noise."""
     fit = fit_causes(problem, chosen.fit.causes, chosen.fit)
-    needless, instead = _departures_instead(problem, chosen, fit, false_alarms)
+    needless, instead = departures_instead(problem, chosen, fit, false_alarms)
     likelier = [posterior for posterior in instead if posterior.settled and posterior.likelier]
     if likelier:
         return _believed(chosen, likelier[0], likelier)
@@ -170,7 +145,7 @@ def _alone(problem: Problem, null: Step, hypothesis: Hypothesis) -> Iterator[Pos
     """A cause with its departures, unless the twin cannot predict it."""
     with suppress(UnpredictableError):
         fit = with_departures(problem, fit_causes(problem, null.table.causes(hypothesis)))
-        yield replace(_weighed(problem, null, fit), fit=fit.without_data())
+        yield replace(weigh_fit(problem, null, fit), fit=fit.without_data())
 
 
 def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior]:
@@ -210,7 +185,7 @@ def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarm
         return []
     own = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
     seen = {frozenset(cause.key for cause in step.fit.causes)}
-    rivals = [other for causes in _rivals(step) for other in _pruned(problem, step, causes, seen, false_alarms)]
+    rivals = [other for causes in rivals_of(step) for other in weigh_causes(problem, step, causes, seen, false_alarms)]
     found = [replace(own, fit=departing.without_data()), *(other for other in rivals if other.settled)]
     return [posterior for posterior in found if posterior.likelier]
 
@@ -227,195 +202,12 @@ def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement
         Verdict.EXPLAINED if best.settled else Verdict.PARTLY_EXPLAINED,
         step,
         best.fit,
-        () if best.settled else _alarming(best.findings, step),
+        () if best.settled else alarming(best.findings, step),
         1 - best.probability,
         dispersion(step.fit),
         credits,
         best.needless,
     )
-
-
-def _alarming(findings: tuple[Finding, ...], step: Step) -> tuple[Finding, ...]:
-    return tuple(f for f in findings if f.log_p_value < step.log_alarm)
-
-
-def _posteriors(problem: Problem, step: Step, seen: set[frozenset[Key]]) -> Iterator[Posterior]:
-    """The causes of a step and those that may look the same, with departures and without, and what is left of them.
-
-    Sets that were weighed before are `seen`, which is added to.
-    """
-    found = list(_pruned(problem, step, step.fit.causes, seen))
-    yield from found
-    for causes in _rivals(step) if any(posterior.near for posterior in found) else ():
-        yield from _pruned(problem, step, causes, seen)
-
-
-def _pruned(
-    problem: Problem, step: Step, causes: tuple[Cause, ...], seen: set[frozenset[Key]], false_alarms: float = 1.0
-) -> Iterator[Posterior]:
-    """Causes weighed; without those that something unknown is likelier than, weighed again; none a second time."""
-    while causes and (keys := frozenset(cause.key for cause in causes)) not in seen:
-        seen.add(keys)
-        try:
-            posterior = _posterior(problem, step, causes, false_alarms)
-        except UnpredictableError:
-            return
-        if cancelled_in(problem, posterior.fit):
-            return
-        yield posterior
-        fewer = tuple(c for c, odds in zip(posterior.fit.causes, posterior.log_odds, strict=True) if odds > 0)
-        if len(fewer) == len(causes):
-            return
-        causes = fewer
-
-
-def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...], false_alarms: float) -> Posterior:
-    """Causes with departures or without: where nothing is left of either form the likelier, else that with better odds.
-
-    Sets that leave nothing are compared by evidence, for which each has to stand in its likeliest form.
-    """
-    fit = fit_causes(problem, causes)
-    best = _weighed(problem, step, fit)
-    if best.near:
-        departing = with_departures(problem, fit, false_alarms)
-        if departing is not fit and _predicts(problem, weighed := _weighed(problem, step, departing)):
-            both = best.settled and weighed.settled and weighed.likelier
-            best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if both else form.total)
-    needless, instead = _departures_instead(problem, step, best.fit)
-    return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
-
-
-def _departures_instead(
-    problem: Problem, step: Step, fit: Fit, false_alarms: float = 1.0
-) -> tuple[dict[Key, float], list[Posterior]]:
-    """Log odds that a cause is a departure of the others, and the others where that is likelier, the best first.
-
-    That is looked at where a cause is no larger beside the others than a departure can be (`LARGEST_POWER`).
-    """
-    powers = [sum(power.values()) for power in powers_of(problem, fit)]
-    odds: dict[Key, float] = {}
-    likelier: list[tuple[float, Posterior]] = []
-    for k, cause in enumerate(fit.causes):
-        member = step.table.position(cause.key)
-        if powers[k] > LARGEST_POWER * max(powers) or member is None:
-            continue
-        others = fit_causes(problem, (*fit.causes[:k], *fit.causes[k + 1 :]))
-        departing = with_departures(problem, others, false_alarms)
-        odds[cause.key] = marginal_likelihood(departing) - marginal_likelihood(fit) - step.table.log_prior(member)
-        if odds[cause.key] > 0 and _predicts(problem, posterior := _weighed(problem, step, departing)):
-            likelier.append((odds[cause.key], replace(posterior, fit=departing.without_data())))
-    return odds, [posterior for _, posterior in sorted(likelier, key=lambda row: -row[0])]
-
-
-def _predicts(problem: Problem, departing: Posterior) -> bool:
-    """Whether causes as they depart predict conditions that were left out better than no cause does.
-
-    Beside something unknown two departures that look nearly the same may cancel, each larger than the cause: what they
-    describe is this recording, and nothing that stays.
-    """
-    if departing.settled:
-        return True
-    gap = measure_gap(departing.fit, problem.conditions)
-    return gap.after < gap.before
-
-
-def _weighed(problem: Problem, step: Step, fit: Fit) -> Posterior:
-    left = sorted([*find_left(problem, fit), *_entering(problem, step, fit)], key=lambda f: f.log_p_value)
-    return weigh_against_unknown(problem, fit, left, step.log_alarm, step.table.effects)
-
-
-def _entering(problem: Problem, step: Step, fit: Fit) -> list[Finding]:
-    """The known effect that stood out beside the causes of a step, if it does so still."""
-    table, entering = step.table, step.entering
-    if entering is None or not step.improvable:
-        return []
-    member = entering.members[-1]
-    candidate = table.candidates[member]
-    if candidate.key in {cause.key for cause in fit.causes}:
-        return []
-    at_zero = candidate.cause(np.zeros(len(candidate.linear)))
-    columns = problem.signature(at_zero, candidate.linear, fit.causes)
-    reductions, dof = reductions_beside(problem, fit, columns)
-    # All known effects together have as much of the false-alarm rate as all tests for structure.
-    log_p_value = log_chi_square_tail(sum(reductions.values()), dof) - table.log_prior(member)
-    log_p_value += step.log_alarm - step.log_alarm_entering
-    words = " at ".join(filter(None, candidate.key))
-    return [
-        Finding(channel, "known effect", log_p_value, reduction, f"as by {words}")
-        for channel, reduction in reductions.items()
-    ]
-
-
-def _rivals(step: Step) -> Iterator[tuple[Cause, ...]]:
-    """Sets with one cause replaced that, as they may depart, could explain as much as the step's.
-
-    The set itself is replaced first where another is likelier once what none describes counts as noise.
-    """
-    table, scatter = step.table, dispersion(step.fit)
-    grown = tuple(i for i in (table.position(c.key) for c in step.fit.causes) if i is not None)
-    full = table.exchange(table.evaluate(grown), scatter)
-    members, near = full.members, list[Hypothesis]()
-    if members != grown:
-        yield table.causes(full)
-    for k in range(len(members)):
-        own = full.reduction - table.evaluate((*members[:k], *members[k + 1 :])).reduction
-        for hypothesis in table.replacements(members, k, table.free(members)):
-            alike = scatter * chi_square_quantile(REJECTED, max(abs(full.dof - hypothesis.dof), 1))
-            if full.reduction - hypothesis.reduction < max(alike, LARGEST_POWER * own):
-                near.append(hypothesis)
-    for hypothesis in sorted(near, key=lambda w: -w.evidence_in(scatter))[:MOST_RIVALS]:
-        yield table.causes(hypothesis)
-
-
-def _judge_open(problem: Problem, selection: Selection, false_alarms: float) -> Judgement:
-    """Where something unknown is always there beside the causes: causes stand that predict what was left out.
-
-    Departures of many kinds would take up the unknown as well. They are believed where nothing is left beside them and
-    each cause is likelier than something unknown in its place, as on a machine; and, the smallest set first, where a
-    set with them predicts better than one without: by more than chance if it has as many causes, in sum if it has
-    fewer, since each further cause must be needed.
-    """
-    best = _standing(problem, selection)
-    if not best.fit.causes or not isinstance(problem, Departing):
-        return best
-    # Fitted anew: the noise may have been learnt since.
-    squares = held_out_squares(fit_causes(problem, best.fit.causes), problem.conditions)
-    for step in selection.steps[1:]:
-        fit = standing_departures(problem, step.fit.causes, false_alarms)
-        if fit is None:
-            continue
-        weighed, others = _weighed(problem, step, fit), held_out_squares(fit, problem.conditions)
-        if not (weighed.settled and weighed.likelier):
-            continue
-        by_chance = chance_of_no_better(others, squares) > UNNEEDED
-        fewer = len(fit.causes) < len(best.fit.causes) and float(others.sum()) <= float(squares.sum())
-        if fewer or not by_chance:
-            doubts = (f"{_named(best.fit)} in their textbook forms predict what was left out as well",)
-            best = _open(step, fit.without_data(), weighed.findings, True, doubts if by_chance else ())
-            squares = others
-    return best
-
-
-def _standing(problem: Problem, selection: Selection) -> Judgement:
-    """The largest set of causes that stands in its textbook forms."""
-    chosen, null = selection.chosen, selection.null
-    if chosen.settled:
-        return _open(chosen, chosen.fit, chosen.findings, True)
-    for step in selection.steps[:0:-1]:
-        if predicts(problem, step.fit):
-            return _open(step, step.fit, step.findings, False)
-    unknown = probability_of_unknown(null.findings)
-    return Judgement(Verdict.UNKNOWN, null, null.fit, _alarming(null.findings, null), unknown)
-
-
-def _open(
-    step: Step, fit: Fit, findings: tuple[Finding, ...], settled: bool, doubts: tuple[str, ...] = ()
-) -> Judgement:
-    if settled:
-        return Judgement(Verdict.EXPLAINED, step, fit, (), probability_of_unknown(findings), doubts=doubts)
-    # Something unknown is there beside the causes, not in their place: it is noise to the choice among them.
-    left = _alarming(findings, step)
-    return Judgement(Verdict.PARTLY_EXPLAINED, step, fit, left, 0.0, dispersion(step.fit))
 
 
 def _doubts(problem: Problem, step: Step) -> tuple[str, ...]:
@@ -424,8 +216,4 @@ def _doubts(problem: Problem, step: Step) -> tuple[str, ...]:
     if not channel:
         return ()
     words = "something that is not seen there is the likelier cause"
-    return (f"{_named(step.fit)} fit, but cancel one another on {channel}: {words}",)
-
-
-def _named(fit: Fit) -> str:
-    return " and ".join(" at ".join(filter(None, cause.key)) for cause in fit.causes)
+    return (f"{names_of(step.fit)} fit, but cancel one another on {channel}: {words}",)

@@ -1,4 +1,4 @@
-"""Causes with departures where something unknown is always there: they stand if they predict what was left out.
+"""Where something unknown is always there, causes stand, and depart, if they predict what was left out.
 
 What decides is what decides on causes without departures (`held_out.py`): each kind of departure, and each cause beside
 the others as they depart, must be needed to predict patches that were left out, by more than chance.
@@ -11,11 +11,44 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.gap.departures import Departing
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
-from rotary_error_monitor.gap.held_out import UNNEEDED, chance_of_no_better, held_out_squares
+from rotary_error_monitor.gap.held_out import UNNEEDED, chance_of_no_better, dispersion, held_out_squares, predicts
 from rotary_error_monitor.gap.posterior import with_departures
-from rotary_error_monitor.gap.problem import Problem
+from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.steps import Selection, Step
+from rotary_error_monitor.gap.verdict import Judgement, Verdict, alarming, names_of, probability_of_unknown
+from rotary_error_monitor.gap.weighing import weigh_fit
 from rotary_error_monitor.twin.finite import UnpredictableError
+
+
+def judge_open(problem: Problem, selection: Selection, false_alarms: float) -> Judgement:
+    """Where something unknown is always there beside the causes: causes stand that predict what was left out.
+
+    Departures of many kinds would take up the unknown as well. They are believed where nothing is left beside them and
+    each cause is likelier than something unknown in its place, as on a machine; and, the smallest set first, where a
+    set with them predicts better than one without: by more than chance if it has as many causes, in sum if it has
+    fewer, since each further cause must be needed.
+    """
+    best = _standing(problem, selection)
+    if not best.fit.causes or not isinstance(problem, Departing):
+        return best
+    # Fitted anew: the noise may have been learnt since.
+    squares = held_out_squares(fit_causes(problem, best.fit.causes), problem.conditions)
+    for step in selection.steps[1:]:
+        fit = standing_departures(problem, step.fit.causes, false_alarms)
+        if fit is None:
+            continue
+        weighed, others = weigh_fit(problem, step, fit), held_out_squares(fit, problem.conditions)
+        if not (weighed.settled and weighed.likelier):
+            continue
+        by_chance = chance_of_no_better(others, squares) > UNNEEDED
+        fewer = len(fit.causes) < len(best.fit.causes) and float(others.sum()) <= float(squares.sum())
+        if fewer or not by_chance:
+            doubts = (f"{names_of(best.fit)} in their textbook forms predict what was left out as well",)
+            best = _open(step, fit.without_data(), weighed.findings, True, doubts if by_chance else ())
+            squares = others
+    return best
 
 
 def standing_departures(problem: Problem, causes: Sequence[Cause], false_alarms: float) -> Fit | None:
@@ -78,3 +111,25 @@ def _chances_without(problem: Problem, fit: Fit, false_alarms: float) -> list[fl
 
 def _without(causes: Sequence[Cause], place: int) -> tuple[Cause, ...]:
     return (*causes[:place], *causes[place + 1 :])
+
+
+def _standing(problem: Problem, selection: Selection) -> Judgement:
+    """The largest set of causes that stands in its textbook forms."""
+    chosen, null = selection.chosen, selection.null
+    if chosen.settled:
+        return _open(chosen, chosen.fit, chosen.findings, True)
+    for step in selection.steps[:0:-1]:
+        if predicts(problem, step.fit):
+            return _open(step, step.fit, step.findings, False)
+    unknown = probability_of_unknown(null.findings)
+    return Judgement(Verdict.UNKNOWN, null, null.fit, alarming(null.findings, null), unknown)
+
+
+def _open(
+    step: Step, fit: Fit, findings: tuple[Finding, ...], settled: bool, doubts: tuple[str, ...] = ()
+) -> Judgement:
+    if settled:
+        return Judgement(Verdict.EXPLAINED, step, fit, (), probability_of_unknown(findings), doubts=doubts)
+    # Something unknown is there beside the causes, not in their place: it is noise to the choice among them.
+    left = alarming(findings, step)
+    return Judgement(Verdict.PARTLY_EXPLAINED, step, fit, left, 0.0, dispersion(step.fit))

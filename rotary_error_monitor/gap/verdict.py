@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from rotary_error_monitor.gap.alternatives import Key
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.p_values import LEAST_LOG_P_VALUE
 from rotary_error_monitor.gap.posterior import PRIOR_OF_UNKNOWN, shown_by
 from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.steps import Step
 
 LARGE = 1000.0
 """Power of an effect in a channel, in variances of one sample's noise, that noise alone cannot cancel."""
@@ -18,9 +21,6 @@ LARGE = 1000.0
 CANCELLED = 0.01
 """Part of the power of the weaker of two effects that is left of both together: of 120 pairs of real ones none left so
 little, of those that stood for a third left 0.02 % or less."""
-
-REJECTED = 0.01
-"""Level of the likelihood-ratio test by which the recording rejects an alternative to a cause."""
 
 
 class Verdict(enum.Enum):
@@ -35,6 +35,31 @@ class Verdict(enum.Enum):
     def exit_code(self) -> int:
         """0 no gap, 10 explained, 11 partly explained, 12 unknown."""
         return {"no_gap": 0, "explained": 10, "partly_explained": 11, "unknown": 12}[self.value]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Outcome of weighing the sets that were tried.
+
+    Attributes:
+        step: set of causes whose table of candidates the alternatives are read from.
+        fit: causes with their departures.
+        findings: structure that is left; empty where only noise is.
+        unknown: probability that something unknown stands in the place of the causes.
+        credits: log odds of sets with another cause, by that cause, beside those of the chosen one.
+        needless: log odds, by cause, that it is a departure of the others.
+        doubts: why causes that fit were not believed.
+    """
+
+    verdict: Verdict
+    step: Step
+    fit: Fit
+    findings: tuple[Finding, ...]
+    unknown: float
+    dispersion: float = 1.0
+    credits: Mapping[Key, float] | None = None
+    needless: Mapping[Key, float] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
 
 
 def probability_of_unknown(findings: Sequence[Finding]) -> float:
@@ -68,3 +93,13 @@ def cancelled_in(problem: Problem, fit: Fit) -> str:
         if len(seen) > 1 and weakest > LARGE and together < CANCELLED * weakest:
             return channel
     return ""
+
+
+def names_of(fit: Fit) -> str:
+    """The causes of a fit and their places, in words."""
+    return " and ".join(" at ".join(filter(None, cause.key)) for cause in fit.causes)
+
+
+def alarming(findings: tuple[Finding, ...], step: Step) -> tuple[Finding, ...]:
+    """Those findings that are less likely than the named false-alarm rate allows."""
+    return tuple(f for f in findings if f.log_p_value < step.log_alarm)
