@@ -16,7 +16,7 @@ from tqdm import tqdm
 from rotary_error_monitor.blind_check.benchmark import run_benchmark
 from rotary_error_monitor.blind_check.cases import GROUPS, Family, plan_cases
 from rotary_error_monitor.blind_check.reliability import Told, bins_of, read_told
-from rotary_error_monitor.blind_check.scores import format_calibration, format_scores
+from rotary_error_monitor.blind_check.score_tables import format_calibration, format_scores
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
 

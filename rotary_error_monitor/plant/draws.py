@@ -114,6 +114,8 @@ def draw_fault(
         parameters["time"] *= duration
     for positive in {"delay", "width"} & set(parameters):
         parameters[positive] = abs(parameters[positive])
+    if "phase" in parameters and parameters["radial"] < 0:  # an orbit has a size and a phase, and no sign
+        parameters |= {"radial": -parameters["radial"], "phase": parameters["phase"] + np.pi}
     if name in ORDERED_PLACES:
         location = f"order_{parameters['order']}"
     return make_fault(name, location, **parameters)

@@ -16,7 +16,8 @@ from rotary_error_monitor.blind_check.cases import (
     write_case,
     write_elsewhere,
 )
-from rotary_error_monitor.blind_check.scores import format_scores, score_case
+from rotary_error_monitor.blind_check.score_tables import format_scores
+from rotary_error_monitor.blind_check.scores import score_case
 from rotary_error_monitor.blind_check.sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
 from rotary_error_monitor.blind_check.solver import diagnose_case, seal_process
 from rotary_error_monitor.cli import main
@@ -252,6 +253,24 @@ def test_parameters_of_a_variant_may_be_off_by_the_width_of_its_departure():
     assert outcome.within_departure == (0, 1)
     table = format_scores([outcome])
     assert "parameters within 3 standard deviations of variants, with the width of the departure: 0/1" in table
+
+
+def test_variants_are_counted_by_how_far_they_depart():
+    outcomes = [
+        score_case(
+            plan_of("variant", "machine"),
+            {**VARIED, "departure": {"mechanism": "wanders", "share": share}, "fitted": {"offset": 1.2e-5}},
+            diagnosed(verdict, [("tool_length", 0.9)] if verdict == "explained" else []),
+            1.0,
+        )
+        for share, verdict in ((0.02, "explained"), (0.03, "explained"), (0.17, "unknown"), (0.17, "explained"))
+    ]
+    _, _, table = format_scores(outcomes).partition("Variants against departure")
+    assert [row.split() for row in table.splitlines()[1:4]] == [
+        ["departure", "right", "told"],
+        ["0", "-", "0.05", "2/2", "0/2"],
+        ["0.15", "-", "0.2", "1/2", "0/2"],
+    ]
 
 
 def test_mimics_are_to_be_unknown_and_the_table_counts_what_is_named():

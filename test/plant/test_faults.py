@@ -189,3 +189,9 @@ def test_every_fault_has_a_size_and_no_name_stands_in_both_registers() -> None:
     assert not set(VOCABULARY) & set(UNNAMED)
     for kind in (VOCABULARY | UNNAMED).values():
         assert {row.name for row in fields(kind)} - SHAPES - {"location"}
+
+
+def test_sizes_of_orbits_have_no_sign():
+    """A negative size is half a turn of phase: as a truth it would be held against a diagnosis that says so."""
+    drawn = [draw_fault("bearing_asynchronous", np.random.default_rng(seed)).parameters for seed in range(40)]
+    assert min(parameters["radial"] for parameters in drawn) > 0

@@ -1,0 +1,162 @@
+"""Sets of causes that were tried, and those that may look the same, weighed with their departures and without."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.gap.alternatives import REJECTED, Key
+from rotary_error_monitor.gap.departures import LARGEST_POWER
+from rotary_error_monitor.gap.fitting import Fit, fit_causes
+from rotary_error_monitor.gap.held_out import dispersion
+from rotary_error_monitor.gap.hypotheses import Hypothesis
+from rotary_error_monitor.gap.p_values import chi_square_quantile, log_chi_square_tail
+from rotary_error_monitor.gap.posterior import (
+    Posterior,
+    marginal_likelihood,
+    powers_of,
+    reductions_beside,
+    weigh_against_unknown,
+    with_departures,
+)
+from rotary_error_monitor.gap.prior_conflict import find_left
+from rotary_error_monitor.gap.problem import Finding, Problem
+from rotary_error_monitor.gap.shrink import measure_gap
+from rotary_error_monitor.gap.steps import Step
+from rotary_error_monitor.gap.verdict import cancelled_in
+from rotary_error_monitor.twin.finite import UnpredictableError
+
+MOST_RIVALS = 2
+"""Causes in the place of one that looks the same, whose departures are looked at as well: each costs a fit."""
+
+
+def weigh_step(problem: Problem, step: Step, seen: set[frozenset[Key]]) -> Iterator[Posterior]:
+    """The causes of a step and those that may look the same, with departures and without, and what is left of them.
+
+    Sets that were weighed before are `seen`, which is added to.
+    """
+    found = list(weigh_causes(problem, step, step.fit.causes, seen))
+    yield from found
+    for causes in rivals_of(step) if any(posterior.near for posterior in found) else ():
+        yield from weigh_causes(problem, step, causes, seen)
+
+
+def weigh_causes(
+    problem: Problem, step: Step, causes: tuple[Cause, ...], seen: set[frozenset[Key]], false_alarms: float = 1.0
+) -> Iterator[Posterior]:
+    """Causes weighed; without those that something unknown is likelier than, weighed again; none a second time."""
+    while causes and (keys := frozenset(cause.key for cause in causes)) not in seen:
+        seen.add(keys)
+        try:
+            posterior = _posterior(problem, step, causes, false_alarms)
+        except UnpredictableError:
+            return
+        if cancelled_in(problem, posterior.fit):
+            return
+        yield posterior
+        fewer = tuple(c for c, odds in zip(posterior.fit.causes, posterior.log_odds, strict=True) if odds > 0)
+        if len(fewer) == len(causes):
+            return
+        causes = fewer
+
+
+def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...], false_alarms: float) -> Posterior:
+    """Causes with departures or without: where nothing is left of either form the likelier, else that with better odds.
+
+    Sets that leave nothing are compared by evidence, for which each has to stand in its likeliest form.
+    """
+    fit = fit_causes(problem, causes)
+    best = weigh_fit(problem, step, fit)
+    if best.near:
+        departing = with_departures(problem, fit, false_alarms)
+        if departing is not fit and _predicts(problem, weighed := weigh_fit(problem, step, departing)):
+            both = best.settled and weighed.settled and weighed.likelier
+            best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if both else form.total)
+    needless, instead = departures_instead(problem, step, best.fit)
+    return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
+
+
+def departures_instead(
+    problem: Problem, step: Step, fit: Fit, false_alarms: float = 1.0
+) -> tuple[dict[Key, float], list[Posterior]]:
+    """Log odds that a cause is a departure of the others, and the others where that is likelier, the best first.
+
+    That is looked at where a cause is no larger beside the others than a departure can be (`LARGEST_POWER`).
+    """
+    powers = [sum(power.values()) for power in powers_of(problem, fit)]
+    odds: dict[Key, float] = {}
+    likelier: list[tuple[float, Posterior]] = []
+    for k, cause in enumerate(fit.causes):
+        member = step.table.position(cause.key)
+        if powers[k] > LARGEST_POWER * max(powers) or member is None:
+            continue
+        others = fit_causes(problem, (*fit.causes[:k], *fit.causes[k + 1 :]))
+        departing = with_departures(problem, others, false_alarms)
+        odds[cause.key] = marginal_likelihood(departing) - marginal_likelihood(fit) - step.table.log_prior(member)
+        if odds[cause.key] > 0 and _predicts(problem, posterior := weigh_fit(problem, step, departing)):
+            likelier.append((odds[cause.key], replace(posterior, fit=departing.without_data())))
+    return odds, [posterior for _, posterior in sorted(likelier, key=lambda row: -row[0])]
+
+
+def _predicts(problem: Problem, departing: Posterior) -> bool:
+    """Whether causes as they depart predict conditions that were left out better than no cause does.
+
+    Beside something unknown two departures that look nearly the same may cancel, each larger than the cause: what they
+    describe is this recording, and nothing that stays.
+    """
+    if departing.settled:
+        return True
+    gap = measure_gap(departing.fit, problem.conditions)
+    return gap.after < gap.before
+
+
+def weigh_fit(problem: Problem, step: Step, fit: Fit) -> Posterior:
+    """A fit against something unknown, with all structure that it leaves."""
+    left = sorted([*find_left(problem, fit), *_entering(problem, step, fit)], key=lambda f: f.log_p_value)
+    return weigh_against_unknown(problem, fit, left, step.log_alarm, step.table.effects)
+
+
+def _entering(problem: Problem, step: Step, fit: Fit) -> list[Finding]:
+    """The known effect that stood out beside the causes of a step, if it does so still."""
+    table, entering = step.table, step.entering
+    if entering is None or not step.improvable:
+        return []
+    member = entering.members[-1]
+    candidate = table.candidates[member]
+    if candidate.key in {cause.key for cause in fit.causes}:
+        return []
+    at_zero = candidate.cause(np.zeros(len(candidate.linear)))
+    columns = problem.signature(at_zero, candidate.linear, fit.causes)
+    reductions, dof = reductions_beside(problem, fit, columns)
+    # All known effects together have as much of the false-alarm rate as all tests for structure.
+    log_p_value = log_chi_square_tail(sum(reductions.values()), dof) - table.log_prior(member)
+    log_p_value += step.log_alarm - step.log_alarm_entering
+    words = " at ".join(filter(None, candidate.key))
+    return [
+        Finding(channel, "known effect", log_p_value, reduction, f"as by {words}")
+        for channel, reduction in reductions.items()
+    ]
+
+
+def rivals_of(step: Step) -> Iterator[tuple[Cause, ...]]:
+    """Sets with one cause replaced that, as they may depart, could explain as much as the step's.
+
+    The set itself is replaced first where another is likelier once what none describes counts as noise.
+    """
+    table, scatter = step.table, dispersion(step.fit)
+    grown = tuple(i for i in (table.position(c.key) for c in step.fit.causes) if i is not None)
+    full = table.exchange(table.evaluate(grown), scatter)
+    members, near = full.members, list[Hypothesis]()
+    if members != grown:
+        yield table.causes(full)
+    for k in range(len(members)):
+        own = full.reduction - table.evaluate((*members[:k], *members[k + 1 :])).reduction
+        for hypothesis in table.replacements(members, k, table.free(members)):
+            alike = scatter * chi_square_quantile(REJECTED, max(abs(full.dof - hypothesis.dof), 1))
+            if full.reduction - hypothesis.reduction < max(alike, LARGEST_POWER * own):
+                near.append(hypothesis)
+    for hypothesis in sorted(near, key=lambda w: -w.evidence_in(scatter))[:MOST_RIVALS]:
+        yield table.causes(hypothesis)
