@@ -149,18 +149,20 @@ def _alone(problem: Problem, null: Step, hypothesis: Hypothesis) -> Iterator[Pos
 
 
 def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior]:
-    """Of the sets of which each cause is likelier than something unknown that with the highest log odds; of those as
-    large the likeliest. Where there is no such set, that with the highest log odds of all.
+    """The likeliest set of each size, and of those of which each cause is likelier than something unknown that with the
+    highest log odds; where there is none, of all.
 
-    Odds against something unknown hardly tell one good fit from another.
+    Odds against something unknown hardly tell one good fit from another. Where something unknown is likelier than the
+    likeliest set, it is likelier than those that describe less.
     """
-    believable = [pair for pair in tried if pair[1].likelier] or tried
-    best = max(believable, key=lambda pair: pair[1].total)
-    alike = [pair for pair in believable if len(pair[1].fit.causes) == len(best[1].fit.causes)]
-    if not best[1].likelier:
-        return best
-    scatter = min(dispersion(posterior.fit) for _, posterior in alike)
-    return max(alike, key=lambda pair: _log_weight(pair[0], pair[1], scatter))
+    sizes: dict[int, list[tuple[Step, Posterior]]] = {}
+    for pair in tried:
+        sizes.setdefault(len(pair[1].fit.causes), []).append(pair)
+    best = []
+    for alike in sizes.values():
+        scatter = min(dispersion(posterior.fit) for _, posterior in alike)
+        best.append(max(alike, key=lambda pair: _log_weight(pair[0], pair[1], scatter)))
+    return max([pair for pair in best if pair[1].likelier] or best, key=lambda pair: pair[1].total)
 
 
 def _log_weight(step: Step, posterior: Posterior, scatter: float) -> float:

@@ -122,19 +122,20 @@ def weigh_against_unknown(
     powers = powers_of(problem, fit)
     whole = summed(powers)
     left = _left_in(problem, fit, [f for f in findings if f.log_p_value < log_alarm], whole)
-    prices = _prices(fit)
+    shares = _shares(fit)
     settled = not is_structured(findings, log_alarm, {**dict.fromkeys(fit.rest, 0.0), **whole})
     # Where something unknown is always there, that none is seen beside the causes says nothing for them.
     credit = -float(np.log(PRIOR_OF_UNKNOWN)) if settled and not problem.m_open else 0.0
     prior = float(np.log(PRIOR_OF_KNOWN / effects)) + credit
     log_odds, near = [], False
-    for power, part, price in zip(powers, _own_parts(fit), prices, strict=True):
+    for power, part, share in zip(powers, _own_parts(fit), shares, strict=True):
         own, total = {channel: part * value for channel, value in power.items()}, sum(power.values()) or 1.0
-        kept = {channel: value / (left[channel] + SHARE**2 * value) for channel, value in own.items()}
+        fair = max(share, SHARE) ** 2
+        kept = {channel: value / (left[channel] + fair * value) for channel, value in own.items()}
         gain = sum(power[channel] / total * float(np.log1p(value)) for channel, value in kept.items())
         beside = sum(value / total * float(np.log1p(value / left[channel])) for channel, value in power.items())
         near |= beside > np.log1p(1 / NO_DEPARTURE)
-        log_odds.append(0.5 * FREE * gain + prior - float(price))
+        log_odds.append(0.5 * FREE * gain + prior - 0.5 * float(share / SHARE) ** 2)
     return Posterior(fit, tuple(findings), tuple(log_odds), settled, near, credit)
 
 
@@ -154,33 +155,32 @@ def _left_in(problem: Problem, fit: Fit, findings: Sequence[Finding], powers: Po
     return {channel: value + nowhere * powers.get(channel, 0.0) / total for channel, value in left.items()}
 
 
-def _prices(fit: Fit) -> Array:
-    """Price of each cause's departures: half the square of their share of the cause over `SHARE`.
+def _shares(fit: Fit) -> Array:
+    """Share of each cause that its best textbook form leaves and its departures describe.
 
-    It is the share beyond the cause's best textbook form, so that departures do not take the place of its own
+    It is the share beyond the best textbook form, so that departures do not take the place of the cause's own
     parameters (Plumlee, JASA 112, 2017), and many columns cost no more than one that does the same.
     """
-    prices = np.zeros(len(fit.causes))
+    squares = np.zeros(len(fit.causes))
     for fitted in departures_of(fit):
-        prices[fitted.departures.cause] += 0.5 * (fitted.share() / SHARE) ** 2
-    return prices
+        squares[fitted.departures.cause] += fitted.share() ** 2
+    return np.sqrt(squares)
 
 
 def _own_parts(fit: Fit) -> list[float]:
     """Part of each cause's power that neither uncertain parameters nor other causes, as they depart, can take."""
     total, count = fit.blocks.total(), len(fit.nuisance_values)
     widths = [width_of(columns) for columns in fit.columns]
-    places = count + np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
     departing = [len(d.kinds) for d in fit.departures]
     prior = np.repeat([1.0, 1e-12, 1.0], [count, sum(widths), sum(departing)])
     # A cause that is not there does not depart either.
     owner = np.repeat([-1, *range(len(widths)), *(d.cause for d in fit.departures)], [count, *widths, *departing])
+    values = np.concatenate([fit.nuisance_values, *map(_amplitudes, fit.causes), fit.departure_values])
     found = []
-    for k, cause in enumerate(fit.causes):
-        own, others = np.arange(places[k], places[k + 1]), np.flatnonzero(owner != k)
-        amplitudes = _amplitudes(cause)
-        shown = total.gram[:, own] @ amplitudes
-        whole = float(shown[own] @ amplitudes)
+    for k in range(len(fit.causes)):
+        own, others = np.flatnonzero(owner == k), np.flatnonzero(owner != k)
+        shown = total.gram[:, own] @ values[own]
+        whole = float(shown[own] @ values[own])
         inner = total.gram[np.ix_(others, others)] + np.diag(prior[others])
         taken = float(shown[others] @ solve_scaled(inner, shown[others]))
         found.append(float(np.clip((whole - taken) / whole, 0.0, 1.0)) if whole > 0 else 0.0)

@@ -64,17 +64,19 @@ def weigh_causes(
 
 
 def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...], false_alarms: float) -> Posterior:
-    """Causes with departures or without: where nothing is left of either form the likelier, else that with better odds.
+    """Causes with departures or without: where both leave nothing, or both something, the likelier, else that with
+    better odds.
 
-    Sets that leave nothing are compared by evidence, for which each has to stand in its likeliest form.
+    Sets are compared by evidence, for which each has to stand in its likeliest form. Causes that are not believed as
+    they depart may be in their textbook forms, with something unknown beside.
     """
     fit = fit_causes(problem, causes)
     best = weigh_fit(problem, step, fit)
     if best.near:
         departing = with_departures(problem, fit, false_alarms)
         if departing is not fit and _predicts(problem, weighed := weigh_fit(problem, step, departing)):
-            both = best.settled and weighed.settled and weighed.likelier
-            best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if both else form.total)
+            alike = weighed.likelier and best.settled == weighed.settled
+            best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if alike else form.total)
     needless, instead = departures_instead(problem, step, best.fit)
     return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
 

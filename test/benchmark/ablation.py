@@ -17,7 +17,7 @@ from unittest.mock import PropertyMock, patch
 import numpy as np
 
 from rotary_error_monitor.blind_check.solver import diagnose_case, seal_process
-from rotary_error_monitor.gap import judgement, posterior
+from rotary_error_monitor.gap import judgement, posterior, weighing
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
 from rotary_error_monitor.kinds.machine import problem as machine
@@ -79,7 +79,7 @@ def _at(own: Departures, kept: list[bool]) -> Departures:
 
 
 def _no_price(stack: ExitStack) -> None:
-    stack.enter_context(patch.object(posterior, "_prices", lambda fit: np.zeros(len(fit.causes))))
+    stack.enter_context(patch.object(posterior, "_shares", lambda fit: np.zeros(len(fit.causes))))
 
 
 def _no_unknown(stack: ExitStack) -> None:
@@ -107,7 +107,8 @@ def _no_uncertainty(stack: ExitStack) -> None:
 def _no_rivals(stack: ExitStack) -> None:
     """Sets stay as they grew: nothing is exchanged on the table, or when departures are weighed."""
     stack.enter_context(patch.object(HypothesisTable, "exchange", lambda self, start: start))
-    stack.enter_context(patch.object(judgement, "_rivals", lambda step: iter(())))
+    for module in (judgement, weighing):
+        stack.enter_context(patch.object(module, "rivals_of", lambda step: iter(())))
 
 
 PARTS: dict[str, Callable[[ExitStack], None]] = {

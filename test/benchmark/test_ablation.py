@@ -15,7 +15,7 @@ import bench_ablation
 from ablation import KINDS, PARTS, WHOLE, kind_of, without
 
 from rotary_error_monitor.blind_check.cases import draw_machine, write_case
-from rotary_error_monitor.gap import judgement, posterior
+from rotary_error_monitor.gap import judgement, posterior, weighing
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
@@ -73,9 +73,9 @@ def test_every_kind_of_departure_is_a_part(found):
 def test_without_their_price_departures_cost_nothing(found):
     problem, causes = found
     fit = fit_causes(problem, causes, departures=problem.departures(causes))
-    assert np.all(posterior._prices(fit) > 0)
+    assert np.all(posterior._shares(fit) > 0)
     with without("price of departures"):
-        assert np.all(posterior._prices(fit) == 0)
+        assert np.all(posterior._shares(fit) == 0)
 
 
 def test_without_something_unknown_the_best_set_is_believed(found):
@@ -120,7 +120,7 @@ def test_without_rivals_sets_stay_as_they_grew(found):
         members = (len(step.table.candidates) - 1,)
         start = step.table.evaluate(members)
         assert step.table.exchange(start) is start
-        assert list(judgement._rivals(step)) == []
+        assert list(weighing.rivals_of(step)) == list(judgement.rivals_of(step)) == []
     assert HypothesisTable.exchange.__name__ == "exchange"
     assert step.table.exchange(start).members != members
 

@@ -41,8 +41,16 @@ def test_the_larger_set_is_taken_where_each_of_its_causes_is_likelier_than_not(w
 
 
 def test_of_sets_as_large_the_likeliest_is_taken(weighed):
-    assert taken(weighed(((2.0,), -10.0), ((1.0,), -5.0), ((-1.0,), 0.0))) == (1.0,)
+    assert taken(weighed(((2.0,), -10.0), ((1.0,), -5.0), ((-1.0,), -20.0))) == (1.0,)
+
+
+def test_what_is_likelier_than_the_likeliest_set_is_likelier_than_the_others(weighed):
+    assert taken(weighed(((1.0,), -37.0), ((-4.0,), 0.0))) == (-4.0,)
+
+
+def test_a_smaller_set_stands_where_the_likeliest_of_the_larger_ones_does_not(weighed):
+    assert taken(weighed(((1.0,), -90.0), ((3.0, 1.0), -30.0), ((3.0, -1.0), 0.0))) == (1.0,)
 
 
 def test_where_none_is_likelier_than_something_unknown_the_best_is_told(weighed):
-    assert taken(weighed(((-3.0,), 0.0), ((-2.0,), -10.0))) == (-2.0,)
+    assert taken(weighed(((-3.0,), 0.0), ((-3.0, -2.0), -10.0))) == (-3.0,)

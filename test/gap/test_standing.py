@@ -19,7 +19,7 @@ from rotary_error_monitor.gap.standing import needed_departures, standing_depart
 from rotary_error_monitor.gap.verdict import Verdict
 from test.gap.conftest import LinearProblem
 
-GROWTH = 0.3
+GROWTH = 0.2
 
 
 @dataclass

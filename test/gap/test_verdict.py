@@ -76,9 +76,17 @@ def rate(outcomes, verdict, names=("first",)):
 def test_a_cause_with_a_fair_departure_explains(judged, share):
     outcomes = judged(lambda first, other: (20 * first * (1 + share * WARMTH), 0 * first))
     assert rate(outcomes, Verdict.EXPLAINED) > 0.9
+    # Where chance leaves something besides, the textbook form with that beside it is as good a reason.
     for told in outcomes:
-        (row,) = describe(departures_of(told.fit)[0])
-        assert row.share == pytest.approx(share, rel=0.15)
+        if told.verdict is Verdict.EXPLAINED:
+            (row,) = describe(departures_of(told.fit)[0])
+            assert row.share == pytest.approx(share, rel=0.15)
+
+
+def test_what_departs_by_a_third_is_as_well_something_unknown(judged):
+    """Something unknown resembles a known effect to a third more often than that departs so far."""
+    outcomes = judged(lambda first, other: (20 * first * (1 + 0.33 * WARMTH), 0 * first))
+    assert rate(outcomes, Verdict.UNKNOWN, ()) > 0.9
 
 
 def test_what_grows_from_nothing_is_no_steady_effect(judged):
