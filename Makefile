@@ -53,7 +53,7 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix benchmark/test_,ablatio
 	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
-	$(addprefix kinds/stage/test_,admission.py diagnosis.py motion.py play.py slow_noise.py stretches.py) \
+	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py motion.py play.py slow_noise.py stretches.py) \
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py) \
 	$(addprefix plant/test_,cases.py departures.py mimics.py))
 RATES := $(CELL_RATES) $(MODEL_RATES)

@@ -81,6 +81,7 @@ class Effect(Generic[Description]):
         orders: largest order K of a family located at `order_K`; 0 for other effects.
         falling: whether lower orders are likelier, as in the shape of a part; else all are alike, as with gears.
         lowest: lowest order that has a meaning of its own.
+        is_step: whether it begins at one moment, its parameter `time`.
     """
 
     name: ClassVar[str] = ""
@@ -90,6 +91,7 @@ class Effect(Generic[Description]):
     orders: ClassVar[int] = 0
     falling: ClassVar[bool] = False
     lowest: ClassVar[int] = 1
+    is_step: ClassVar[bool] = False
 
     @classmethod
     def is_concrete(cls) -> bool:

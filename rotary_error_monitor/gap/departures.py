@@ -25,6 +25,9 @@ That of the prior: datasheets of scales, bearings and drives state temperature c
 directions and neighbouring harmonics of some to some ten per cent of what they come with.
 """
 
+COURSES = 40
+"""Orders up to which the course of an effect that wanders over the recording is a sum of cosines."""
+
 LARGEST_POWER = (4 * SHARE) ** 2
 """Part of a cause's power that a departure can have: that of four standard deviations of its prior.
 
@@ -285,3 +288,9 @@ def second_harmonic(change: float) -> str:
 def wanders(change: float) -> str:
     """Words for a slow course that is none of the others."""
     return "wanders with time"
+
+
+def slow_courses(passed: Array) -> list[Modulation]:
+    """Slow cosines over the part of the recording (n,) that has passed, 0 to 1, as large as in a random walk."""
+    waves = (np.sqrt(2) * 2 / order * np.cos(np.pi * order * passed) for order in range(2, COURSES + 1))
+    return [Modulation("course", wave, wanders) for wave in waves]

@@ -17,13 +17,10 @@ from rotary_error_monitor.gap.departures import (
     modulated,
     modulations_by_size,
     percent,
+    slow_courses,
     spread_out,
-    wanders,
 )
 from rotary_error_monitor.gap.problem import Array, Rows
-
-COURSES = 40
-"""Orders up to which the course of an effect that wanders over the poses is a sum of cosines."""
 
 Say = Callable[[float, float], str]
 """Words for a relative change of the cause by one standard deviation of a quantity, and that in its own unit."""
@@ -46,12 +43,6 @@ def _modulations_by(quantities: Mapping[str, Quantity], each: bool) -> list[Modu
         for name, quantity in quantities.items()
         if norm.unit(name)
     ]
-
-
-def _slow_courses(passed: Array) -> list[Modulation]:
-    """Slow cosines over the part of the recording (n,) that has passed at each pose, 0 to 1."""
-    waves = (np.sqrt(2) * 2 / order * np.cos(np.pi * order * passed) for order in range(2, COURSES + 1))
-    return [Modulation("course", wave, wanders) for wave in waves]
 
 
 def waves_around(position: Array) -> list[Array]:
@@ -82,7 +73,7 @@ def departures_at_poses(
     amplitudes, sizes = cause.values[cause.effect.indices(Role.LINEAR)], amplitude_sizes(cause)
     signature = np.stack([rows[channel] for channel in units], axis=1)
     passed = (time - time.min()) / (float(np.ptp(time)) or 1.0)
-    by_all = [*_modulations_by(each, True), *_modulations_by(together, False), *_slow_courses(passed)]
+    by_all = [*_modulations_by(each, True), *_modulations_by(together, False), *slow_courses(passed)]
     by_all += _by_size((signature @ amplitudes) * np.array(list(units.values())))
     made = modulated(signature, amplitudes, sizes, by_all)
     columns = {channel: made[:, i] for i, channel in enumerate(units)}

@@ -17,7 +17,7 @@ from rotary_error_monitor.gap.departures import (
     grows,
     modulations_by_size,
     percent,
-    wanders,
+    slow_courses,
 )
 from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.kinds.stage.play import Play
@@ -28,9 +28,6 @@ LOOKS = 2000
 
 NEIGHBOURS = 3
 """Orders on each side of an order that it may bring with it."""
-
-COURSES = 12
-"""Slow courses over a recording in which an effect may wander."""
 
 SOFT = (1 / 128, 1 / 32, 1 / 8)
 """Speeds, in parts of the highest one, below which an effect may be another than at speed: four-fold steps."""
@@ -86,9 +83,7 @@ class StageModulations:
             for wave in state.harmonic(order):
                 rows.append(Modulation(f"place {order}", np.sqrt(2) * wave, _around, True))
         course = np.clip(state.time / self._duration, 0, 1)
-        for order in range(2, COURSES + 1):
-            rows.append(Modulation("course", np.sqrt(2) * np.cos(np.pi * order * course), wanders))
-        return rows
+        return [*rows, *slow_courses(course)]
 
     def of_size(self, cause: Cause, signal: Array, stream: str) -> list[Modulation]:
         """Those that follow from what the cause does (n, k) to a stream."""

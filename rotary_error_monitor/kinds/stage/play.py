@@ -122,10 +122,6 @@ class Play:
         return np.maximum(np.searchsorted(self._begins, time, "right") - 1, 0)
 
 
-RESTING = len(RELEASES) + len(TRAVELS) + 1
-"""Columns of `Play.resting`."""
-
-
 def yields(change: float) -> str:
     """Words for what takes some travel after a reversal."""
     return "yields after a reversal"

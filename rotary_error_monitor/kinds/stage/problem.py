@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import ClassVar
@@ -21,6 +21,7 @@ from rotary_error_monitor.kinds.stage.another import check_stage, left_out
 from rotary_error_monitor.kinds.stage.conditions import stage_conditions
 from rotary_error_monitor.kinds.stage.distortion import distortions
 from rotary_error_monitor.kinds.stage.experiments import advise
+from rotary_error_monitor.kinds.stage.gradual import begun_before, moment_of, ramps, takes_time
 from rotary_error_monitor.kinds.stage.jitter import orders_at_one_speed
 from rotary_error_monitor.kinds.stage.modulations import (
     StageModulations,
@@ -33,7 +34,7 @@ from rotary_error_monitor.kinds.stage.modulations import (
 from rotary_error_monitor.kinds.stage.noise_learning import NOISIER, NoiseLearning
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.offset import offset_figures
-from rotary_error_monitor.kinds.stage.play import RESTING, Play, stays
+from rotary_error_monitor.kinds.stage.play import Play, stays
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.warming import uncertain_warmings
@@ -188,28 +189,46 @@ class StageProblem:
         sizes, neighbours = amplitude_sizes(cause), neighbouring(cause)
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
         jumps = self._modulations.jumps(cause)
-        staying = self._staying(cause, causes) if jumps else {}
+        signatures = self._derivatives(cause, linear, causes)
+        sudden = jumps or cause.effect.is_step
+        kind, say, real = self._no_jumps(cause, causes, signatures) if sudden else ("", stays, {})
         stacked: Signals = {}
         labels = spread_out((), amplitudes, sizes)
-        for name, signature in self._derivatives(cause, linear, causes).items():
+        for name, signature in signatures.items():
             modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps)
             modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
-            beside = [SHARE * sizes * signatures[name] for signatures in around]
-            if jumps:
-                kept = (staying[name] - signature) @ amplitudes
-                beside.append(kept[:, :, None] * self.play.resting(self.twin.times[name])[:, None])
+            beside = [SHARE * sizes * rows[name] for rows in around]
+            beside += [real[name]] if name in real else []
             stacked[name] = np.concatenate([modulated(signature, amplitudes, sizes, modulations), *beside], axis=2)
             labels = spread_out(modulations, amplitudes, sizes)
         kinds, words, changes = labels
         orders = one_by_one(neighbours, SHARE * sizes)
-        rests = RESTING * jumps
+        others = max((rows.shape[2] for rows in real.values()), default=0)
         return Departures(
             place,
-            (*kinds, *(order.location for order in orders), *["at rest"] * rests),
-            (*words, *(partial(next_order, order.location) for order in orders), *[stays] * rests),
-            np.append(changes, np.zeros(len(orders) + rests)),
+            (*kinds, *(order.location for order in orders), *[kind] * others),
+            (*words, *(partial(next_order, order.location) for order in orders), *[say] * others),
+            np.append(changes, np.zeros(len(orders) + others)),
             self._white(stacked),
-            (*(None for _ in kinds), *orders, *[None] * rests),
+            (*(None for _ in kinds), *orders, *[None] * others),
+        )
+
+    def _no_jumps(
+        self, cause: Cause, causes: Sequence[Cause], signatures: Signals
+    ) -> tuple[str, Callable[[float], str], Signals]:
+        """What a real thing does in the place of a textbook's jump, beyond modulations of it: kind, words, columns."""
+        linear, amplitudes = linear_values(cause)
+        course: Callable[[Array], Array]
+        if cause.effect.is_step:
+            kind, say, course = "little by little", takes_time, partial(ramps, moment_of(cause))
+            shown = self._derivatives(begun_before(cause), linear, causes)
+        else:
+            kind, say, course = "at rest", stays, self.play.resting
+            shown = {name: rows - signatures[name] for name, rows in self._staying(cause, causes).items()}
+        return (
+            kind,
+            say,
+            {n: (rows @ amplitudes)[:, :, None] * course(self.twin.times[n])[:, None] for n, rows in shown.items()},
         )
 
     def _staying(self, cause: Cause, causes: Sequence[Cause]) -> Signals:

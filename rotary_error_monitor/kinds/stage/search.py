@@ -51,7 +51,7 @@ class StageSearch:
                 chosen = {order for group in effect.stands_out_in for order in groups.get(group, ())}
                 chosen |= {*LOWEST_ORDERS, *self._described_orders()}
                 found += [self._of_order(effect, order) for order in sorted(chosen) if order <= effect.orders]
-            elif getattr(effect, "is_step", False):
+            elif effect.is_step:
                 found += self._steps(effect, rest)
             elif getattr(effect, "wave", None):
                 found += self._waves(effect, rest)

@@ -11,7 +11,7 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.kinds.stage.play import RELEASES, RESTING, TRAVELS, Play
+from rotary_error_monitor.kinds.stage.play import RELEASES, TRAVELS, Play
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
@@ -66,8 +66,8 @@ def test_what_stays_at_rest_creeps_back():
     )
     play = Play(inputs, DURATION)
     rest = play.resting(np.array([5.0, 21.0]))
-    assert rest.shape == (2, RESTING)
-    assert rest[0].tolist() == [0.0] * (RESTING - 1) + [1.0]
+    assert rest.shape == (2, len(RELEASES) + len(TRAVELS) + 1)
+    assert rest[0].tolist() == [0.0] * (rest.shape[1] - 1) + [1.0]
     expected = [np.exp(-1.0 / release) for release in RELEASES]
     assert rest[1, : len(RELEASES)] == pytest.approx(expected, rel=0.1)
     assert play.remembering().omega(np.array([21.0]))[0] < 0 < play.remembering().omega(np.array([5.0]))[0]
