@@ -43,7 +43,7 @@ def test_the_earlier_step_is_there_while_any_course_lasts():
 
 
 def test_counts_that_are_lost_little_by_little_are_told():
-    """The plant loses them by a law of its own; of those with a departure of 30 standard deviations nine in ten."""
+    """The plant loses them by a law of its own; all but one are named, and told where it stands out."""
     named, told = [], []
     for seed in SEEDS:
         rough = bool(seed % 2)
@@ -59,4 +59,4 @@ def test_counts_that_are_lost_little_by_little_are_told():
         if max(departure.off_textbook_snr.values()) > 30:
             told.append(any("little by little" in row.pattern for each in causes for row in each.departures))
     assert len(named) > 5
-    assert np.mean(named) >= 0.9 and np.mean(told) >= 0.9, (named, told)
+    assert sum(named) >= len(named) - 1 and sum(told) >= len(told) - 1, (named, told)
