@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +19,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.case_faults import LOUDEST, Kind
 from rotary_error_monitor.plant.cases import MachineCase, StageCase, make_machine_case, make_stage_case
 from rotary_error_monitor.plant.draws import machine_faults, stage_faults
+from rotary_error_monitor.plant.faults import UnsuitableSeedError
 from rotary_error_monitor.plant.motion import motion_in_use, random_motion
 from rotary_error_monitor.plant.noise_forms import FORMS
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -97,6 +99,9 @@ _SHARES: tuple[tuple[str, Kind, float], ...] = (
 )
 
 GROUPS = tuple(dict.fromkeys(group for group, _, _ in _SHARES))
+
+MOST_SEEDS = 20
+"""Seeds that are tried for a case: of some hundred cases one draws what does not show, and few twice running."""
 
 OTHER_SPEED = 9.1
 """Speed, rad/s, of which parts are the speeds of a second recording; no first one has any of them."""
@@ -208,14 +213,21 @@ def _effects_of(
 
 
 def make_case(plan: CasePlan) -> StageCase | MachineCase:
-    """The case of a plan: the same whenever it is made."""
+    """The case of a plan: the same whenever it is made. Where its seed makes none, the next one does."""
+    for seed in range(plan.seed, plan.seed + MOST_SEEDS - 1):
+        with suppress(UnsuitableSeedError):
+            return _case_of(plan, seed)
+    return _case_of(plan, plan.seed + MOST_SEEDS - 1)
+
+
+def _case_of(plan: CasePlan, seed: int) -> StageCase | MachineCase:
     effects = None if plan.effects is None else list(plan.effects)
-    drawn = (plan.seed, plan.kind, effects, plan.snr, plan.rough)
+    drawn = (seed, plan.kind, effects, plan.snr, plan.rough)
     loudness = LOUDNESS if plan.group == "loud" else None
     if plan.family == "stage":
-        motion = motion_in_use(plan.seed) if plan.group == "motion" else None
+        motion = motion_in_use(seed) if plan.group == "motion" else None
         return make_stage_case(*drawn, motion=motion, loudness=loudness, noise=plan.noise)
-    return make_machine_case(draw_machine(plan.seed), *drawn, loudness=loudness, noise=plan.noise)
+    return make_machine_case(draw_machine(seed), *drawn, loudness=loudness, noise=plan.noise)
 
 
 def write_case(case: StageCase | MachineCase, folder: Path) -> None:

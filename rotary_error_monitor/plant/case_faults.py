@@ -10,7 +10,7 @@ import numpy as np
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.departures import AnyFault, Varied, fit_textbook, vary_fault
-from rotary_error_monitor.plant.faults import Named
+from rotary_error_monitor.plant.faults import Named, UnsuitableSeedError
 from rotary_error_monitor.plant.faults.axes import AxisFault
 from rotary_error_monitor.plant.mimics import Mimic, Resemblance, Signatures, draw_mimic
 from rotary_error_monitor.plant.response import Response
@@ -126,7 +126,7 @@ def _varied(fault: Named, draw: np.random.Generator, response: Callable[[int], R
     """The fault with a drawn departure after which it still resembles no other known effect more than its own.
 
     Raises:
-        InputError: each of many departures makes it another effect.
+        UnsuitableSeedError: each of many departures makes it another effect.
     """
     scattered = response(MIMICKED)
     signatures = Signatures(scattered, isinstance(fault, AxisFault))
@@ -134,7 +134,7 @@ def _varied(fault: Named, draw: np.random.Generator, response: Callable[[int], R
         varied, _ = vary_fault(fault, draw, response(COARSE).channels)
         if signatures.nearest_is_own(scattered.moved((varied,)), fault):
             return varied
-    raise InputError(f"{fault} becomes another effect by each departure in this recording; take another seed")
+    raise UnsuitableSeedError(f"{fault} becomes another effect by each departure in this recording; take another seed")
 
 
 _SMALLER, _LARGER = 0.1, 1e3
@@ -158,7 +158,7 @@ def sized(fault: SomeFault, draw: np.random.Generator, snr: tuple[float, float],
             fault, grown = fault.scaled(_LARGER), grown + 1
             continue
         if moved == 0:
-            raise InputError(f"{fault} does not show in this recording; make it longer or take another seed")
+            raise UnsuitableSeedError(f"{fault} does not show in this recording; make it longer or take another seed")
         fault = fault.scaled(target / moved)
         steps -= 1
         if steps == 0:

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.departures.departure import Varied
 from rotary_error_monitor.plant.departures.halves import MACHINE_HALVES, STAGE_HALVES, PoseOnlyOneWay
 from rotary_error_monitor.plant.draws import AT_A_HEAD, LOCATIONS, ORDERED_PLACES, ORDERS
-from rotary_error_monitor.plant.faults import VOCABULARY, Named, make_fault
+from rotary_error_monitor.plant.faults import VOCABULARY, Named, UnsuitableSeedError, make_fault
 from rotary_error_monitor.plant.faults.axes import AxisFault
 from rotary_error_monitor.plant.response import Response
 
@@ -150,7 +149,7 @@ def draw_mimic(
         response: of the recording.
 
     Raises:
-        InputError: none resembles one by half in this recording.
+        UnsuitableSeedError: none resembles one by half in this recording.
     """
     possible = [name for name in names if name not in NO_HALF]
     machine = any(issubclass(VOCABULARY[name], AxisFault) for name in names)
@@ -168,7 +167,7 @@ def draw_mimic(
         found = signatures.nearest(moved, fault)
         if CORRELATIONS[0] <= found.correlation <= CORRELATIONS[1]:
             return mimic, found
-    raise InputError(f"no half of {', '.join(names)} resembles a known effect by half in this recording")
+    raise UnsuitableSeedError(f"no half of {', '.join(names)} resembles a known effect by half in this recording")
 
 
 def _places(name: str, like: Named | None) -> Iterator[tuple[str, list[Named]]]:

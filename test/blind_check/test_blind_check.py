@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from rotary_error_monitor.blind_check import cases
 from rotary_error_monitor.blind_check.cases import (
     STAND_INS,
     draw_machine,
@@ -25,6 +27,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.case_faults import LOUDEST
 from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 from rotary_error_monitor.plant.departures import SHARES
+from rotary_error_monitor.plant.faults import UnsuitableSeedError
 from rotary_error_monitor.plant.noise_forms import FORMS
 from rotary_error_monitor.plant.roughness import MACHINE_UNCERTAINTY, STAGE_UNCERTAINTY
 
@@ -319,3 +322,28 @@ def test_every_special_case_of_many_seeds_is_made():
             assert left == pytest.approx(told, rel=0.1) or plan.rough or plan.family == "stage"  # jitter hides some
         assert (left is None) == (plan.group != "variant")
         assert (case.truth.resemblance is not None) == (plan.group == "mimic")
+
+
+def test_a_seed_that_draws_no_such_case_makes_way_for_the_next(monkeypatch):
+    """One of 100 plans ended a whole run: its fault departed by no mechanism that showed."""
+    tried = []
+
+    def fails_first(seed, *drawn, **given):
+        tried.append(seed)
+        if len(tried) < 3:
+            raise UnsuitableSeedError("does not show; take another seed")
+        return make_stage_case(seed, *drawn, **given)
+
+    monkeypatch.setattr(cases, "make_stage_case", fails_first)
+    plan = replace(plan_of("variant", "stage"), seed=11, effects=("mirror_wobble",))
+    assert make_case(plan).truth.faults[0].name == "mirror_wobble"
+    assert tried == [11, 12, 13]
+
+
+def test_plans_that_no_seed_suits_end_with_the_reason(monkeypatch):
+    def fails(seed, *drawn, **given):
+        raise UnsuitableSeedError(f"{seed} does not show")
+
+    monkeypatch.setattr(cases, "make_stage_case", fails)
+    with pytest.raises(InputError, match=f"{10 + cases.MOST_SEEDS} does not show"):
+        make_case(replace(plan_of("variant", "stage"), seed=11))

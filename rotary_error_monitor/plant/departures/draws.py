@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.departures import forms, friction, poses, readings, swells
 from rotary_error_monitor.plant.departures.company import Neighbours, SecondWave
 from rotary_error_monitor.plant.departures.departure import AnyFault, Departure, Varied
 from rotary_error_monitor.plant.departures.textbook import Channels, TextbookFit, fit_textbook
-from rotary_error_monitor.plant.faults import Named
+from rotary_error_monitor.plant.faults import Named, UnsuitableSeedError
 
 SHARES = (0.02, 0.30)
 """Range of departures: root mean square of what the best textbook form leaves over that of the fault's signal."""
@@ -83,7 +82,7 @@ def vary_fault(
         channels: gives by channel how far faults move the recording, over the noise.
 
     Raises:
-        InputError: none of its mechanisms shows.
+        UnsuitableSeedError: none of its mechanisms shows.
     """
     target = float(np.exp(draw.uniform(*np.log(SHARES))))
     kinds = MECHANISMS[fault.name]
@@ -91,7 +90,7 @@ def vary_fault(
         found = _as_strong(Varied(fault, kinds[index].drawn(draw)), target, channels)
         if found is not None:
             return found
-    raise InputError(f"{fault} departs by no mechanism in this recording; take another seed")
+    raise UnsuitableSeedError(f"{fault} departs by no mechanism in this recording; take another seed")
 
 
 def _as_strong(

@@ -1,13 +1,21 @@
 """Faults of stage and machine by name, in exact geometry: those that the vocabulary names, and others."""
 
 from rotary_error_monitor.plant.faults import axes, instruments, oddities, rotor
-from rotary_error_monitor.plant.faults.named import UNNAMED, VOCABULARY, Named, StageFault, make_fault
+from rotary_error_monitor.plant.faults.named import (
+    UNNAMED,
+    VOCABULARY,
+    Named,
+    StageFault,
+    UnsuitableSeedError,
+    make_fault,
+)
 
 __all__ = [
     "UNNAMED",
     "VOCABULARY",
     "Named",
     "StageFault",
+    "UnsuitableSeedError",
     "axes",
     "instruments",
     "make_fault",

@@ -22,6 +22,10 @@ UNNAMED: dict[str, type[Named]] = {}
 """Faults that no vocabulary names."""
 
 
+class UnsuitableSeedError(InputError):
+    """What a seed draws makes no case of the kind that is wanted; the next seed may."""
+
+
 SHAPES = frozenset({"order", "phase", "time", "place", "extent", "frequency", "period", "teeth"})
 """Parameters that give a fault its shape; it is as large as its others are."""
 
