@@ -41,7 +41,7 @@ def rank_alternatives(
     causes: Sequence[Cause],
     unknown: float,
     dispersion: float = 1.0,
-    credits: Mapping[Key, float] | None = None,
+    credits: Mapping[frozenset[Key], float] | None = None,
     needless: Mapping[Key, float] = MappingProxyType({}),
 ) -> Alternatives:
     """Every candidate in the place of every cause.
@@ -50,23 +50,21 @@ def rank_alternatives(
     replaced, less the chance that something unknown is at work. Without a cause the candidates stand alone, beside the
     possibility of none. `dispersion` is how many times the squares that remain are those of noise: what all candidates
     leave alike is noise to the choice among them. `credits` are the log odds of other sets that were weighed with their
-    departures, beside the chosen one; `needless` those that a cause is a departure of the others.
+    departures, or fitted, beside the chosen one; `needless` those that a cause is a departure of the others.
     """
     table = step.table
     members = tuple(i for i in (table.position(c.key) for c in causes) if i is not None)
     chosen = table.evaluate(members)
-    rows: list[Hypothesis] = [chosen]
-    replaced: list[Key | None] = [None]
+    rows = [chosen]
     for k in range(len(members)):
-        others = table.replacements(members, k, table.free(members))
-        replaced += [table.candidates[other.members[k]].key for other in others]
-        rows += others
+        rows += table.replacements(members, k, table.free(members))
     if not members:
         rows += table.singles()
     evidence = np.array([row.log_evidence for row in rows])
     logs = (evidence - chosen.log_evidence) / dispersion
     if credits is not None:
-        logs = np.array([_credited(log, key, credits) for log, key in zip(logs, replaced, strict=True)])
+        own = _keys(table, chosen)
+        logs = np.array([_credited(log, _keys(table, row), own, credits) for log, row in zip(logs, rows, strict=True)])
     for k, member in enumerate(members):
         if table.candidates[member].key in needless:
             rows.append(table.evaluate((*members[:k], *members[k + 1 :])))
@@ -88,16 +86,25 @@ def rank_alternatives(
     return Alternatives(ranking, _groups(table, members, chosen, dispersion, credits or {}))
 
 
-def _credited(log_odds: float, key: Key | None, credits: Mapping[Key, float]) -> float:
-    """Log odds of another set in its textbook form beside one that was chosen with its departures.
+def _keys(table: HypothesisTable, row: Hypothesis) -> frozenset[Key]:
+    return frozenset(table.candidates[i].key for i in row.members)
 
-    None is likelier than that, nor than the same effect at its best place with departures.
+
+def _credited(
+    log_odds: float, keys: frozenset[Key], chosen: frozenset[Key], credits: Mapping[frozenset[Key], float]
+) -> float:
+    """Log odds of a set in its textbook form beside the one that was chosen, with its departures or fitted.
+
+    None is likelier than that, nor than a set with the same effect, at its best place, that was weighed like it.
     """
-    if key is None:
+    if keys == chosen:
         return log_odds
-    if key in credits:
-        return credits[key]
-    return min(log_odds, 0.0, *(value for (name, _), value in credits.items() if name == key[0]))
+    if keys in credits:
+        return credits[keys]
+    added = {name for name, _ in keys - chosen}
+    return min(
+        log_odds, 0.0, *(odds for other, odds in credits.items() if {name for name, _ in other - chosen} & added)
+    )
 
 
 def _distinct(table: HypothesisTable, order: list[int]) -> list[int]:
@@ -120,7 +127,11 @@ def _rms(held_out: HeldOut, table: HypothesisTable, members: tuple[int, ...]) ->
 
 
 def _groups(
-    table: HypothesisTable, causes: tuple[int, ...], chosen: Hypothesis, dispersion: float, credits: Mapping[Key, float]
+    table: HypothesisTable,
+    causes: tuple[int, ...],
+    chosen: Hypothesis,
+    dispersion: float,
+    credits: Mapping[frozenset[Key], float],
 ) -> tuple[tuple[Key, ...], ...]:
     """For each cause the candidates that could stand in its place without the recording objecting.
 
@@ -134,10 +145,11 @@ def _groups(
         for other in table.replacements(causes, k, table.free(causes)):
             i = other.members[k]
             dof = max(abs(chosen.dof - other.dof), 1)
-            fits = chosen.reduction - other.reduction < dispersion * chi_square_quantile(REJECTED, dof)
             key = table.candidates[i].key
-            rejected = credits.get(key, 0.0) < np.log(REJECTED)
-            if fits and not rejected and other.reduction > without and key not in group:
+            fits = chosen.reduction - other.reduction < dispersion * chi_square_quantile(REJECTED, dof)
+            if (keys := _keys(table, other)) in credits:
+                fits = credits[keys] > np.log(REJECTED)
+            if fits and other.reduction > without and key not in group:
                 group.append(key)
         if len(group) > 1:
             found.append(tuple(group))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from rotary_error_monitor.gap.alternatives import Key
+from rotary_error_monitor.gap.alternatives import REJECTED, Key
 from rotary_error_monitor.gap.departures import LeavingOut
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.held_out import dispersion
@@ -117,9 +118,39 @@ def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judge
     if departing:
         _, best = _likeliest([(chosen, posterior) for posterior in departing])
         return _believed(chosen, best, departing)
+    return _in_textbook_forms(problem, chosen, fit, needless)
+
+
+def _in_textbook_forms(problem: Problem, step: Step, fit: Fit, needless: Mapping[Key, float]) -> Judgement:
+    """Of causes that leave only noise and do not depart: they, or what the recording rejects them beside."""
     # What is alarming, but no more than the twin itself leaves, tells of nothing unknown.
-    unknown = probability_of_unknown([f for f in chosen.findings if f.log_p_value >= chosen.log_alarm])
-    return Judgement(Verdict.EXPLAINED, chosen, chosen.fit, (), unknown, needless=needless)
+    unknown = probability_of_unknown([f for f in step.findings if f.log_p_value >= step.log_alarm])
+    rivals = _fitted_rivals(problem, step)
+    better = [rival for rival in rivals if _log_odds(step, fit, rival) < np.log(REJECTED)]
+    standing = [rival for rival in better if weigh_fit(problem, step, rival).settled]
+    best = max(standing, key=partial(_log_evidence, step), default=fit)
+    credits = {_keys(other): _log_odds(step, other, best) for other in (fit, *rivals) if _keys(other) != _keys(best)}
+    told = best.without_data() if standing else step.fit
+    return Judgement(Verdict.EXPLAINED, step, told, (), unknown, credits=credits or None, needless=needless)
+
+
+def _fitted_rivals(problem: Problem, step: Step) -> list[Fit]:
+    """Near rivals of the causes of a step. On the table all but these are as they are at no size: of large ones that
+    would decide between two that are alike.
+    """
+    found = []
+    for causes in rivals_of(step):
+        with suppress(UnpredictableError):
+            found.append(fit_causes(problem, causes))
+    return found
+
+
+def _keys(fit: Fit) -> frozenset[Key]:
+    return frozenset(cause.key for cause in fit.causes)
+
+
+def _log_odds(step: Step, fit: Fit, beside: Fit) -> float:
+    return _log_evidence(step, fit) - _log_evidence(step, beside)
 
 
 def _passed_by(problem: Problem, null: Step) -> list[Posterior]:
@@ -171,10 +202,14 @@ def _log_weight(step: Step, posterior: Posterior, scatter: float) -> float:
     What something unknown is likelier than is so much less likely beside other sets. Squares are divided by `scatter`,
     how many times those of noise the best set leaves: what no set describes is noise to the choice among them.
     """
-    members = (step.table.position(cause.key) for cause in posterior.fit.causes)
-    prior = sum(step.table.log_prior(i) for i in members if i is not None)
     undescribed = 0.5 * posterior.fit.squares * (1 - 1 / scatter)
-    return marginal_likelihood(posterior.fit) + undescribed + prior + min(posterior.total, 0.0)
+    return _log_evidence(step, posterior.fit) + undescribed + min(posterior.total, 0.0)
+
+
+def _log_evidence(step: Step, fit: Fit) -> float:
+    """That of a fit with its departures, and of the places and orders of its causes."""
+    members = (step.table.position(cause.key) for cause in fit.causes)
+    return marginal_likelihood(fit) + sum(step.table.log_prior(i) for i in members if i is not None)
 
 
 def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarms: float) -> list[Posterior]:
@@ -193,13 +228,10 @@ def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarm
 
 
 def _believed(step: Step, best: Posterior, others: list[Posterior]) -> Judgement:
-    keys, scatter = {cause.key for cause in best.fit.causes}, dispersion(best.fit)
-    credits = {
-        key: _log_weight(step, posterior, scatter) - _log_weight(step, best, scatter)
-        for posterior in others
-        for key in {cause.key for cause in posterior.fit.causes} - keys
-        if len(posterior.fit.causes) == len(best.fit.causes)
-    }
+    scatter = dispersion(best.fit)
+    weight = _log_weight(step, best, scatter)
+    alike = [other for other in others if len(other.fit.causes) == len(best.fit.causes)]
+    credits = {_keys(other.fit): _log_weight(step, other, scatter) - weight for other in alike}
     return Judgement(
         Verdict.EXPLAINED if best.settled else Verdict.PARTLY_EXPLAINED,
         step,

@@ -46,7 +46,7 @@ class Judgement:
         fit: causes with their departures.
         findings: structure that is left; empty where only noise is.
         unknown: probability that something unknown stands in the place of the causes.
-        credits: log odds of sets with another cause, by that cause, beside those of the chosen one.
+        credits: log odds of other sets that were weighed or fitted, by the keys of their causes, beside the chosen one.
         needless: log odds, by cause, that it is a departure of the others.
         doubts: why causes that fit were not believed.
     """
@@ -57,7 +57,7 @@ class Judgement:
     findings: tuple[Finding, ...]
     unknown: float
     dispersion: float = 1.0
-    credits: Mapping[Key, float] | None = None
+    credits: Mapping[frozenset[Key], float] | None = None
     needless: Mapping[Key, float] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
 

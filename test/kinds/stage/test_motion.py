@@ -37,6 +37,21 @@ def test_what_needs_no_turn_is_found_however_the_stage_turns(stage_problem):
     assert len(wrong) <= 1, wrong
 
 
+@pytest.mark.parametrize(
+    ("name", "seed", "rough"),
+    [("following_error", 1331693709, True), ("encoder_latency", 1087920635, True)]
+    + [(name, seed, bool(seed % 2)) for name in ("following_error", "encoder_latency") for seed in range(3)],
+)
+def test_delays_that_look_alike_on_an_arc_are_told_as_a_group(stage_problem, name, seed, rough):
+    """Large ones were told apart by how the table is linear: the first two with 0.97 and 0.98, and wrong."""
+    problem, _ = stage_problem(seed, "single", [name], rough=rough, duration=40.0, motion=motion_in_use(seed))
+    found = diagnose(problem)
+    told = [each.cause.effect.name for each in found.causes]
+    alike = {effect for group in found.indistinguishable for effect, _ in group.effects}
+    assert len(told) == 1 and name in {*told, *alike}
+    assert told == [name] or found.causes[0].probability < 0.9
+
+
 @pytest.mark.parametrize("speed", [0.0, 0.0003, 0.02])
 def test_a_drift_is_found_at_rest_and_on_an_arc_which_is_said(stage_problem, speed):
     motion = Motion((Segment(60.0, speed),))
