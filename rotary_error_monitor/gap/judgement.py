@@ -129,7 +129,8 @@ def _in_textbook_forms(problem: Problem, step: Step, fit: Fit, needless: Mapping
     better = [rival for rival in rivals if _log_odds(step, fit, rival) < np.log(REJECTED)]
     standing = [rival for rival in better if weigh_fit(problem, step, rival).settled]
     best = max(standing, key=partial(_log_evidence, step), default=fit)
-    credits = {_keys(other): _log_odds(step, other, best) for other in (fit, *rivals) if _keys(other) != _keys(best)}
+    odds = {_keys(other): _log_odds(step, other, best) for other in (fit, *rivals)}
+    credits = {keys: value for keys, value in odds.items() if value > np.log(REJECTED) or keys == _keys(fit)}
     told = best.without_data() if standing else step.fit
     return Judgement(Verdict.EXPLAINED, step, told, (), unknown, credits=credits or None, needless=needless)
 

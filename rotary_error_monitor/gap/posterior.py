@@ -175,12 +175,13 @@ def _own_parts(fit: Fit) -> list[float]:
     prior = np.repeat([1.0, 1e-12, 1.0], [count, sum(widths), sum(departing)])
     # A cause that is not there does not depart either.
     owner = np.repeat([-1, *range(len(widths)), *(d.cause for d in fit.departures)], [count, *widths, *departing])
-    values = np.concatenate([fit.nuisance_values, *map(_amplitudes, fit.causes), fit.departure_values])
+    places = count + np.concatenate([[0], np.cumsum(widths)]).astype(np.intp)
     found = []
-    for k in range(len(fit.causes)):
-        own, others = np.flatnonzero(owner == k), np.flatnonzero(owner != k)
-        shown = total.gram[:, own] @ values[own]
-        whole = float(shown[own] @ values[own])
+    for k, cause in enumerate(fit.causes):
+        own, others = np.arange(places[k], places[k + 1]), np.flatnonzero(owner != k)
+        amplitudes = _amplitudes(cause)
+        shown = total.gram[:, own] @ amplitudes
+        whole = float(shown[own] @ amplitudes)
         inner = total.gram[np.ix_(others, others)] + np.diag(prior[others])
         taken = float(shown[others] @ solve_scaled(inner, shown[others]))
         found.append(float(np.clip((whole - taken) / whole, 0.0, 1.0)) if whole > 0 else 0.0)
@@ -260,7 +261,7 @@ def likeliest_kinds(
     """Kinds of columns that data ask for, and the logarithm of their marginal likelihood relative to none.
 
     Kinds join one by one, each time that with the most evidence, as long as that grows by more than the logarithm of
-    the number of kinds there are, and `least`.
+    the number of kinds there are, and `least`. Those that joined before leave where they are worth no more than that.
 
     Args:
         gram: (q, q) products of columns with unit Gaussian priors.
@@ -273,17 +274,24 @@ def likeliest_kinds(
     price = float(np.log(len(kinds)))
     chosen: list[Hashable] = []
     best = 0.0
+
+    def evidence(some: Sequence[Hashable]) -> float:
+        return log_evidence(gram, moment, np.concatenate([places[kind] for kind in some]))
+
     while len(chosen) < len(kinds):
-        trials = {
-            kind: log_evidence(gram, moment, np.concatenate([places[k] for k in (*chosen, kind)]))
-            for kind in kinds
-            if kind not in chosen
-        }
+        trials = {kind: evidence([*chosen, kind]) for kind in kinds if kind not in chosen}
         kind = max(trials, key=lambda k: trials[k])
         if trials[kind] <= best + price + least:
             break
         best = trials[kind]
         chosen.append(kind)
+        while len(chosen) > 1:
+            without = {kind: evidence([k for k in chosen if k != kind]) for kind in chosen[:-1]}
+            least_needed = max(without, key=lambda k: without[k])
+            if without[least_needed] <= best - price:
+                break
+            best = without[least_needed]
+            chosen.remove(least_needed)
     return set(chosen), best - price * len(chosen)
 
 

@@ -64,19 +64,17 @@ def weigh_causes(
 
 
 def _posterior(problem: Problem, step: Step, causes: tuple[Cause, ...], false_alarms: float) -> Posterior:
-    """Causes with departures or without: where both leave nothing, or both something, the likelier, else that with
-    better odds.
+    """Causes with departures or without: where nothing is left of either form the likelier, else that with better odds.
 
-    Sets are compared by evidence, for which each has to stand in its likeliest form. Causes that are not believed as
-    they depart may be in their textbook forms, with something unknown beside.
+    Sets that leave nothing are compared by evidence, for which each has to stand in its likeliest form.
     """
     fit = fit_causes(problem, causes)
     best = weigh_fit(problem, step, fit)
     if best.near:
         departing = with_departures(problem, fit, false_alarms)
-        if departing is not fit and _predicts(problem, weighed := weigh_fit(problem, step, departing)):
-            alike = weighed.likelier and best.settled == weighed.settled
-            best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if alike else form.total)
+        if departing is not fit and _predicts(problem, weighed := weigh_fit(problem, step, departing), fit):
+            both = best.settled and weighed.settled and weighed.likelier
+            best = max(best, weighed, key=lambda form: marginal_likelihood(form.fit) if both else form.total)
     needless, instead = departures_instead(problem, step, best.fit)
     return instead[0] if instead else replace(best, fit=best.fit.without_data(), needless=needless)
 
@@ -98,21 +96,20 @@ def departures_instead(
         others = fit_causes(problem, (*fit.causes[:k], *fit.causes[k + 1 :]))
         departing = with_departures(problem, others, false_alarms)
         odds[cause.key] = marginal_likelihood(departing) - marginal_likelihood(fit) - step.table.log_prior(member)
-        if odds[cause.key] > 0 and _predicts(problem, posterior := weigh_fit(problem, step, departing)):
+        if odds[cause.key] > 0 and _predicts(problem, posterior := weigh_fit(problem, step, departing), others):
             likelier.append((odds[cause.key], replace(posterior, fit=departing.without_data())))
     return odds, [posterior for _, posterior in sorted(likelier, key=lambda row: -row[0])]
 
 
-def _predicts(problem: Problem, departing: Posterior) -> bool:
-    """Whether causes as they depart predict conditions that were left out better than no cause does.
+def _predicts(problem: Problem, departing: Posterior, textbook: Fit) -> bool:
+    """Whether causes as they depart predict conditions that were left out better than they do in their textbook forms.
 
     Beside something unknown two departures that look nearly the same may cancel, each larger than the cause: what they
     describe is this recording, and nothing that stays.
     """
     if departing.settled:
         return True
-    gap = measure_gap(departing.fit, problem.conditions)
-    return gap.after < gap.before
+    return measure_gap(departing.fit, problem.conditions).after < measure_gap(textbook, problem.conditions).after
 
 
 def weigh_fit(problem: Problem, step: Step, fit: Fit) -> Posterior:

@@ -23,7 +23,7 @@ from rotary_error_monitor.gap.departures import (
     wanders,
 )
 from rotary_error_monitor.gap.fitting import fit_causes
-from rotary_error_monitor.gap.posterior import marginal_likelihood
+from rotary_error_monitor.gap.posterior import likeliest_kinds, marginal_likelihood
 from rotary_error_monitor.gap.problem import LateRows
 
 COUNT = 4000
@@ -128,3 +128,15 @@ def test_the_marginal_likelihood_is_that_of_the_normal_distribution(seed, linear
     covariance = np.eye(800) + width * np.outer(shape, shape) + np.outer(other, other)
     exact = multivariate_normal(np.zeros(800), covariance).logpdf(y) - multivariate_normal(np.zeros(800)).logpdf(y)
     assert found - null == pytest.approx(exact, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_kind_that_stood_for_two_others_leaves_when_they_have_joined(seed):
+    """It has the most evidence alone, since it looks like their sum; beside them it is worth nothing."""
+    rng = np.random.default_rng(seed)
+    first, second = rng.normal(size=(2, 2000))
+    alike = (first + second)[:, None] / np.sqrt(2) + 1.5 * rng.normal(size=(2000, 8))
+    columns = np.column_stack([alike, first, second])
+    data = 0.5 * (first + second) + rng.normal(size=2000)
+    found, _ = likeliest_kinds(columns.T @ columns, columns.T @ data, ["alike"] * 8 + ["first", "second"])
+    assert found == {"first", "second"}
