@@ -127,11 +127,11 @@ def _in_textbook_forms(problem: Problem, step: Step, fit: Fit, needless: Mapping
     unknown = probability_of_unknown([f for f in step.findings if f.log_p_value >= step.log_alarm])
     rivals = _fitted_rivals(problem, step)
     better = [rival for rival in rivals if _log_odds(step, fit, rival) < np.log(REJECTED)]
-    standing = [rival for rival in better if weigh_fit(problem, step, rival).settled]
+    standing = [rival for rival in better if weigh_fit(problem, step, fit_causes(problem, rival.causes)).settled]
     best = max(standing, key=partial(_log_evidence, step), default=fit)
     odds = {_keys(other): _log_odds(step, other, best) for other in (fit, *rivals)}
     credits = {keys: value for keys, value in odds.items() if value > np.log(REJECTED) or keys == _keys(fit)}
-    told = best.without_data() if standing else step.fit
+    told = best if standing else step.fit
     return Judgement(Verdict.EXPLAINED, step, told, (), unknown, credits=credits or None, needless=needless)
 
 
@@ -142,7 +142,7 @@ def _fitted_rivals(problem: Problem, step: Step) -> list[Fit]:
     found = []
     for causes in rivals_of(step):
         with suppress(UnpredictableError):
-            found.append(fit_causes(problem, causes))
+            found.append(fit_causes(problem, causes).without_data())
     return found
 
 

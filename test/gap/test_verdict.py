@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from rotary_error_monitor.gap import judgement
 from rotary_error_monitor.gap.alternatives import rank_alternatives
 from rotary_error_monitor.gap.departures import (
     SHARE,
@@ -15,6 +18,7 @@ from rotary_error_monitor.gap.departures import (
     modulated,
     spread_out,
 )
+from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.posterior import departures_of
@@ -187,3 +191,23 @@ def test_what_uncertain_parameters_may_well_be_is_no_cause():
     for seed in range(6):
         told = judge(problem := hidden(seed, 0.5), select_causes(problem))
         assert "first" not in {cause.effect.name for cause in told.fit.causes}, seed
+
+
+def test_what_the_recording_rejects_beside_a_rival_is_not_told(rng):
+    """A set that the table chose at no size, and that leaves only noise: a rival that fits better is told."""
+    told = []
+    for _ in range(CASES):
+        first, other = rng.normal(size=(2, COUNT, 1))
+        data = {"x": first + rng.normal(size=(COUNT, 1)), "y": rng.normal(size=(COUNT, 1))}
+        problem = DepartingProblem(data, {})
+        problem.offer({"first": {"x": first}, "alike": {"x": first + 0.3 * other}})
+        step = select_causes(problem, most=1).chosen
+        (alike,) = (i for i, row in enumerate(step.table.candidates) if row.effect.name == "alike")
+        causes = step.table.causes(step.table.evaluate((alike,)))
+        found = judgement._judge_settled(problem, replace(step, fit=fit_causes(problem, causes)), 0.01)
+        ranking = rank_alternatives(
+            found.step, found.fit.causes, found.unknown, found.dispersion, found.credits, found.needless
+        )
+        (cause,) = found.fit.causes
+        told.append((cause.effect.name, ranking.probability(cause.key) > 0.9, ranking.groups))
+    assert told.count(("first", True, ())) >= CASES - 1, told
