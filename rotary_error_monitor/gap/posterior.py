@@ -110,7 +110,8 @@ def weigh_against_unknown(
 
     Of a cause with fair departures a part `SHARE^2` of its power may be left that no column describes; any part below
     is as likely. Something unknown in `FREE` other directions leaves a part below r of its power beside a cause with
-    probability r^(FREE / 2). Causes that leave noise need nothing unknown beside them, which they have credit for.
+    probability r^(FREE / 2): beside its textbook form, so what departures describe counts as left. Causes that leave
+    noise need nothing unknown beside them, which they have credit for.
 
     Args:
         problem: recording beside twin.

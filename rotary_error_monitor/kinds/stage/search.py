@@ -40,7 +40,6 @@ class StageSearch:
 
     def __init__(self, problem: StageProblem) -> None:
         self._problem = problem
-        self._command: dict[str, Array] = {}
 
     def candidates(self, rest: Rows) -> tuple[Candidate, ...]:
         """Every effect at every place; families of orders at the orders that stand out in `rest`."""
@@ -79,11 +78,7 @@ class StageSearch:
 
     def _angle(self, channel: str) -> Array:
         """(m,) commanded rotation at the rows of a channel."""
-        if channel not in self._command:
-            self._command[channel] = np.asarray(
-                self._problem.twin.inputs.command(self._problem.times(channel)), np.float64
-            )
-        return self._command[channel]
+        return np.asarray(self._problem.twin.inputs.command(self._problem.times(channel)), np.float64)
 
     def _orders(self, rest: Rows) -> dict[str, list[int]]:
         """Orders that stand out, for each group of channels."""

@@ -76,16 +76,18 @@ class LongStageProblem(StageProblem):
             self._stretches[-1].forget()
         self._opened = 0
         self.noise = self._stretches[0].noise
+        self._channels = tuple(dict.fromkeys(c for s in self._stretches for c in s.channels))
+        # One for both channels of a stream: each takes as much room as a signal.
         self._times = {
-            channel: np.concatenate([s.times(channel) for s in self._stretches if channel in s.channels])
-            for channel in dict.fromkeys(c for s in self._stretches for c in s.channels)
+            _stream(channel): np.concatenate([s.times(channel) for s in self._stretches if channel in s.channels])
+            for channel in {_stream(c): c for c in self._channels}.values()
         }
         self._conditions = self._stretched(stage_conditions(recording), bounds, read)
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels of rows: `command`, each head, each component of the other sensors."""
-        return tuple(self._times)
+        return self._channels
 
     @property
     def head_rows(self) -> int:
@@ -94,7 +96,7 @@ class LongStageProblem(StageProblem):
 
     def times(self, channel: str) -> Array:
         """(m,) time of each row, s."""
-        return self._times[channel]
+        return self._times[_stream(channel)]
 
     def expected(self, channel: str) -> Array:
         """(m,) expected square of each row under noise alone."""
@@ -176,7 +178,7 @@ class LongStageProblem(StageProblem):
             count = min(each, len(spans))
             blocks[spans] = len(owners) + np.arange(len(spans)) * count // len(spans)
             owners += [int(label)] * count
-        lengths = {c: [len(s.times(c)) if c in s.channels else 0 for s in self._stretches] for c in self._times}
+        lengths = {c: [len(s.times(c)) if c in s.channels else 0 for s in self._stretches] for c in self._channels}
         return StretchedConditions(
             np.concatenate([starts[kept], [np.inf]]),
             np.asarray(owners, np.intp),
@@ -199,6 +201,11 @@ class _Stretch(StageProblem):
         self._kept_prediction = None
         self._nuisances.forget()
         self._expected.clear()
+
+
+def _stream(channel: str) -> str:
+    """`autocollimator` of `autocollimator.x`."""
+    return channel.partition(".")[0]
 
 
 def cut_recording(recording: StageRecording, start: float, stop: float) -> StageRecording:
