@@ -222,7 +222,7 @@ def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarm
     if departing is fit:
         return []
     own = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
-    seen = {frozenset(cause.key for cause in step.fit.causes)}
+    seen = {_keys(step.fit)}
     rivals = [other for causes in rivals_of(step) for other in weigh_causes(problem, step, causes, seen, false_alarms)]
     found = [replace(own, fit=departing.without_data()), *(other for other in rivals if other.settled)]
     return [posterior for posterior in found if posterior.likelier]

@@ -19,7 +19,7 @@ from rotary_error_monitor.gap.standing import needed_departures, standing_depart
 from rotary_error_monitor.gap.verdict import Verdict
 from test.gap.conftest import LinearProblem
 
-GROWTH = 0.2
+GROWTH = 0.3
 
 
 @dataclass
@@ -79,18 +79,23 @@ def test_causes_without_a_departure_are_left_as_they_are(linear, growing):
     assert standing_departures(growing, fitted(growing, "second").causes, FALSE_ALARMS) is None
 
 
-def test_what_predicts_as_well_is_named_beside_departures():
-    """A second cause that does what the first one's growth does: the smaller set is told, and the other in a remark."""
-    departing_sets = []
+def beside_a_cause_like_its_growth(growth):
+    """Judgements of ten recordings in which the first effect grows; the second one does what the growth does."""
     for seed in range(10):
         rng = np.random.default_rng(seed)
         first, other = rng.normal(size=(2, 800, 1))
         alike = first * rising(800)[:, None] + 0.1 * other
-        data = 2 * first * (1 + GROWTH * rising(800)[:, None]) + rng.normal(size=(800, 1))
+        data = 2 * first * (1 + growth * rising(800)[:, None]) + rng.normal(size=(800, 1))
         problem = Growing({"x": data}, {})
         problem.m_open = True
         problem.offer({"first": {"x": first}, "alike": {"x": alike}})
-        told = judge(problem, select_causes(problem))
+        yield judge(problem, select_causes(problem))
+
+
+def test_what_predicts_as_well_is_named_beside_departures():
+    """The smaller set is told, and the other in a remark."""
+    departing_sets = []
+    for told in beside_a_cause_like_its_growth(0.2):
         assert told.verdict is Verdict.EXPLAINED
         if told.fit.departures:
             assert [cause.effect.name for cause in told.fit.causes] == ["first"]
@@ -101,6 +106,12 @@ def test_what_predicts_as_well_is_named_beside_departures():
     for doubts in filter(None, departing_sets):
         assert doubts == ("first and alike in their textbook forms predict what was left out as well",)
     assert any(departing_sets), "nearly alike: chance decides"
+
+
+def test_more_than_a_fair_departure_is_left_to_the_second_cause():
+    for told in beside_a_cause_like_its_growth(GROWTH):
+        assert told.verdict is Verdict.EXPLAINED and not told.fit.departures
+        assert {cause.effect.name for cause in told.fit.causes} == {"first", "alike"}
 
 
 def test_squares_without_a_kind_are_those_of_a_fit_without_it(growing):

@@ -85,6 +85,8 @@ def test_a_cause_with_a_fair_departure_explains(judged, share):
         if told.verdict is Verdict.EXPLAINED:
             (row,) = describe(departures_of(told.fit)[0])
             assert row.share == pytest.approx(share, rel=0.15)
+        else:
+            assert told.verdict is Verdict.PARTLY_EXPLAINED and told.findings
 
 
 def test_what_departs_by_a_third_is_as_well_something_unknown(judged):
