@@ -114,10 +114,14 @@ def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judge
     likelier = [posterior for posterior in instead if posterior.settled and posterior.likelier]
     if likelier:
         return _believed(chosen, likelier[0], likelier)
-    departing = _settled_with_departures(problem, chosen, fit, false_alarms)
-    if departing:
-        _, best = _likeliest([(chosen, posterior) for posterior in departing])
-        return _believed(chosen, best, departing)
+    departing = with_departures(problem, fit, false_alarms)
+    if departing is not fit:
+        # Beside those of rivals, their data would fill the memory.
+        fit, departing = fit.without_data(), departing.without_data()
+        posteriors = _settled_with_departures(problem, chosen, departing, false_alarms)
+        if posteriors:
+            _, best = _likeliest([(chosen, posterior) for posterior in posteriors])
+            return _believed(chosen, best, posteriors)
     return _in_textbook_forms(problem, chosen, fit, needless)
 
 
@@ -213,18 +217,15 @@ def _log_evidence(step: Step, fit: Fit) -> float:
     return marginal_likelihood(fit) + sum(step.table.log_prior(i) for i in members if i is not None)
 
 
-def _settled_with_departures(problem: Problem, step: Step, fit: Fit, false_alarms: float) -> list[Posterior]:
+def _settled_with_departures(problem: Problem, step: Step, departing: Fit, false_alarms: float) -> list[Posterior]:
     """Causes that leave only noise, with the departures that show nonetheless, and others that depart less.
 
-    Empty where none shows, and where something unknown is likelier than causes that depart as far.
+    Empty where something unknown is likelier than causes that depart as far.
     """
-    departing = with_departures(problem, fit, false_alarms)
-    if departing is fit:
-        return []
     own = weigh_against_unknown(problem, departing, (), step.log_alarm, step.table.effects)
     seen = {_keys(step.fit)}
     rivals = [other for causes in rivals_of(step) for other in weigh_causes(problem, step, causes, seen, false_alarms)]
-    found = [replace(own, fit=departing.without_data()), *(other for other in rivals if other.settled)]
+    found = [own, *(other for other in rivals if other.settled)]
     return [posterior for posterior in found if posterior.likelier]
 
 

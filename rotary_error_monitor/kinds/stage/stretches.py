@@ -101,7 +101,8 @@ class LongStageProblem(StageProblem):
     def expected(self, channel: str) -> Array:
         """(m,) expected square of each row under noise alone."""
         if not self._expected:
-            self._expected = self._joined(lambda stretch: {c: stretch.expected(c) for c in stretch.channels})
+            # In single precision: it is kept as long as the problem is, and no more exact than the noise is known.
+            self._expected = self._joined(lambda s: {c: s.expected(c).astype(np.float32) for c in s.channels})
         return self._expected[channel]
 
     def residual(self, causes: Sequence[Cause]) -> Rows:
