@@ -173,6 +173,16 @@ def test_a_kind_imports_the_core_and_no_other_kind():
         assert others <= {path.parent.name}, path.relative_to(PACKAGE)
 
 
+@pytest.mark.parametrize("room", ["effects", "gap", "kinds", "twin"])
+def test_what_an_effect_needs_is_a_field_of_its_class(room):
+    """Nobody asks by a name in quotation marks, which no type check sees."""
+    for name, path in modules():
+        calls = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
+        asked = [node for node in calls if isinstance(node.func, ast.Name) and node.func.id in ("getattr", "hasattr")]
+        quoted = [node for node in asked if isinstance(node.args[1], ast.Constant)]
+        assert name != room or not quoted, f"{path.relative_to(PACKAGE)}:{quoted[0].lineno}"
+
+
 def below(path: Path) -> set[Path]:
     """Files of the package that a file imports, those for types alone left out."""
     parts = [name.split(".")[1:] for name in imports(path, typed=False) if name.split(".")[0] == PACKAGE.name]

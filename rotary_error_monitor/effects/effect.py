@@ -34,6 +34,17 @@ class Role(enum.Enum):
     """Given by the location or by a search: no derivative exists (an order, the moment of a step)."""
 
 
+class Searched(enum.Enum):
+    """What of an effect a search finds in a recording before the rest is fitted."""
+
+    MOMENT = frozenset({"time"})
+    """When it begins, once and for all: its parameter `time`."""
+    ORDER = frozenset({"order"})
+    """Which whole order it has, up to the bound of its parameter."""
+    WAVE = frozenset({"order", "period"})
+    """Which wave it is: its `order` over the rotation, not whole, or its `period` over a position."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One parameter of an effect.
@@ -81,7 +92,7 @@ class Effect(Generic[Description]):
         orders: largest order K of a family located at `order_K`; 0 for other effects.
         falling: whether lower orders are likelier, as in the shape of a part; else all are alike, as with gears.
         lowest: lowest order that has a meaning of its own.
-        is_step: whether it begins at one moment, its parameter `time`.
+        searched: what a search finds of it beforehand.
     """
 
     name: ClassVar[str] = ""
@@ -91,7 +102,7 @@ class Effect(Generic[Description]):
     orders: ClassVar[int] = 0
     falling: ClassVar[bool] = False
     lowest: ClassVar[int] = 1
-    is_step: ClassVar[bool] = False
+    searched: ClassVar[Searched | None] = None
 
     @classmethod
     def is_concrete(cls) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
-from rotary_error_monitor.effects.effect import Parameter, Role, Values
+from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values
 from rotary_error_monitor.effects.rotor import COMMAND, HEAD, Array, RotorState, StageEffect, head_locations
 
 _FLATTEST = 0.01
@@ -167,7 +167,7 @@ class HeadMissedCounts(StageEffect):
     source = "incremental counting: a lost count stays lost"
     parameters = (Parameter("time", "s", 1.0, role=Role.FIXED, bound=1e9), Parameter("step", "rad", 2e-5, bound=1.0))
     acts_on = (HEAD,)
-    is_step = True
+    searched = Searched.MOMENT
 
     def locations(self, machine: StageDescription) -> tuple[str, ...]:
         """Each head."""

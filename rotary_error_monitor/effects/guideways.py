@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotary_error_monitor.description.machine import Harmonic, MachineDescription
-from rotary_error_monitor.effects.effect import Parameter, Role, Values
+from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect, axes_of, moved, positioning_error
 
 _NOWHERE = np.zeros(3)
@@ -131,7 +131,7 @@ class CyclicError(MachineEffect):
         Parameter("cos", "m", 3e-6, bound=1e-2),
         Parameter("sin", "m", 3e-6, bound=1e-2),
     )
-    wave = "position"
+    searched = Searched.WAVE
 
     def locations(self, machine: MachineDescription) -> tuple[str, ...]:
         """Each linear axis."""

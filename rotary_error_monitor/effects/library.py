@@ -102,6 +102,9 @@ def _collect(found: dict[str, Kind], kind: type[Kind], module: ModuleType, origi
             raise InputError(f"{origin}: effect '{item.name}' is already known; choose another name")
         if not item.parameters:
             raise InputError(f"{origin}: effect '{item.name}' has no parameters; what shall be fitted?")
+        if item.searched is not None and not item.searched.value & {row.name for row in item.parameters}:
+            wanted = " or ".join(sorted(item.searched.value))
+            raise InputError(f"{origin}: effect '{item.name}' is searched by {item.searched.name}, but has no {wanted}")
         try:
             found[item.name] = item()
         except TypeError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotary_error_monitor.description.machine import Harmonic, MachineDescription
-from rotary_error_monitor.effects.effect import Parameter, Role, Values
+from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values
 from rotary_error_monitor.effects.machine_effect import ROTARY, MachineEffect, axes_of, moved, positioning_error
 
 _NOWHERE = np.zeros(3)
@@ -22,7 +22,7 @@ class RotaryHarmonic(MachineEffect):
         Parameter("cos", "rad", 1e-5, bound=1e-2),
         Parameter("sin", "rad", 1e-5, bound=1e-2),
     )
-    harmonics = 12
+    searched = Searched.ORDER
 
     def locations(self, machine: MachineDescription) -> tuple[str, ...]:
         """Each rotary axis."""

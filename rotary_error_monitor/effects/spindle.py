@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.autocollimator import planar_row
-from rotary_error_monitor.effects.effect import Estimate, Parameter, Role, Values
+from rotary_error_monitor.effects.effect import Estimate, Parameter, Role, Searched, Values
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Array, RotorState, StageEffect
 
 
@@ -76,7 +76,7 @@ class BearingAsynchronous(StageEffect):
         Parameter("radial_sin", "m", 5e-7, bound=1e-3),
         Parameter("tilt", "rad", 1e-6, bound=1e-2),
     )
-    wave = "theta"
+    searched = Searched.WAVE
 
     def radial(self, values: Values, state: RotorState) -> Array:
         """`radial * (cos(order theta + phase), sin(order theta + phase))`."""

@@ -58,6 +58,15 @@ def test_a_file_without_effects_is_an_error(tmp_path, content, message):
         load_effects(StageEffect, [file])
 
 
+@pytest.mark.parametrize(("searched", "wanted"), [("MOMENT", "time"), ("ORDER", "order"), ("WAVE", "order or period")])
+def test_an_effect_has_the_parameter_that_is_searched(tmp_path, searched, wanted):
+    file = tmp_path / "mine.py"
+    content = OWN.format(name="head_offset").replace("import Parameter", "import Parameter, Searched")
+    file.write_text(content.replace('acts_on = ("head",)', f"searched = Searched.{searched}"))
+    with pytest.raises(InputError, match=f"effect 'head_offset' is searched by {searched}, but has no {wanted}"):
+        load_effects(StageEffect, [file])
+
+
 def test_an_unknown_effect_is_named_with_the_known_ones():
     effects = load_effects(StageEffect)
     assert effect_named("unbalance", effects).name == "unbalance"

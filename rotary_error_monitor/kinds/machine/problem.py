@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.effects.effect import AnyEffect, Cause
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Searched
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
@@ -255,17 +255,17 @@ class MachineProblem(TableProblem[None]):
 
     def _of(self, effect: AnyEffect, rest: Rows) -> Iterator[Candidate]:
         places = effect.locations(self.machine)
-        most = int(getattr(effect, "harmonics", 0))
         for place in places:
-            if most:
-                yield from self._harmonics(effect, place, most, len(places))
-            elif getattr(effect, "wave", None):
+            if effect.searched is Searched.ORDER:
+                yield from self._harmonics(effect, place, len(places))
+            elif effect.searched is Searched.WAVE:
                 start, trials = self._period(effect, place, rest)
                 yield Candidate(effect, place, start, -float(np.log(len(places) * trials)))
             else:
                 yield Candidate(effect, place, effect.start(place), -float(np.log(len(places))))
 
-    def _harmonics(self, effect: AnyEffect, place: str, most: int, places: int) -> Iterator[Candidate]:
+    def _harmonics(self, effect: AnyEffect, place: str, places: int) -> Iterator[Candidate]:
+        most = int(effect.bounds()[1][effect.slices()["order"]][0])
         for order in range(1, most + 1):
             start = effect.start(place)
             start[effect.slices()["order"]] = order

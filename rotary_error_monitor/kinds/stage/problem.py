@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.effects.effect import Cause, Role, among
+from rotary_error_monitor.effects.effect import Cause, Role, Searched, among
 from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
@@ -190,7 +190,7 @@ class StageProblem:
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
         jumps = self._modulations.jumps(cause)
         signatures = self._derivatives(cause, linear, causes)
-        sudden = jumps or cause.effect.is_step
+        sudden = jumps or cause.effect.searched is Searched.MOMENT
         kind, say, real = self._no_jumps(cause, causes, signatures) if sudden else ("", stays, {})
         stacked: Signals = {}
         labels = spread_out((), amplitudes, sizes)
@@ -219,7 +219,7 @@ class StageProblem:
         """What a real thing does in the place of a textbook's jump, beyond modulations of it: kind, words, columns."""
         linear, amplitudes = linear_values(cause)
         course: Callable[[Array], Array]
-        if cause.effect.is_step:
+        if cause.effect.searched is Searched.MOMENT:
             kind, say, course = "little by little", takes_time, partial(ramps, moment_of(cause))
             shown = self._derivatives(begun_before(cause), linear, causes)
         else:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
-from rotary_error_monitor.effects.effect import AnyEffect, order_location
+from rotary_error_monitor.effects.effect import AnyEffect, Searched, order_location
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Rows
 from rotary_error_monitor.twin.stage_noise import kind_of
@@ -50,9 +50,9 @@ class StageSearch:
                 chosen = {order for group in effect.stands_out_in for order in groups.get(group, ())}
                 chosen |= {*LOWEST_ORDERS, *self._described_orders()}
                 found += [self._of_order(effect, order) for order in sorted(chosen) if order <= effect.orders]
-            elif effect.is_step:
+            elif effect.searched is Searched.MOMENT:
                 found += self._steps(effect, rest)
-            elif getattr(effect, "wave", None):
+            elif effect.searched is Searched.WAVE:
                 found += self._waves(effect, rest)
             else:
                 places = effect.locations(self._problem.stage)
