@@ -2,13 +2,44 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
+import inspect
 import logging
+import pkgutil
+from collections.abc import Iterator
 from importlib.metadata import EntryPoint
+from types import ModuleType
+from typing import TypeVar
 
 from rotary_error_monitor.errors import InputError
 
 _PACKAGE = __name__.partition(".")[0]
+
+Base = TypeVar("Base")
+
+
+def modules_of(room: ModuleType, group: str) -> Iterator[tuple[ModuleType, str]]:
+    """The modules of a room of this package, then those that packages register under a group, each with its origin.
+
+    Raises:
+        InputError: what is registered cannot be loaded, or is no module.
+    """
+    for name in sorted(info.name for info in pkgutil.iter_modules(room.__path__)):
+        module = importlib.import_module(f"{room.__name__}.{name}")
+        yield module, module.__name__
+    for entry in plugins_of(group):
+        plugged = load_plugin(entry)
+        if not isinstance(plugged, ModuleType):
+            raise InputError(f"{origin_of(entry)}: {entry.value} is no module; name the module that holds the classes")
+        yield plugged, origin_of(entry)
+
+
+def classes_in(module: ModuleType, base: type[Base]) -> Iterator[type[Base]]:
+    """Classes derived from `base` that a module defines, not those that it imports."""
+    for item in vars(module).values():
+        if inspect.isclass(item) and issubclass(item, base) and item.__module__ == module.__name__:
+            yield item
 
 
 def plugins_of(group: str) -> tuple[EntryPoint, ...]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -75,3 +77,24 @@ def stage_problem():
         return StageProblem(case.twin, recording, known), case.truth
 
     return make
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """Function that leaves a package in a folder for `import` as pip would, its entry points as they are given."""
+
+    def installed(package, entry_points):
+        site = tmp_path / f"site_of_{package.name}"
+        shutil.copytree(package, site / package.name)
+        info = site / f"{package.name}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package.name}\nVersion: 1.0\n")
+        lines = [
+            line for group, rows in entry_points.items() for line in (f"[{group}]", *map(" = ".join, rows.items()))
+        ]
+        (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+        monkeypatch.syspath_prepend(str(site))
+        for name in [name for name in sys.modules if name.partition(".")[0] == package.name]:
+            monkeypatch.delitem(sys.modules, name)
+
+    return installed

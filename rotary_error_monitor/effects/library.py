@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
-import inspect
 import logging
-import pkgutil
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -16,7 +13,7 @@ from typing import TypeVar
 import rotary_error_monitor.effects as room
 from rotary_error_monitor.effects.effect import AnyEffect, Effect
 from rotary_error_monitor.errors import InputError, excerpt
-from rotary_error_monitor.plugins import load_plugin, origin_of, plugins_of
+from rotary_error_monitor.plugins import classes_in, modules_of
 
 ENTRY_POINTS = "rotary_error_monitor.effects"
 _OF_USER = f"{ENTRY_POINTS}.of_user."
@@ -37,13 +34,8 @@ def load_effects(kind: type[Kind], files: Sequence[Path] = ()) -> tuple[Kind, ..
             share a name.
     """
     found: dict[str, Kind] = {}
-    for module in _own_modules():
-        _collect(found, kind, module, module.__name__)
-    for entry in plugins_of(ENTRY_POINTS):
-        plugged = load_plugin(entry)
-        if not isinstance(plugged, ModuleType):
-            raise InputError(f"{origin_of(entry)}: {entry.value} is no module; name the module that holds the effects")
-        _collect(found, kind, plugged, origin_of(entry))
+    for module, origin in modules_of(room, ENTRY_POINTS):
+        _collect(found, kind, module, origin)
     for file in files:
         module = _module_of(file)
         if not any(_defined(Effect, module)):
@@ -70,11 +62,6 @@ def effect_named(name: str, effects: Iterable[Kind]) -> Kind:
     return known[name]
 
 
-def _own_modules() -> list[ModuleType]:
-    names = sorted(info.name for info in pkgutil.iter_modules(room.__path__))
-    return [importlib.import_module(f"{room.__name__}.{name}") for name in names]
-
-
 def _module_of(file: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"{_OF_USER}{file.stem}", file)
     if spec is None or spec.loader is None or not file.is_file():
@@ -90,10 +77,7 @@ def _module_of(file: Path) -> ModuleType:
 
 
 def _defined(kind: type[Kind], module: ModuleType) -> Iterable[type[Kind]]:
-    for item in vars(module).values():
-        own = inspect.isclass(item) and issubclass(item, kind) and item.__module__ == module.__name__
-        if own and item.is_concrete():
-            yield item
+    return (item for item in classes_in(module, kind) if item.is_concrete())
 
 
 def _collect(found: dict[str, Kind], kind: type[Kind], module: ModuleType, origin: str) -> None:

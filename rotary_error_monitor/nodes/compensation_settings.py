@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.parameters import Setting, cell_settings
+from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.pipeline.compensation import CompensatorSettings
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 

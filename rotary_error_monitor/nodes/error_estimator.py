@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterator, Sequence
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.loading import load_twin
@@ -21,7 +22,6 @@ from rotary_error_monitor.kinds.stage.admission import SHORTEST
 from rotary_error_monitor.nodes.diagnosis_process import DiagnosisProcess, Outcome
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.pipeline.recent_turns import RecentTurns
 from rotary_error_monitor.resources import config

@@ -31,13 +31,13 @@ from rotary_error_monitor.controller.protocol import (
     Record,
     State,
 )
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.applied_corrections import AppliedCorrections
 from rotary_error_monitor.nodes.correction_listener import ControllerReport, CorrectionListener
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
 
 NAME = "linuxcnc_bridge"

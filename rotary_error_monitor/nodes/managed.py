@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
@@ -26,12 +26,13 @@ from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import Topic, Wire, load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages, parameters
 from rotary_error_monitor.nodes.diagnostics import ClockWatch, Condition, Level, diagnostic_array
-from rotary_error_monitor.nodes.parameters import Setting, cell_settings
+from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.protection import SECURITY, judge_node, security_conditions
 from rotary_error_monitor.nodes.publishers import Listening
 from rotary_error_monitor.nodes.qos import OVERRIDABLE, profile
@@ -57,7 +58,7 @@ class ManagedNode(LifecycleNode):
         end: done once the node shall end: by a signal, or with the exception that its worker met.
     """
 
-    settings: ClassVar[tuple[Setting, ...]] = ()
+    settings: tuple[Setting, ...] = ()
     hardware: str = ""
 
     def __init__(

@@ -26,12 +26,16 @@ from sensor_msgs.msg import JointState, PointCloud2, Temperature
 from std_msgs.msg import Header
 
 from rotary_error_monitor.bags.cdr_blocks import encode_block
+from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.pipeline.joints import joint_motion_of
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
 
 Message: TypeAlias = Any
 """Any ROS message; their classes carry no types."""
+
+STAGE_JOINT = "stage"
+"""Joint of the commanded rotation."""
 
 _DOUBLE = 8
 UNOBSERVABLE_VARIANCE = -1.0
@@ -133,22 +137,6 @@ def joint_state_message(
     )
 
 
-def joint_position(message: JointState, joint: str) -> float:
-    """Position of one joint, m or rad; with an empty name that of the only one.
-
-    Raises:
-        InputError: the message has no such joint, or several where no name is given, or no position for it.
-    """
-    if joint == "" and len(message.name) == 1:
-        joint = message.name[0]
-    if joint not in message.name or len(message.position) != len(message.name):
-        raise InputError(
-            f"a joint state holds the joints {list(message.name)} with {len(message.position)} positions; "
-            f"expected a position of joint {joint!r}"
-        )
-    return float(message.position[message.name.index(joint)])
-
-
 def joint_motion(message: JointState) -> tuple[dict[str, float], dict[str, float]]:
     """Positions (m, rad) and velocities (m/s, rad/s) by joint; without velocities the second is empty.
 
@@ -175,6 +163,37 @@ def vector_message(stamp_ns: int, frame: str, x: float, y: float, z: float = 0.0
     message = Vector3Stamped(header=header(stamp_ns, frame))
     message.vector.x, message.vector.y, message.vector.z = float(x), float(y), float(z)
     return message
+
+
+def latest_message(topic: Topic, block: SampleBlock, joint: str = "") -> Message:
+    """What people see of a block: its latest sample as a message of the topic's type.
+
+    Args:
+        topic: for people; its message holds the fields of a sample in their order.
+        block: the samples.
+        joint: name of the joint where the message holds one; empty for that of the frame. Its speed is the second field
+            of a sample, or the mean over the block.
+
+    Raises:
+        InputError: no sample of an instrument goes into a message of that type.
+    """
+    stamp_ns, values = int(block.times_ns[-1]), block.rows[-1, 1:]
+    match topic.type:
+        case "sensor_msgs/msg/JointState":
+            speed = float(values[1]) if len(values) > 1 else _mean_speed(block)
+            return joint_state_message(stamp_ns, topic.frame, [joint or topic.frame], [values[0]], [speed])
+        case "geometry_msgs/msg/Vector3Stamped":
+            return vector_message(stamp_ns, topic.frame, *values[:3])
+        case "geometry_msgs/msg/WrenchStamped":
+            return wrench_message(stamp_ns, topic.frame, [float(values[0]), float(values[1])])
+        case "sensor_msgs/msg/Temperature":
+            return temperature_message(stamp_ns, topic.frame, values[0])
+    raise InputError(f"{topic.name}: no sample goes into a {topic.type}; expected a joint state, vector, wrench, …")
+
+
+def _mean_speed(block: SampleBlock) -> float:
+    times, values = block.rows[:, 0], block.rows[:, 1]
+    return float((values[-1] - values[0]) / (times[-1] - times[0])) if len(times) > 1 else 0.0
 
 
 def point_message(stamp_ns: int, frame: str, x: float, y: float, z: float) -> PointStamped:

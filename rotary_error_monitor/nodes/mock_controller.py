@@ -7,24 +7,23 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-
-from geometry_msgs.msg import WrenchStamped
-from sensor_msgs.msg import JointState, Temperature
+from functools import partial
 
 from rotary_error_monitor.controller.gate import GateLimits
 from rotary_error_monitor.controller.protocol import LinkSettings
 from rotary_error_monitor.controller.shaping import Course
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.applied_corrections import AppliedCorrections
 from rotary_error_monitor.nodes.correction_listener import ControllerReport, CorrectionListener
 from rotary_error_monitor.nodes.diagnostics import Condition
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.parameters import Setting, cell_settings
+from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.nodes.sensor import MOCK_SETTINGS, RATE, BlockSender, mock_settings
-from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
-from rotary_error_monitor.sources.mock import MockSource, mock_stage
+from rotary_error_monitor.nodes.sensor import BlockSender
+from rotary_error_monitor.signals.blocks import NANOSECONDS
+from rotary_error_monitor.sources.mock import RATE, MockSource, mock_settings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
 
 NAME = "mock_controller"
@@ -42,8 +41,7 @@ class MockController(ManagedNode):
     """
 
     settings = (
-        *cell_settings("machine"),
-        *MOCK_SETTINGS,
+        *cell_settings("machine", "block_period", "mock."),
         RATE,
         Setting("max_age", GateLimits.max_age, "oldest correction that is believed, s", (0.01, 10.0)),
     )
@@ -51,17 +49,18 @@ class MockController(ManagedNode):
     def open(self) -> None:
         """Begin to send."""
         self.hardware = "mock"
-        self._plant = mock_stage(self.stage, mock_settings(self))
+        self._plant = mock_stage(self.stage, mock_settings(self.setting, self.now_ns(), self.setting(RATE.name)))
         block_ns = round(self.setting("block_period") * NANOSECONDS)
         wire = self.wire.topic
-        self._senders = [
-            BlockSender(self, wire(f"{stream}_samples"), MockSource(self._plant, stream), period_ns, (wire(key), human))
-            for stream, period_ns, key, human in (
-                ("command", block_ns, "command_joint_states", self._joint_state),
-                ("force", _FORCE_PERIOD, "force_wrench", self._wrench),
-                ("temperature", _TEMPERATURE_PERIOD, "stage_temperature", self._temperature),
-            )
-        ]
+        self._senders = []
+        for samples, people, period_ns, joint in (
+            (wire("command_samples"), wire("command_joint_states"), block_ns, messages.STAGE_JOINT),
+            (wire("force_samples"), wire("force_wrench"), _FORCE_PERIOD, ""),
+            (wire("temperature_samples"), wire("stage_temperature"), _TEMPERATURE_PERIOD, ""),
+        ):
+            told = people, partial(messages.latest_message, people, joint=joint)
+            source = MockSource(self._plant, samples.frame)
+            self._senders.append(BlockSender(self, samples, source, period_ns, told))
         self._listener: CorrectionListener | None = None
         if self.setting("machine"):
             self._open_machine()
@@ -130,19 +129,6 @@ class MockController(ManagedNode):
         listener.believe(GateLimits(letters, limits.largest, letters, self.setting("max_age")))
         self.at_each(_JOINT_STATE_PERIOD, advance)
         return listener
-
-    def _joint_state(self, block: SampleBlock) -> JointState:
-        topic = self.wire.topic("command_joint_states")
-        angle, velocity = block.columns(("angle", "velocity"))[-1]
-        return messages.joint_state_message(int(block.times_ns[-1]), topic.frame, ["stage"], [angle], [velocity])
-
-    def _wrench(self, block: SampleBlock) -> WrenchStamped:
-        frame = self.wire.topic("force_wrench").frame
-        return messages.wrench_message(int(block.times_ns[-1]), frame, block.columns(("force_x", "force_y"))[-1])
-
-    def _temperature(self, block: SampleBlock) -> Temperature:
-        frame = self.wire.topic("stage_temperature").frame
-        return messages.temperature_message(int(block.times_ns[-1]), frame, block.column("temperature")[-1])
 
 
 def main(args: Sequence[str] | None = None) -> int:

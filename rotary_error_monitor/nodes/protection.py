@@ -10,9 +10,9 @@ from itertools import zip_longest
 from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
-from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.security.effect import Security, asked_by, judge
 
 _REQUIRED = "required"

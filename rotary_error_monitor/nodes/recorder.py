@@ -16,11 +16,11 @@ from pathlib import Path
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from rotary_error_monitor.bags.writer import BagWriter, RecordingStoppedError
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.parameters import Setting
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.numbering import MessageCount

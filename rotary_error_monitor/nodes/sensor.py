@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar
 
 from rotary_error_monitor.description.wire import Topic
@@ -12,15 +12,12 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.parameters import Setting, cell_settings
+from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.qos import driver_profile
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
-from rotary_error_monitor.sources.mock import MockSettings, MockSource, last_midnight, mock_stage
-from rotary_error_monitor.sources.source import Gathered, Polled, Source
-
-MOCK = "mock"
-MOCK_SETTINGS = cell_settings("block_period", "mock.")
-RATE = Setting("rate", 0.0, "samples a second of the mock source; 0.0 for the instrument's usual rate", (0.0, 1e6))
+from rotary_error_monitor.sources.device import POLL_RATE, Instrument
+from rotary_error_monitor.sources.library import device_settings, load_devices
+from rotary_error_monitor.sources.source import Heard, Polled, Source
 
 _LONGEST_CATCH_UP = NANOSECONDS
 _HUMAN_PERIOD = 50_000_000
@@ -84,36 +81,30 @@ class BlockSender:
 class Driver:
     """The topic of a third-party driver: its messages are gathered as samples, and its silence is said."""
 
-    def __init__(self, node: ManagedNode, topic: str) -> None:
-        """Hear `topic`, which may be relative to the node's namespace."""
-        self._node = node
-        self._topic = node.resolve_topic_name(topic)
-        self._watch = StreamWatch(self._topic, _STALE_AFTER, _SILENT_AFTER, node.now_ns())
-        self._said = ""
-
-    def gather(
-        self, kind: type[Any], source: Gathered, sample: Callable[[messages.Message], Sequence[float]]
-    ) -> Gathered:
-        """Have `source` gather what `sample` makes of each message of type `kind`; gives the source.
+    def __init__(self, node: ManagedNode, source: Heard) -> None:
+        """Have `source` gather the samples of its topic.
 
         Where several publish, nothing tells whose sample is whose, and none is taken.
         """
+        self._node = node
+        self._source = source
+        self._topic = node.resolve_topic_name(source.topic)
+        self._watch = StreamWatch(self._topic, _STALE_AFTER, _SILENT_AFTER, node.now_ns())
+        self._said = ""
+        node.listen(self._topic, messages.message_class(source.type), driver_profile(), self._receive)
+        node.every(_LOOK_PERIOD, self._look)
 
-        def receive(message: messages.Message) -> None:
-            try:
-                if self._node.is_shared(self._topic):
-                    source.drop()
-                    raise InputError(self._node.publishers_of(self._topic))
-                stamp_ns, now_ns = messages.measured_ns(message.header), self._node.now_ns()
-                source.add(stamp_ns, sample(message), now_ns)
-            except InputError as error:
-                self._watch.refuse(str(error))
-                raise
-            self._watch.observe_stamp(stamp_ns, now_ns)
-
-        self._node.listen(self._topic, kind, driver_profile(), receive)
-        self._node.every(_LOOK_PERIOD, self._look)
-        return source
+    def _receive(self, message: messages.Message) -> None:
+        try:
+            if self._node.is_shared(self._topic):
+                self._source.drop()
+                raise InputError(self._node.publishers_of(self._topic))
+            stamp_ns, now_ns = messages.measured_ns(message.header), self._node.now_ns()
+            self._source.add(stamp_ns, self._source.sample(message), now_ns)
+        except InputError as error:
+            self._watch.refuse(str(error))
+            raise
+        self._watch.observe_stamp(stamp_ns, now_ns)
 
     def condition(self, now_ns: int) -> Condition:
         """What comes of the driver, and whether there is one."""
@@ -145,63 +136,52 @@ class Driver:
 class SensorNode(ManagedNode):
     """Node of one instrument: its parameter `source` names the device that the samples come from.
 
-    A subclass lists in `sources` a method for each, and says on which topics it speaks.
+    Attributes:
+        kind: of the instrument, as devices name what they serve.
+        topics: keys in the wire contract of its blocks and of the message for people.
     """
 
-    sources: ClassVar[dict[str, Callable[[Any], Source]]]
+    kind: ClassVar[str]
+    topics: ClassVar[tuple[str, str]]
+
+    def __init__(self, name: str, **how: Any) -> None:  # noqa: ANN401 (as `ManagedNode`)
+        """As `ManagedNode`; parameters are those of the devices as well.
+
+        Raises:
+            InputError: as there, or a device of a plug-in cannot be loaded.
+        """
+        self._devices = load_devices(self.kind)
+        self._source: Source | None = None
+        self.settings = (*self.settings, *cell_settings("block_period"), *device_settings(self._devices))
+        super().__init__(name, **how)
+
+    def head(self) -> str | None:
+        """Letter of the head that the instrument is; None where it is no head.
+
+        Raises:
+            InputError: the stage has no such head.
+        """
+        return None
 
     def open(self) -> None:
         """Open the source and begin to send."""
         period_ns = round(self.setting("block_period") * NANOSECONDS)
-        name = self.setting("source")
-        self.hardware = name
-        self._driver: Driver | None = None
-        topic, people = self.topics()
-        source = self.sources[name](self)
-        self._sender = BlockSender(self, topic, source, period_ns, (people, self.human_message))
+        self.hardware = self.setting("source")
+        samples, people = (self.wire.topic(key, self.head()) for key in self.topics)
+        instrument = Instrument(samples.frame, samples.columns, self.stage, self.setting, self.now_ns())
+        self._source = source = self._devices[self.hardware].open(instrument)
+        self._sender = BlockSender(self, samples, source, period_ns, (people, partial(messages.latest_message, people)))
+        self._driver = Driver(self, source) if isinstance(source, Heard) else None
         if isinstance(source, Polled):
-            self.at_each(round(NANOSECONDS / self.setting("poll_rate")), lambda _: source.poll(self.now_ns()))
+            self.at_each(round(NANOSECONDS / self.setting(POLL_RATE.name)), lambda _: source.poll(self.now_ns()))
 
-    @abstractmethod
-    def topics(self) -> tuple[Topic, Topic]:
-        """Topic of the blocks and topic for people."""
-
-    @abstractmethod
-    def human_message(self, block: SampleBlock) -> messages.Message:
-        """What people see of the latest sample of a block."""
-
-    def mock(self, stream: str) -> Source:
-        """Source of a stream of the true stage that all mock sources of the cell see."""
-        return MockSource(mock_stage(self.stage, mock_settings(self)), stream)
-
-    def hear(
-        self, topic: str, kind: type[Any], source: Gathered, sample: Callable[[messages.Message], Sequence[float]]
-    ) -> Source:
-        """Source of what a third-party driver publishes; see `Driver`."""
-        self._driver = Driver(self, topic)
-        return self._driver.gather(kind, source, sample)
+    def release(self) -> None:
+        """Close the source."""
+        if self._source is not None:
+            self._source.close()
+            self._source = None
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """The driver that is heard, if it is one, and the stream that goes out."""
         driver = [] if self._driver is None else [self._driver.condition(now_ns)]
         return [*driver, self._sender.watch.report(now_ns)]
-
-
-def mock_settings(node: ManagedNode) -> MockSettings:
-    """What the parameters of a node say about the mock stage."""
-    return MockSettings(
-        seed=node.setting("mock.seed"),
-        epoch_ns=node.setting("mock.epoch") or last_midnight(node.now_ns()),
-        speeds=tuple(node.setting("mock.speeds")),
-        forces=node.setting("mock.forces"),
-        force_cycle=node.setting("mock.force_cycle"),
-        rate=(node.setting(RATE.name) or None) if node.has_parameter(RATE.name) else None,
-    )
-
-
-def source_setting(*choices: str) -> Setting:
-    """The parameter `source`, the first choice by default."""
-    return Setting("source", choices[0], "where the samples come from", choices=choices)
-
-
-POLL_RATE = Setting("poll_rate", 500.0, "how often a device in sysfs is read, Hz", (1.0, 5000.0))

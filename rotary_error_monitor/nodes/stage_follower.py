@@ -8,9 +8,9 @@ python -m rotary_error_monitor.nodes.stage_follower --ros-args -p machine:=xyzac
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 
-from geometry_msgs.msg import Vector3Stamped
 from sensor_msgs.msg import JointState
 
 from rotary_error_monitor.description.machine import load_machine
@@ -20,9 +20,10 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.nodes.sensor import MOCK_SETTINGS, RATE, BlockSender, mock_settings
-from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+from rotary_error_monitor.nodes.sensor import BlockSender
+from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.sources.follower import FollowedSource, FollowedStage
+from rotary_error_monitor.sources.mock import RATE, mock_settings
 
 NAME = "stage_follower"
 _STALE_AFTER = 0.5
@@ -31,7 +32,7 @@ _STALE_AFTER = 0.5
 class StageFollower(ManagedNode):
     """Publishes what the instruments of a stage see that turns with an axis of the machine."""
 
-    settings = (*cell_settings("machine"), *MOCK_SETTINGS, RATE)
+    settings = (*cell_settings("machine", "block_period", "mock."), RATE)
     hardware = "mock"
 
     def open(self) -> None:
@@ -40,21 +41,17 @@ class StageFollower(ManagedNode):
         if machine.monitored is None:
             raise InputError(f"machine {machine.name} has no monitored axis for the stage to follow")
         self._axis = machine.monitored
-        self._stage = FollowedStage(self.stage, mock_settings(self))
+        self._stage = FollowedStage(self.stage, mock_settings(self.setting, self.now_ns(), self.setting(RATE.name)))
         period_ns = round(self.setting("block_period") * NANOSECONDS)
         wire = self.wire.topic
         self._senders = []
-        for head in self.stage.encoder.azimuths:
-            topic = wire("head_samples", head)
-            people = wire("head_joint_states", head)
-            source = FollowedSource(self._stage, f"head_{head}")
-            self._senders.append(BlockSender(self, topic, source, period_ns, (people, self._angle(people.frame))))
-        for stream, people, told in (
-            ("autocollimator", wire("autocollimator_tilt"), self._tilt),
-            ("command", wire("command_joint_states"), self._angle(wire("command_joint_states").frame)),
-        ):
-            topic, source = wire(f"{stream}_samples"), FollowedSource(self._stage, stream)
-            self._senders.append(BlockSender(self, topic, source, period_ns, (people, told)))
+        instruments = [(wire("head_samples", h), wire("head_joint_states", h), "") for h in self.stage.encoder.azimuths]
+        instruments.append((wire("autocollimator_samples"), wire("autocollimator_tilt"), ""))
+        instruments.append((wire("command_samples"), wire("command_joint_states"), messages.STAGE_JOINT))
+        for topic, people, joint in instruments:
+            told = people, partial(messages.latest_message, people, joint=joint)
+            source = FollowedSource(self._stage, topic.frame)
+            self._senders.append(BlockSender(self, topic, source, period_ns, told))
         self._joints = wire("machine_joint_states")
         self._watch = StreamWatch(self._joints.name, _STALE_AFTER, _STALE_AFTER, self.now_ns())
         self.listen_to(self._joints, self._follow)
@@ -80,17 +77,6 @@ class StageFollower(ManagedNode):
             raise InputError(f"joint state of {', '.join(positions)} lacks axis {self._axis}")
         self._stage.command(stamp_ns, positions[self._axis], velocities.get(self._axis, 0.0))
         self._watch.observe_stamp(stamp_ns, self.now_ns())
-
-    @staticmethod
-    def _angle(frame: str) -> Callable[[SampleBlock], JointState]:
-        def message(block: SampleBlock) -> JointState:
-            return messages.joint_state_message(int(block.times_ns[-1]), frame, [frame], [block.rows[-1, 1]])
-
-        return message
-
-    def _tilt(self, block: SampleBlock) -> Vector3Stamped:
-        frame = self.wire.topic("autocollimator_tilt").frame
-        return messages.vector_message(int(block.times_ns[-1]), frame, *block.rows[-1, 1:3])
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -10,10 +10,32 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.sources.device import POLL_RATE, Device, Instrument
+from rotary_error_monitor.sources.source import Polled
 from rotary_error_monitor.sources.unwrapping import unwrap_count
 
 _WHOLE_WORD = 2**64 - 1
+
+
+class CounterDevice(Device):
+    """A read head on a counter of the kernel."""
+
+    name = "counter"
+    serves = ("encoder_head",)
+    settings = (
+        POLL_RATE,
+        Setting("counter.device", "/sys/bus/counter/devices/counter0/count0", "folder of the count in sysfs"),
+        Setting("counter.reverse", False, "whether the counter counts against the positive rotation"),
+    )
+
+    def open(self, instrument: Instrument) -> Polled:
+        """Source of the counter's angles; its counts are those of the stage's ring."""
+        encoder, setting = instrument.stage.encoder, instrument.setting
+        counts = encoder.lines_per_revolution * encoder.counts_per_line
+        folder = Path(setting("counter.device"))
+        return Polled(instrument.fields, Counter(folder, counts, reverse=setting("counter.reverse")))
 
 
 class Counter:

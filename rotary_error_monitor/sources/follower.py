@@ -9,6 +9,7 @@ from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
 from rotary_error_monitor.plant.tracking import TrackedMotion
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings
+from rotary_error_monitor.sources.source import Source
 
 
 class FollowedStage:
@@ -50,7 +51,7 @@ def followed_plant(stage: StageDescription, settings: MockSettings, motion: Cour
     return StagePlant(stage, settings.seed, settings.epoch_ns, motion, Forces(), clocks=clocks)
 
 
-class FollowedSource:
+class FollowedSource(Source):
     """One stream of a followed stage."""
 
     def __init__(self, stage: FollowedStage, stream: str) -> None:

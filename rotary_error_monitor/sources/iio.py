@@ -11,10 +11,41 @@ from pathlib import Path
 
 import numpy as np
 
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.tilt import tilt_from_quadrants
+from rotary_error_monitor.sources.device import POLL_RATE, Device, Instrument
+from rotary_error_monitor.sources.source import Polled
 
 _VOLT = 1e-3  # the subsystem counts in mV
+
+
+class QuadrantDevice(Device):
+    """An autocollimator's quadrant detector on a converter of the kernel."""
+
+    name = "iio"
+    serves = ("autocollimator",)
+    settings = (
+        POLL_RATE,
+        Setting(
+            "iio.device", "/sys/bus/iio/devices/iio:device0", "folder of the quadrant detector's converter in sysfs"
+        ),
+        Setting(
+            "iio.channels", [0, 1, 2, 3], "voltage channels of the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y)"
+        ),
+        Setting("iio.dark", [0.0, 0.0, 0.0, 0.0], "voltages of the quadrants without light, V"),
+        Setting("iio.sensitivity", 0.0005, "tilt per normalised difference of the voltages, rad", (1e-9, 1.0)),
+    )
+
+    def open(self, instrument: Instrument) -> Polled:
+        """Source of the tilts."""
+        setting = instrument.setting
+        return Polled(
+            instrument.fields,
+            QuadrantDetector(
+                Path(setting("iio.device")), setting("iio.channels"), setting("iio.sensitivity"), setting("iio.dark")
+            ),
+        )
 
 
 class QuadrantDetector:

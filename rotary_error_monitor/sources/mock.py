@@ -2,17 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.environment import FORCE_CYCLE, Forces, intermittent_forces
 from rotary_error_monitor.plant.motion import reversing_motion
 from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_samples
+from rotary_error_monitor.sources.device import Device, Instrument
+from rotary_error_monitor.sources.source import Source
+
+MOCK = "mock"
+MOCK_SETTINGS = (
+    Setting("mock.seed", 1, "seed of the mock stage, the same in every process of a cell", (0, 2**31 - 1)),
+    Setting(
+        "mock.epoch",
+        0,
+        "instant at which the mock stage starts, ns since 1970, the same in every process; "
+        "0 for the last midnight (UTC)",
+        (0, 2**62),
+    ),
+    Setting("mock.speeds", [1.5707963267948966, 6.283185307179586], "speeds of a cycle of the mock stage, rad/s"),
+    Setting("mock.forces", True, "whether something pushes at the mock stage's shaft now and then"),
+    Setting(
+        "mock.force_cycle",
+        FORCE_CYCLE,
+        "time after which the pushes at the mock stage repeat, s",
+        (7.0, 3600.0),
+    ),
+)
+"""What the processes of a mock cell agree on, as parameters of each."""
+
+RATE = Setting("rate", 0.0, "samples a second of the mock source; 0.0 for the instrument's usual rate", (0.0, 1e6))
+HEIGHT = Setting(
+    "mock.height", 0.0, "height of the mock artefact above the ring, m; 0.0 for that of the stage", (-10.0, 10.0)
+)
 
 _DAY = 86_400 * NANOSECONDS
 _AHEAD = NANOSECONDS // 10
@@ -56,7 +87,58 @@ def mock_stage(stage: StageDescription, settings: MockSettings) -> StagePlant:
     )
 
 
-class MockSource:
+def mock_settings(setting: Callable[[str], Any], now_ns: int, rate: float | None = None) -> MockSettings:
+    """What the parameters of a process say about the mock stage.
+
+    Args:
+        setting: value of a parameter by its name.
+        now_ns: timestamp (ns).
+        rate: samples a second of heads and autocollimator; None or 0 for their usual rates.
+    """
+    return MockSettings(
+        seed=setting("mock.seed"),
+        epoch_ns=setting("mock.epoch") or last_midnight(now_ns),
+        speeds=tuple(setting("mock.speeds")),
+        forces=setting("mock.forces"),
+        force_cycle=setting("mock.force_cycle"),
+        rate=rate or None,
+    )
+
+
+class MockInstrument(Device):
+    """What an instrument of the true stage shows that all mock sources of the cell see."""
+
+    name = MOCK
+    serves = ("encoder_head", "autocollimator")
+    settings = (*MOCK_SETTINGS, RATE)
+
+    def open(self, instrument: Instrument) -> MockSource:
+        """The instrument's stream of the stage."""
+        settings = mock_settings(instrument.setting, instrument.now_ns, instrument.setting(RATE.name))
+        return MockSource(mock_stage(instrument.stage, settings), instrument.stream)
+
+
+class MockLvdt(Device):
+    """The LVDT of the true stage, at a height of the user's choice."""
+
+    name = MOCK
+    serves = ("lvdt",)
+    settings = (*MOCK_SETTINGS, HEIGHT)
+
+    def open(self, instrument: Instrument) -> MockSource:
+        """The LVDT's stream of the stage.
+
+        Raises:
+            InputError: the stage has no LVDT.
+        """
+        lvdt = instrument.stage.lvdt
+        if lvdt is None:
+            raise InputError(f"{instrument.setting('stage') or 'stage.yaml'}: the stage has no section 'lvdt'")
+        stage = replace(instrument.stage, lvdt=replace(lvdt, height=instrument.setting(HEIGHT.name) or lvdt.height))
+        return MockSource(mock_stage(stage, mock_settings(instrument.setting, instrument.now_ns)), instrument.stream)
+
+
+class MockSource(Source):
     """Samples of one stream of the mock stage.
 
     The plant knows the future as well as the past, so blocks are made ahead of their need: many at once cost hardly

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from rotary_error_monitor.signals.admission import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 
-class Source(Protocol):
+class Source:
     """Gives the samples of one signal, block by block."""
 
     def take(self, since_ns: int, until_ns: int) -> SampleBlock | None:
@@ -22,10 +22,13 @@ class Source(Protocol):
         Raises:
             InputError: what the device says cannot be used.
         """
-        ...
+        raise NotImplementedError(f"{type(self).__name__} gives no samples")
+
+    def close(self) -> None:
+        """Put away what was opened for it; nothing is taken any more."""
 
 
-class Device(Protocol):
+class Readable(Protocol):
     """Something that shows one sample at a time when it is asked."""
 
     def read(self) -> Sequence[float]:
@@ -37,7 +40,7 @@ class Device(Protocol):
         ...
 
 
-class Gathered:
+class Gathered(Source):
     """Source of samples that come one at a time, such as messages of a third-party driver."""
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -89,10 +92,26 @@ class Gathered:
         return block_from_samples(np.array(times, np.int64), self._names, np.array(values, np.float64))
 
 
+class Heard(Gathered):
+    """Source of what a third-party driver publishes, one sample a message.
+
+    Attributes:
+        topic: of the driver; it may be relative to the node's namespace.
+        type: of its messages, such as `sensor_msgs/msg/JointState`.
+        sample: makes the sample of a message, which has the attributes that its type says; raises `InputError` where
+            it holds none.
+    """
+
+    def __init__(self, names: Sequence[str], topic: str, type: str, sample: Callable[[Any], Sequence[float]]) -> None:
+        """Samples with the fields `names`; for the rest see the attributes."""
+        super().__init__(names)
+        self.topic, self.type, self.sample = topic, type, sample
+
+
 class Polled(Gathered):
     """Source that asks a device at a steady rate."""
 
-    def __init__(self, names: Sequence[str], device: Device) -> None:
+    def __init__(self, names: Sequence[str], device: Readable) -> None:
         """Ask `device`, whose samples have the fields `names`."""
         super().__init__(names)
         self._device = device

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
-import sys
 import tomllib
 from pathlib import Path
 
@@ -23,27 +21,6 @@ from rotary_error_monitor.resources import config
 DOC = Path(__file__).parents[2] / "doc"
 EXAMPLE = DOC / "examples" / "bath_thermometer"
 LAG = 7.5
-
-
-@pytest.fixture
-def install(tmp_path, monkeypatch):
-    """Function that leaves a package in a folder for `import` as pip would, its entry points as they are given."""
-
-    def installed(package, entry_points):
-        site = tmp_path / f"site_of_{package.name}"
-        shutil.copytree(package, site / package.name)
-        info = site / f"{package.name}-1.0.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package.name}\nVersion: 1.0\n")
-        lines = [
-            line for group, rows in entry_points.items() for line in (f"[{group}]", *map(" = ".join, rows.items()))
-        ]
-        (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
-        monkeypatch.syspath_prepend(str(site))
-        for name in [name for name in sys.modules if name.partition(".")[0] == package.name]:
-            monkeypatch.delitem(sys.modules, name)
-
-    return installed
 
 
 @pytest.fixture

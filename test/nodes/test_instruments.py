@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import socket
+import struct
 import time
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -214,3 +218,29 @@ def test_a_controller_without_machine_tells_no_axes(cell):
     cell.run(MockController, "mock_controller")
     cell.wait_until(lambda: len(command) > 3, "commands")
     assert states == []
+
+
+def test_a_device_of_another_package_serves_a_node_and_is_put_away_with_it(cell, install):
+    """The example of `doc/devices.md`: its port is free again after a clean-up, for a new start."""
+    example = Path(__file__).parents[2] / "doc" / "examples" / "udp_encoder"
+    install(example, tomllib.loads((example / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
+        box.bind(("127.0.0.1", 0))
+        port = box.getsockname()[1]
+    blocks = cell.collect(cell.wire.topic("head_samples", "a"))
+    head = cell.run(EncoderHead, "encoder_head_a", source="udp", udp__port=port)
+    assert head.describe_parameter("udp.port").description.startswith("port that the box sends to")
+
+    def send():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
+            box.sendto(struct.pack("<qd", time.time_ns(), 0.5), ("127.0.0.1", port))
+        return len(blocks) > 1
+
+    cell.wait_until(send, "readings")
+    assert messages.block_from_message(blocks[0]).column("angle")[0] == 0.5
+    head.trigger_deactivate()
+    head.trigger_cleanup()
+    del blocks[:]
+    head.trigger_configure()
+    head.trigger_activate()
+    cell.wait_until(send, "readings after a new start")

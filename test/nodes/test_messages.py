@@ -14,9 +14,10 @@ from std_msgs.msg import Header
 
 from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
 from rotary_error_monitor.bags.encoding import typestore
+from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 STAMP = 1_700_000_000_123_456_789
 FINITE = st.floats(allow_nan=False, allow_infinity=False, width=32)
@@ -95,25 +96,52 @@ def test_joint_state_fills_velocity_and_effort():
     assert list(back.position) == [0.1, 2.0]
 
 
-def test_joint_motion_and_position():
-    message = messages.joint_state_message(STAMP, "", ["X", "C"], [0.1, 2.0], [0.0, -1.0])
-    assert messages.joint_motion(message) == ({"X": 0.1, "C": 2.0}, {"X": 0.0, "C": -1.0})
-    assert messages.joint_position(message, "C") == 2.0
-    assert messages.joint_position(JointState(name=["spindle"], position=[0.5]), "") == 0.5
-    assert messages.joint_motion(JointState(name=["X"], position=[0.5])) == ({"X": 0.5}, {})
+WIRE = load_wire()
+SAMPLES = block_from_samples(
+    np.array([STAMP, STAMP + 500_000_000]), ["first", "second"], np.array([[1.0, -3.0], [2.0, -4.0]])
+)
 
 
 @pytest.mark.parametrize(
-    ("message", "joint", "problem"),
+    ("key", "head", "shown"),
     [
-        (JointState(name=["X", "Y"], position=[1.0, 2.0]), "", "expected a position of joint ''"),
-        (JointState(name=["X"], position=[1.0]), "C", "expected a position of joint 'C'"),
-        (JointState(name=["X"], position=[]), "X", "with 0 positions"),
+        ("head_joint_states", "b", lambda m: (list(m.name), list(m.position), list(m.velocity))),
+        ("autocollimator_tilt", None, lambda m: (m.vector.x, m.vector.y, m.vector.z)),
+        ("force_wrench", None, lambda m: (m.wrench.force.x, m.wrench.force.y, m.wrench.torque.z)),
+        ("stage_temperature", None, lambda m: m.temperature),
     ],
 )
-def test_a_joint_that_is_not_there(message, joint, problem):
-    with pytest.raises(InputError, match=problem):
-        messages.joint_position(message, joint)
+def test_people_see_the_latest_sample(key, head, shown):
+    topic = WIRE.topic(key, head)
+    message = messages.latest_message(topic, SAMPLES)
+    assert messages.ns_from_stamp(message.header.stamp) == STAMP + 500_000_000
+    assert message.header.frame_id == topic.frame
+    expected = {
+        "head_joint_states": (["head_b"], [2.0], [-4.0]),
+        "stage_temperature": 2.0,
+    }
+    assert shown(message) == expected.get(key, (2.0, -4.0, 0.0))
+    assert message.__class__ is messages.message_class(topic.type)
+
+
+def test_speed_that_no_field_holds_is_the_mean_over_the_block():
+    topic = WIRE.topic("head_joint_states", "a")
+    one = block_from_samples(SAMPLES.times_ns, ["angle"], SAMPLES.rows[:, 1:2])
+    assert list(messages.latest_message(topic, one).velocity) == [2.0]
+    alone = block_from_samples(SAMPLES.times_ns[:1], ["angle"], SAMPLES.rows[:1, 1:2])
+    assert list(messages.latest_message(topic, alone).velocity) == [0.0]
+    assert list(messages.latest_message(topic, alone, "stage").name) == ["stage"]
+
+
+def test_no_sample_goes_into_what_is_no_message_of_an_instrument():
+    with pytest.raises(InputError, match=r"/diagnostics: no sample goes into a diagnostic_msgs/msg/DiagnosticArray"):
+        messages.latest_message(WIRE.topic("diagnostics"), SAMPLES)
+
+
+def test_joint_motion():
+    message = messages.joint_state_message(STAMP, "", ["X", "C"], [0.1, 2.0], [0.0, -1.0])
+    assert messages.joint_motion(message) == ({"X": 0.1, "C": 2.0}, {"X": 0.0, "C": -1.0})
+    assert messages.joint_motion(JointState(name=["X"], position=[0.5])) == ({"X": 0.5}, {})
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 from rclpy.parameter import Parameter
 
+from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.parameters import Setting, cell_settings
+from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.testing import Cell
 
 

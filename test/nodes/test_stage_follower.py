@@ -29,6 +29,7 @@ def test_all_instruments_speak_once_the_axis_is_known():
             return all(len(each) > 1 for each in received) and cell.has_status(AXIS, "following C")
 
         cell.wait_until(turn, "all instruments")
+        assert list(received[8][-1].name) == ["stage"], "as the contract calls it"
         cell.wait_for_status(AXIS, "no joint state of axis C for")
         assert messages.block_from_message(received[5][-1]).column("angle")[-1] == pytest.approx(0.7, abs=1e-6)
         assert messages.block_from_message(received[0][-1]).column("angle")[-1] == pytest.approx(0.7, abs=1e-3)

@@ -1,0 +1,1 @@
+"""Read heads behind an interface box that sends datagrams."""

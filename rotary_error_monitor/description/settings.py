@@ -1,0 +1,65 @@
+"""A setting that people give to a node or a device: its default, unit, range and meaning, apart from ROS."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from rotary_error_monitor.errors import InputError
+
+Value = bool | int | float | str | list[int] | list[float]
+
+_KINDS = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number with a point, such as 5.0",
+    str: "a text",
+    list: "a list",
+}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One parameter of a node.
+
+    Attributes:
+        default: value without an override; its type is the parameter's type.
+        meaning: what it does, with its unit.
+        bounds: smallest and largest value, for numbers.
+        choices: the values allowed, for text; empty where any text will do.
+        at_start: given at the start or never, for what runs programs: who may set parameters shall not run any.
+    """
+
+    name: str
+    default: Value
+    meaning: str
+    bounds: tuple[float, float] | None = None
+    choices: tuple[str, ...] = ()
+    at_start: bool = False
+
+    @property
+    def expected(self) -> str:
+        """What a right value looks like, in words."""
+        kind = _KINDS[type(self.default)]
+        if self.bounds is not None:
+            kind += f", from {self.bounds[0]:g} to {self.bounds[1]:g}"
+        if self.choices:
+            kind = f"one of {', '.join(self.choices)}"
+        return f"{self.meaning} ({kind})"
+
+    def check(self, value: object, where: str) -> None:
+        """Hold a value against choices and finiteness, which a descriptor of ROS cannot express.
+
+        Raises:
+            InputError: naming parameter, value and what is expected.
+        """
+        finite = all(math.isfinite(number) for number in _numbers(value))
+        if not finite or (self.choices and value not in self.choices):
+            raise InputError(f"{where}: parameter '{self.name}' is {value!r}; expected: {self.expected}")
+
+
+def _numbers(value: object) -> Iterable[float]:
+    values = value if isinstance(value, list | tuple | array) else [value]  # rclpy makes arrays of lists of numbers
+    return (number for number in values if isinstance(number, float))

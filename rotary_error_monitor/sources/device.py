@@ -1,0 +1,58 @@
+"""A device: one way to get the samples of an instrument, the choice of its node's parameter `source`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.sources.source import Source
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """What a device gives the samples of.
+
+    Attributes:
+        stream: its name among the streams of the stage, such as `head_a`; its frame is called so as well.
+        fields: of a sample, as `msg_defs/` names them.
+        stage: that it is built into.
+        setting: value of a setting by its name: of the device, or of the cell.
+        now_ns: timestamp (ns) at which it is opened.
+    """
+
+    stream: str
+    fields: tuple[str, ...]
+    stage: StageDescription
+    setting: Callable[[str], Any]
+    now_ns: int
+
+
+class Device:
+    """Base of all devices. A concrete one has a `name`; a class without one is an abstract base.
+
+    Attributes:
+        name: value of the parameter `source`.
+        serves: kinds of instrument that it can be, by the name of their node.
+        settings: parameters that a node has because of it.
+    """
+
+    name: ClassVar[str] = ""
+    serves: ClassVar[tuple[str, ...]] = ()
+    settings: ClassVar[tuple[Setting, ...]] = ()
+
+    def open(self, instrument: Instrument) -> Source:
+        """The source of the instrument's samples.
+
+        A `Polled` one is asked at the rate `poll_rate`, what is `Heard` comes in messages on its topic; any other is
+        asked for each block.
+
+        Raises:
+            InputError: a setting is wrong, or the device is not there.
+        """
+        raise NotImplementedError(f"{type(self).__name__} does not say how it is opened")
+
+
+POLL_RATE = Setting("poll_rate", 500.0, "how often a device that shows its present value is read, Hz", (1.0, 5000.0))

@@ -1,0 +1,48 @@
+"""The devices that are known: those of this room, and those of installed plug-ins."""
+
+from __future__ import annotations
+
+import rotary_error_monitor.sources as room
+from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plugins import classes_in, modules_of
+from rotary_error_monitor.sources.device import Device
+from rotary_error_monitor.sources.mock import MOCK
+
+ENTRY_POINTS = "rotary_error_monitor.devices"
+
+
+def load_devices(instrument: str) -> dict[str, Device]:
+    """Devices that can be an instrument, by name, the mock first.
+
+    Args:
+        instrument: name of its node, such as `encoder_head`.
+
+    Raises:
+        InputError: a plug-in cannot be loaded, or two devices share a name.
+    """
+    found: dict[str, Device] = {}
+    for module, origin in modules_of(room, ENTRY_POINTS):
+        for kind in classes_in(module, Device):
+            if not kind.name or instrument not in kind.serves:
+                continue
+            if kind.name in found:
+                raise InputError(f"{origin}: device '{kind.name}' is already known; choose another name")
+            found[kind.name] = kind()
+    return dict(sorted(found.items(), key=lambda item: (item[0] != MOCK, item[0])))
+
+
+def device_settings(devices: dict[str, Device]) -> tuple[Setting, ...]:
+    """The parameter `source`, and those of the devices; what several share is there once.
+
+    Raises:
+        InputError: two devices mean different things by one name.
+    """
+    found: dict[str, tuple[Setting, str]] = {}
+    for device in devices.values():
+        for setting in device.settings:
+            known, owner = found.setdefault(setting.name, (setting, device.name))
+            if known != setting:
+                raise InputError(f"devices '{owner}' and '{device.name}' both have a setting '{setting.name}'")
+    source = Setting("source", next(iter(devices)), "where the samples come from", choices=tuple(devices))
+    return (source, *(setting for setting, _ in found.values()))

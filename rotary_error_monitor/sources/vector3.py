@@ -1,0 +1,38 @@
+"""An instrument with two axes behind a third-party driver that publishes vectors."""
+
+from __future__ import annotations
+
+from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.sources.device import Device, Instrument
+from rotary_error_monitor.sources.source import Heard
+
+
+class _Vector3Driver(Device):
+    """The first two components of a vector with a stamp."""
+
+    def open(self, instrument: Instrument) -> Heard:
+        """Source of the vectors."""
+        return Heard(
+            instrument.fields,
+            instrument.setting("vector3.topic"),
+            "geometry_msgs/msg/Vector3Stamped",
+            lambda message: (message.vector.x, message.vector.y),
+        )
+
+
+class TiltDriver(_Vector3Driver):
+    """Tilt as a rotation vector, rad."""
+
+    name = "vector3"
+    serves = ("autocollimator",)
+    settings = (
+        Setting("vector3.topic", "autocollimator/tilt", "topic of a third-party driver: rotation vector in rad"),
+    )
+
+
+class DisplacementDriver(_Vector3Driver):
+    """Displacement, m."""
+
+    name = "vector3"
+    serves = ("lvdt",)
+    settings = (Setting("vector3.topic", "lvdt/displacement", "topic of a third-party driver: displacement in m"),)
