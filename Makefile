@@ -43,7 +43,8 @@ run-linuxcnc: setup ## a five-axis program on a headless LinuxCNC, with and with
 # What computes beside them gets what they leave.
 ON_TIME := $(shell chrt --rr 1 true 2>/dev/null && echo chrt --rr 1)
 BESIDE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
-LIVE := $(addprefix test/,controller faults/clock faults/live network nodes scenario security testing)
+LIVE := $(addprefix test/,faults/clock faults/live linuxcnc_controller linuxcnc_demonstration mock_cell network nodes security\
+	testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py \
 	description/test_configurations.py $(addprefix faults/test_,calibrated.py common_zero.py gaps.py late_heads.py machine_faults.py \
@@ -55,9 +56,9 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix benchmark/test_,ablatio
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py motion.py play.py slow_noise.py stretches.py) \
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py) \
-	$(addprefix plant/test_,cases.py departures.py mimics.py))
+	$(addprefix cases/test_,cases.py departures.py mimics.py))
 RATES := $(CELL_RATES) $(MODEL_RATES)
-MODELS := $(addprefix test/,calibration effects gap kinds machine metrology twin)
+MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
 COVERED := $(BIN)/python -m coverage run

@@ -13,10 +13,10 @@ import hypothesis
 import pytest
 import yaml
 
+from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 
 hypothesis.settings.register_profile("shared computer", deadline=None)  # an example takes what else runs leaves it

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.blind_check.cases import write_case
+from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import ENTRY_POINTS, effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
-from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 from rotary_error_monitor.twin.stage import twin_of
 

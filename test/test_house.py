@@ -6,6 +6,7 @@ import ast
 import re
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -13,56 +14,19 @@ import pytest
 import rotary_error_monitor
 
 PACKAGE = Path(rotary_error_monitor.__file__).parent
+DOCUMENT = (Path(__file__).parents[1] / "doc" / "architecture.md").read_text(encoding="utf-8")
+"""The plan of the house: a row a room, with what it imports and which libraries are its own."""
+
 LEAVES = {"errors", "files", "plugins", "resources", "start"}
 CORE = {"description", "signals", *LEAVES}
+ROWS = re.findall(r"^\| `(\w+)` \| (.+) \| (.*) \| (.*) \|$", DOCUMENT, re.MULTILINE)
 ROOMS = {
-    "description": LEAVES,
-    "signals": LEAVES,
-    "metrology": CORE,
-    "machine": CORE,
-    "plant": CORE,
-    "security": CORE,
-    "pipeline": CORE | {"metrology", "machine"},
-    "effects": CORE | {"metrology", "machine"},
-    "twin": CORE | {"metrology", "machine", "effects"},
-    "gap": CORE | {"metrology", "machine", "effects", "twin", "bags"},
-    "kinds": CORE | {"metrology", "machine", "effects", "twin", "gap", "bags"},
-    "bags": CORE,
-    "blind_check": CORE | {"metrology", "machine", "effects", "twin", "gap", "bags", "plant"},
-    "calibration": CORE | {"metrology", "machine", "bags"},
-    "report": CORE | {"metrology", "machine", "effects", "twin", "gap", "calibration", "pipeline"},
-    "controller": CORE | {"machine"},
-    "sources": CORE | {"metrology", "plant"},
-    "nodes": CORE
-    | {
-        "metrology",
-        "machine",
-        "pipeline",
-        "bags",
-        "sources",
-        "controller",
-        "twin",
-        "effects",
-        "gap",
-        "kinds",
-        "security",
-    },
-    "testing": CORE | {"nodes"},
+    room: (set() if room in CORE else CORE) | LEAVES | set(filter(None, below.split(", ")))
+    for room, _, below, _ in ROWS
+    if below != "all"
 }
-ONLY_IN = {
-    "rclpy": {"nodes", "testing"},
-    "sensor_msgs": {"nodes", "testing"},
-    "geometry_msgs": {"nodes", "testing"},
-    "matplotlib": {"report"},
-    "cryptography": {"security"},
-    "rosbags": {"bags"},
-    "mcap": {"bags"},
-    "lz4": {"bags"},
-    "zstandard": {"bags"},
-    "sqlite3": {"bags"},
-    "linuxcnc": {"controller"},
-    "hal": {"controller"},
-}
+LIBRARIES = sorted({library for *_, own in ROWS for library in own.split(", ") if library})
+ONLY_IN = {library: {room for room, *_, own in ROWS if library in own.split(", ")} for library in LIBRARIES}
 
 
 def modules() -> Iterator[tuple[str, Path]]:
@@ -103,10 +67,34 @@ def test_a_room_imports_only_what_lies_below_it(room):
         assert not foreign, f"{path.relative_to(PACKAGE)} imports {sorted(foreign)}"
 
 
-def test_the_plan_names_every_room():
-    rooms = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
-    outside = {"scenario", "commands"}  # whole scenarios join every room
-    assert rooms - outside == set(ROOMS)
+def test_the_plan_names_every_room_as_it_calls_itself():
+    told = {room: what for room, what, *_ in ROWS}
+    found = {path.parent.name: path.read_text(encoding="utf-8") for path in PACKAGE.glob("*/__init__.py")}
+    assert {room: (ast.get_docstring(ast.parse(text)) or "").split("\n")[0] for room, text in found.items()} == told
+    # What is started as a whole joins every room.
+    assert set(told) - set(ROOMS) == {"commands", "mock_cell", "linuxcnc_demonstration"}
+
+
+def test_the_picture_shows_every_room_and_no_arrow_back():
+    (picture,) = re.findall(r"```mermaid\n(.*?)```", DOCUMENT, re.DOTALL)
+    shown = {(a, b) for line in picture.splitlines() for a, b in arrows(line)}
+    assert {room for pair in shown for room in pair} == {room for room, *_ in ROWS}
+    assert not [(a, b) for a, b in shown if b in ROOMS and a not in ROOMS[b]]
+
+
+def arrows(line: str) -> Iterator[tuple[str, str]]:
+    """Pairs of `a & b --> c --> d`."""
+    steps = [re.findall(r"\w+", step) for step in line.split("-->")] if "-->" in line else []
+    yield from ((a, b) for below, above in pairwise(steps) for a in below for b in above)
+
+
+def test_files_that_the_plan_names_are_there():
+    named = set(re.findall(r"`((?:\w+/)+\w+\.py)`", DOCUMENT))
+    assert len(named) > 20
+    roots = PACKAGE, PACKAGE.parent
+    assert not [name for name in named if not any((root / name).is_file() for root in roots)]
+    links = re.findall(r"\]\((\w+\.md)\)", DOCUMENT)
+    assert links and all((PACKAGE.parent / "doc" / link).is_file() for link in links)
 
 
 @pytest.mark.parametrize("library", sorted(ONLY_IN))
@@ -119,7 +107,7 @@ def test_a_library_stays_in_its_room(library):
 def test_the_plant_shares_no_formula_with_what_it_tests():
     """Nothing that the plant imports, however far, lies in the rooms of estimator and twin."""
     tested = {"metrology", "machine", "effects", "twin", "gap", "pipeline"}
-    seen, waiting = set(), {"plant"}
+    seen, waiting = set(), {"plant", "cases"}
     while waiting:
         room = waiting.pop()
         seen.add(room)
@@ -133,7 +121,7 @@ WITHIN = PACKAGE / "kinds"
 APART = ["mount", "quadrature"]
 """Kinds that nothing but their own folder knows: of stage and machine the cell knows as much."""
 
-ELSEWHERE = {"sources": "quadrature", "controller": "mount"}
+ELSEWHERE = {"sources": "quadrature", "linuxcnc_controller": "mount"}
 """Rooms in which a word of a kind means something else: counters of Linux, and its command."""
 
 

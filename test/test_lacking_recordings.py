@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 from faults.documenting import Row, shows
 
-from rotary_error_monitor.bags.contents import Content, JointState
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.writer import BagWriter, write_messages
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.codec.contents import Content, JointState
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.estimation import Estimator
-from rotary_error_monitor.replay import replay_bag
+from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, MockSource, mock_stage

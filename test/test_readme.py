@@ -18,11 +18,12 @@ from rotary_error_monitor.testing import Cell
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 ELSEWHERE = {
-    "make run": "test/scenario/test_mock_cell.py",
-    "make run-linuxcnc": "test/scenario/test_linuxcnc_run.py",
+    "make run": "test/mock_cell/test_run.py",
+    "make run-linuxcnc": "test/linuxcnc_demonstration/test_run.py",
     "make test": ".ci/run",
     "colcon build": "test/test_package.py",
 }
+ROOMS = "|".join(path.parent.name for path in (ROOT / "rotary_error_monitor").glob("*/__init__.py"))
 ONLY_WITH_APT = {"rosdep install --from-paths src --ignore-src -y"}
 
 
@@ -85,7 +86,7 @@ SAMPLES = 12_000
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     """A recording of the mock cell's signals, made without starting it."""
-    from rotary_error_monitor.bags.contents import JointState
+    from rotary_error_monitor.codec.contents import JointState
     from rotary_error_monitor.description.machine import load_machine
     from rotary_error_monitor.description.stage import load_stage
     from rotary_error_monitor.sources.mock import MockSettings, mock_stage
@@ -138,3 +139,14 @@ def test_the_command_line_works_as_shown(command, bag, tmp_path, monkeypatch, ca
         with np.load(out) as found:
             verified = 2 * len(found["stamp_ns"]) // 3
             assert np.isfinite(found["tool_offset"][verified:]).all(axis=1).mean() > 0.9
+
+
+@pytest.mark.parametrize("document", sorted(path.name for path in (*ROOT.glob("*.md"), *(ROOT / "doc").glob("*.md"))))
+def test_files_that_a_document_names_are_there(document):
+    place = next(place for place in (ROOT, ROOT / "doc") if (place / document).is_file())
+    text = (place / document).read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:test|config|doc|rotary_error_monitor|msg_defs)/[\w./-]*)`", text))
+    named |= {f"rotary_error_monitor/{name}" for name in re.findall(rf"`((?:{ROOMS})/[\w/]+\.py)`", text)}
+    assert not [name for name in named if not (ROOT / name).exists()]
+    linked = [link.split("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in link]
+    assert not [link for link in linked if link and not (place / link).exists()]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, JointState
-from rotary_error_monitor.bags.messages import Decoder, stamp_of
+from rotary_error_monitor.codec.contents import SAMPLE_BLOCK, TYPES, JointState
+from rotary_error_monitor.codec.messages import Decoder, stamp_of
 from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks

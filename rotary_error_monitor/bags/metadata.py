@@ -180,7 +180,7 @@ def write_metadata(
 @functools.cache
 def type_hash(msgtype: str) -> str:
     """RIHS01 hash of a standard message type, empty for every other type."""
-    from rotary_error_monitor.bags.encoding import typestore
+    from rotary_error_monitor.codec.encoding import typestore
 
     return typestore().hash_rihs01(msgtype) if msgtype in typestore().types else ""
 
@@ -188,7 +188,7 @@ def type_hash(msgtype: str) -> str:
 @functools.cache
 def type_definition(msgtype: str) -> str:
     """Definition of a standard message type and those that it needs, as mcap's `ros2msg`; empty for every other."""
-    from rotary_error_monitor.bags.encoding import typestore
+    from rotary_error_monitor.codec.encoding import typestore
 
     return typestore().generate_msgdef(msgtype, ros_version=2)[0] if msgtype in typestore().types else ""
 

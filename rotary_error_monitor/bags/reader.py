@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.bag_files import ENCODING, BagFiles, TopicContent
-from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
-from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, Content
 from rotary_error_monitor.bags.listing import count_remarks
-from rotary_error_monitor.bags.messages import Decoder, check_type, stamp_of
 from rotary_error_monitor.bags.recorded_files import RawMessage
 from rotary_error_monitor.bags.window import Window
+from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.contents import SAMPLE_BLOCK, TYPES, Content
+from rotary_error_monitor.codec.messages import Decoder, check_type, stamp_of
 from rotary_error_monitor.errors import InputError, excerpt, one_line
 from rotary_error_monitor.files import exists
 from rotary_error_monitor.signals.admission import AHEAD_NS

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from rotary_error_monitor.bags.contents import Content
+from rotary_error_monitor.codec.contents import Content
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.signals.stretches import PAUSE_NS
 

@@ -13,12 +13,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
 
-from rotary_error_monitor.bags.contents import TYPES, Content
 from rotary_error_monitor.bags.lock import BagLock, holder
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.metadata import FileEntry, TopicEntry, qos_profiles, type_definition, write_metadata
 from rotary_error_monitor.bags.part import BagPart, Recordable
 from rotary_error_monitor.bags.storage import RecordFile, Reserve
+from rotary_error_monitor.codec.contents import TYPES, Content
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.wire import Qos, Wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import SampleBlock

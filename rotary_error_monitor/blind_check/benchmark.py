@@ -22,8 +22,8 @@ from rotary_error_monitor.blind_check.cases import CasePlan, make_case, write_ca
 from rotary_error_monitor.blind_check.scores import Outcome, score_case
 from rotary_error_monitor.blind_check.sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
 from rotary_error_monitor.blind_check.solver import diagnose_cases
+from rotary_error_monitor.cases.draws import DURATION
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.draws import DURATION
 
 Answer = Any
 """What one process tells another: text, numbers, or a diagnosis as plain data."""

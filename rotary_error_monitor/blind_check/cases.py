@@ -12,14 +12,14 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rotary_error_monitor.bags.contents import JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.writer import write_messages
+from rotary_error_monitor.cases.case_faults import LOUDEST, Kind
+from rotary_error_monitor.cases.draws import machine_faults, stage_faults
+from rotary_error_monitor.cases.faults import UnsuitableSeedError
+from rotary_error_monitor.cases.making import MachineCase, StageCase, make_machine_case, make_stage_case
+from rotary_error_monitor.codec.contents import JointState, PointStamped, Temperature
 from rotary_error_monitor.description.machine import MachineDescription, machine_from_mapping
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.case_faults import LOUDEST, Kind
-from rotary_error_monitor.plant.cases import MachineCase, StageCase, make_machine_case, make_stage_case
-from rotary_error_monitor.plant.draws import machine_faults, stage_faults
-from rotary_error_monitor.plant.faults import UnsuitableSeedError
 from rotary_error_monitor.plant.motion import motion_in_use, random_motion
 from rotary_error_monitor.plant.noise_forms import FORMS
 from rotary_error_monitor.signals.blocks import NANOSECONDS

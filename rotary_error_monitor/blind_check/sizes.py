@@ -18,13 +18,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.cases.departures import Part, acting
+from rotary_error_monitor.cases.faults import make_fault
+from rotary_error_monitor.cases.making import MachineCase, StageCase
+from rotary_error_monitor.cases.response import INPUTS, TRACKER_NOISE, noise_of, times_of
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
-from rotary_error_monitor.plant.cases import MachineCase, StageCase
-from rotary_error_monitor.plant.departures import Part, acting
-from rotary_error_monitor.plant.faults import make_fault
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant
-from rotary_error_monitor.plant.response import INPUTS, TRACKER_NOISE, noise_of, times_of
 from rotary_error_monitor.plant.stage import HEAD, Fault, StagePlant
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from rotary_error_monitor.description.stage import load_stage
-from rotary_error_monitor.scenario.stage_check import check_stage, check_text
+from rotary_error_monitor.recordings.stage_check import check_stage, check_text
 
 CONTRADICTED, UNPROVEN = 10, 12
 

@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     with nullcontext() if arguments.no_report else Painter() as painter, _progress_bar() as progress:
         # What diagnoses and what draws take long to load: the painter does its part meanwhile.
         from rotary_error_monitor.gap.sentences import verdict_sentence
-        from rotary_error_monitor.scenario.file_diagnosis import FileDiagnosis
+        from rotary_error_monitor.recordings.diagnosis import FileDiagnosis
 
         diagnosis = FileDiagnosis(
             arguments.bag,

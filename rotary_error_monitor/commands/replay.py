@@ -13,7 +13,7 @@ from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
-from rotary_error_monitor.replay import LONGEST_PERIOD_NS, SHORTEST_PERIOD_NS, replay_bag
+from rotary_error_monitor.recordings.replay import LONGEST_PERIOD_NS, SHORTEST_PERIOD_NS, replay_bag
 from rotary_error_monitor.resources import config
 
 NOT_REPEATED = 10

@@ -34,8 +34,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def run(arguments: argparse.Namespace) -> int:
     """Run, replay, print; the exit code says whether all figures are within their bounds."""
     # ROS is imported only where it is used, so that the commands without it start fast and work without it
-    from rotary_error_monitor.scenario import mock_cell, mock_cell_figures
-    from rotary_error_monitor.scenario.mock_cell_picture import draw_cell
+    from rotary_error_monitor.mock_cell.figures import figures, table
+    from rotary_error_monitor.mock_cell.picture import draw_cell
+    from rotary_error_monitor.mock_cell.run import MockCell, record
 
     if not arguments.duration >= SHORTEST:
         raise InputError(f"--duration is {arguments.duration} s; {SHORTEST} s are needed for three heights of the LVDT")
@@ -49,20 +50,18 @@ def run(arguments: argparse.Namespace) -> int:
             "compensation with it instead"
         )
     folder.mkdir(parents=True)
-    cell = mock_cell.MockCell(
-        folder, arguments.duration, arguments.machine, arguments.stage, arguments.seed, arguments.rate
-    )
+    cell = MockCell(folder, arguments.duration, arguments.machine, arguments.stage, arguments.seed, arguments.rate)
     print(
         "Simulated: the stage, its sensors and the machine. Real: nodes, DDS, recording, everything computed.",
         flush=True,
     )
     try:
-        recording = mock_cell.record(cell, tuple(stage.encoder.azimuths))
+        recording = record(cell, tuple(stage.encoder.azimuths))
     except (RuntimeError, TimeoutError) as error:
         print(f"rotary_error_monitor: {error}", file=sys.stderr)
         return OUT_OF_BOUNDS
-    result = mock_cell_figures.figures(cell, recording, stage, machine)
-    print(mock_cell_figures.table(result.rows))
+    result = figures(cell, recording, stage, machine)
+    print(table(result.rows))
     for failure in recording.failures:
         print(f"rotary_error_monitor: {failure}", file=sys.stderr)
     picture = folder / "cell.png"

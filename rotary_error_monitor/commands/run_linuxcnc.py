@@ -25,9 +25,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the scenario; its exit code."""
+    """Run the demonstration; its exit code."""
     # ROS is imported only where it is used, so that the commands without it start fast and work without it
-    from rotary_error_monitor.scenario import linuxcnc_run
+    from rotary_error_monitor.linuxcnc_demonstration import run as linuxcnc_run
 
     options = linuxcnc_run.LinuxcncRun(
         arguments.machine, arguments.stage, arguments.ini, arguments.program, arguments.seed

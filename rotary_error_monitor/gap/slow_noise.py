@@ -12,7 +12,7 @@ from rotary_error_monitor.gap.known_effects import KnownEffect
 from rotary_error_monitor.gap.normal import solve_scaled
 from rotary_error_monitor.gap.posterior import NO_DEPARTURE, PRIOR_OF_UNKNOWN, likeliest_kinds
 from rotary_error_monitor.gap.problem import Array
-from rotary_error_monitor.twin.slow_noise import Cells, SlowNoise
+from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise
 
 ORDERS = 120
 """Orders of cosines over the recording of which slow noise is made; beyond them what falls with the order is far less

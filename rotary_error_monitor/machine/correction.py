@@ -23,7 +23,7 @@ LAST_STEP = 1e-8
 
 
 @dataclass(frozen=True)
-class AxisCorrections:
+class SolvedCorrections:
     """Corrections to add to the commanded positions of n poses.
 
     Attributes:
@@ -41,9 +41,9 @@ class AxisCorrections:
     direction_spanned: NDArray[np.bool_]
     offset: Array
 
-    def at(self, chosen: NDArray[np.int64]) -> AxisCorrections:
+    def at(self, chosen: NDArray[np.int64]) -> SolvedCorrections:
         """The same at some of the poses."""
-        return AxisCorrections(
+        return SolvedCorrections(
             self.corrections[chosen],
             self.converged[chosen],
             self.position_spanned[chosen],
@@ -80,7 +80,7 @@ def solve_axis_corrections(
     temperature: ArrayLike | None = None,
     monitored: ArrayLike | None = None,
     least_reach: float = 0.02,
-) -> AxisCorrections:
+) -> SolvedCorrections:
     """Corrections of the axes at n poses; arguments and their errors as for `predict_tool_offset`.
 
     Newton's method with the ideal machine's Jacobian at each pose; a pose is done when its own step is small, whatever
@@ -125,7 +125,7 @@ def solve_axis_corrections(
             break
         actual = seen(poses.positions + delta)
     corrections = np.ascontiguousarray(delta.T)
-    return AxisCorrections(corrections, ~active, linear.rank == 3, rotary.rank == 2, offset)
+    return SolvedCorrections(corrections, ~active, linear.rank == 3, rotary.rank == 2, offset)
 
 
 def remaining_offset(

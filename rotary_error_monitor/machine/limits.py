@@ -14,7 +14,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.transforms import Array
 
 
-class Level(enum.IntEnum):
+class Outcome(enum.IntEnum):
     """What became of a wanted correction, the worst last."""
 
     FOLLOWED = 0
@@ -82,12 +82,12 @@ class LimitedCorrections:
 
     Attributes:
         corrections: (n, axes) to be applied; always finite.
-        levels: (n,) what became of each, as `Level`.
+        outcomes: (n,) what became of each, as `Outcome`.
         state: to be passed with the next poses.
     """
 
     corrections: Array
-    levels: NDArray[np.int64]
+    outcomes: NDArray[np.int64]
     state: CorrectionState = field(repr=False)
 
 
@@ -129,7 +129,7 @@ def limit_corrections(
         state: from the poses before, at first `initial_state`.
         times_ns: (n,) timestamp (ns) of each pose, not falling.
         wanted: (n, m) corrections in m or rad.
-        usable: (n,) whether each may be used, such as `AxisCorrections.converged`; none: all.
+        usable: (n,) whether each may be used, such as `SolvedCorrections.converged`; none: all.
 
     Raises:
         InputError: shapes do not fit the limits, or times fall.
@@ -157,10 +157,10 @@ def limit_corrections(
     reach = limits.rate * np.minimum(interval, limits.longest_interval)[:, None]
     corrections, shortened = _follow(np.array(state.applied), np.where(use[:, None], asked, 0.0), follow, reach)
 
-    levels = np.where(shortened, Level.RATE_LIMITED, Level.FOLLOWED).astype(np.int64)
-    levels[(size > limits.warning).any(axis=1)] = Level.WARNING
-    levels[~use] = Level.HELD
-    levels[latched] = Level.LATCHED
+    outcomes = np.where(shortened, Outcome.RATE_LIMITED, Outcome.FOLLOWED).astype(np.int64)
+    outcomes[(size > limits.warning).any(axis=1)] = Outcome.WARNING
+    outcomes[~use] = Outcome.HELD
+    outcomes[latched] = Outcome.LATCHED
     reason = state.reason
     if latched[-1] and not state.latched:
         first = int(np.argmax(over))
@@ -170,7 +170,7 @@ def limit_corrections(
             f"is beyond the error limit {limits.error[axis]:.3e}"
         )
     new = CorrectionState(tuple(corrections[-1].tolist()), int(times_ns[-1]), bool(latched[-1]), reason)
-    return LimitedCorrections(corrections, levels, new)
+    return LimitedCorrections(corrections, outcomes, new)
 
 
 def _follow(start: Array, wanted: Array, follow: NDArray[np.bool_], reach: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -17,9 +17,9 @@ from std_srvs.srv import Trigger
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError, without_numbers
-from rotary_error_monitor.machine.limits import Level as Limit
+from rotary_error_monitor.machine.limits import Outcome
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.compensation_settings import SETTINGS, compensator_settings
+from rotary_error_monitor.nodes.compensation_settings import SETTINGS, compensation_settings
 from rotary_error_monitor.nodes.correction_output import CorrectionOutput
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
@@ -54,7 +54,7 @@ class Compensation(ManagedNode):
             )
         self.hardware = name
         machine = load_machine(name)
-        self._compensator = Compensator(machine, compensator_settings(self), limits=self.stage.limits)
+        self._compensator = Compensator(machine, compensation_settings(self), limits=self.stage.limits)
         self._has_rotary = any(axis.kind == "rotary" for axis in machine.axes)
         self._age_limit_ns = round(self.setting("age_limit") * NANOSECONDS)
         self._hold: str | None = ""
@@ -211,9 +211,9 @@ class Compensation(ManagedNode):
         if hold or latest is None:
             return Condition("correction", Level.ERROR, f"held: {hold}{self._how_far()}", figures)
         reasons = [*self._compensator.remarks, *self._output.remarks(now_ns)]
-        if latest.level is Limit.WARNING:
+        if latest.outcome is Outcome.WARNING:
             reasons.append("beyond the warning limit")
-        if latest.level is Limit.RATE_LIMITED:
+        if latest.outcome is Outcome.RATE_LIMITED:
             reasons.append("slowed by the rate limit")
         if self._has_rotary and not latest.direction_spanned:
             reasons.append("the axes cannot correct the tool's direction here")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
-from rotary_error_monitor.pipeline.compensation import CompensatorSettings
+from rotary_error_monitor.pipeline.compensation import CompensationSettings
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
-_DEFAULTS = CompensatorSettings()
+_DEFAULTS = CompensationSettings()
 
 
 def _seconds(ns: int) -> float:
@@ -96,7 +96,7 @@ SETTINGS = (
 )
 
 
-def compensator_settings(node: ManagedNode) -> CompensatorSettings:
+def compensation_settings(node: ManagedNode) -> CompensationSettings:
     """What the parameters of a node say."""
     setting = node.setting
 
@@ -106,7 +106,7 @@ def compensator_settings(node: ManagedNode) -> CompensatorSettings:
     def limits(kind: str) -> tuple[float, float, float]:
         return setting(f"{kind}.warning"), setting(f"{kind}.error"), setting(f"{kind}.rate")
 
-    return CompensatorSettings(
+    return CompensationSettings(
         joint_lag_ns=nanoseconds("joint_lag"),
         age_limit_ns=nanoseconds("joint_age_limit"),
         correction_period_ns=nanoseconds("correction_period"),

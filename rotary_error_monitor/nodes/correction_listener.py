@@ -10,9 +10,15 @@ from rclpy.serialization import deserialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import JointState
 
-from rotary_error_monitor.controller.gate import Correction, CorrectionMessage, Doubt, GateLimits, RefusalError
-from rotary_error_monitor.controller.intake import CorrectionIntake, Hold
-from rotary_error_monitor.controller.offsets import WAITING
+from rotary_error_monitor.linuxcnc_controller.gate import (
+    AcceptedCorrection,
+    CorrectionMessage,
+    Doubt,
+    GateLimits,
+    RefusalError,
+)
+from rotary_error_monitor.linuxcnc_controller.intake import CorrectionIntake, Hold
+from rotary_error_monitor.linuxcnc_controller.offsets import WAITING
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode
@@ -58,7 +64,7 @@ class CorrectionListener:
         node: ManagedNode,
         *,
         controller: Callable[[], ControllerReport],
-        follow: Callable[[Correction], None],
+        follow: Callable[[AcceptedCorrection], None],
         halt: Callable[[], None],
     ) -> None:
         """Listen while the node is configured.

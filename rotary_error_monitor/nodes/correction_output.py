@@ -7,12 +7,12 @@ from collections import deque
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from rotary_error_monitor.bags.messages import stamp_of
+from rotary_error_monitor.codec.messages import stamp_of
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.publishers import name_of
 from rotary_error_monitor.pipeline.compensation import Compensator
-from rotary_error_monitor.pipeline.corrections import Compensation, Correction
+from rotary_error_monitor.pipeline.corrections import CompensationOutput, Correction
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 _FOREIGN_FOR_NS = 2 * NANOSECONDS
@@ -49,7 +49,7 @@ class CorrectionOutput:
         node.listen_to(self._feedback, self._receive_feedback)
         node.listen_to_bytes(self._topics["axis_corrections"], self._receive_correction)
 
-    def send(self, computed: Compensation) -> None:
+    def send(self, computed: CompensationOutput) -> None:
         """Publish what is fresh; where a correction came too late, the next ones go on from the last published."""
         oldest_ns = self._node.now_ns() - self._age_limit_ns
         for block in computed.offsets:

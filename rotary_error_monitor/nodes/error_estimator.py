@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from std_srvs.srv import Trigger
 
-from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError

@@ -15,12 +15,14 @@ from collections.abc import Iterator, Sequence
 
 from std_srvs.srv import Trigger
 
-from rotary_error_monitor.controller.connection import Connection
-from rotary_error_monitor.controller.gate import GateLimits
-from rotary_error_monitor.controller.intake import PRESENT
-from rotary_error_monitor.controller.kinematics import ROTARY
-from rotary_error_monitor.controller.modules import SYSTEM_PYTHON
-from rotary_error_monitor.controller.protocol import (
+from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.linuxcnc_controller.connection import Connection
+from rotary_error_monitor.linuxcnc_controller.gate import GateLimits
+from rotary_error_monitor.linuxcnc_controller.intake import PRESENT
+from rotary_error_monitor.linuxcnc_controller.kinematics import ROTARY
+from rotary_error_monitor.linuxcnc_controller.modules import SYSTEM_PYTHON
+from rotary_error_monitor.linuxcnc_controller.protocol import (
     Absent,
     ClearRequest,
     CorrectionRequest,
@@ -31,8 +33,6 @@ from rotary_error_monitor.controller.protocol import (
     Record,
     State,
 )
-from rotary_error_monitor.description.settings import Setting
-from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.applied_corrections import AppliedCorrections
 from rotary_error_monitor.nodes.correction_listener import ControllerReport, CorrectionListener

@@ -25,7 +25,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
-from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import Topic, Wire, load_wire

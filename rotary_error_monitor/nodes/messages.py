@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState, PointCloud2, Temperature
 from std_msgs.msg import Header
 
-from rotary_error_monitor.bags.cdr_blocks import encode_block
+from rotary_error_monitor.codec.cdr_blocks import encode_block
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.pipeline.joints import joint_motion_of

@@ -9,11 +9,11 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from rotary_error_monitor.controller.gate import GateLimits
-from rotary_error_monitor.controller.protocol import LinkSettings
-from rotary_error_monitor.controller.shaping import Course
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.linuxcnc_controller.gate import GateLimits
+from rotary_error_monitor.linuxcnc_controller.protocol import LinkSettings
+from rotary_error_monitor.linuxcnc_controller.shaping import Course
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.applied_corrections import AppliedCorrections
 from rotary_error_monitor.nodes.correction_listener import ControllerReport, CorrectionListener

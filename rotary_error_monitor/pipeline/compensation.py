@@ -22,7 +22,7 @@ from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.limits import CorrectionState
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.corrections import Compensation, CorrectionSettings, Corrector
+from rotary_error_monitor.pipeline.corrections import CompensationOutput, CorrectionMaker, CorrectionSettings
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.holding import Holding
 from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances, doubts_of
@@ -34,7 +34,7 @@ from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 
 @dataclass(frozen=True)
-class CompensatorSettings(CorrectionSettings):
+class CompensationSettings(CorrectionSettings):
     """How the compensator joins its inputs, beside how corrections are made.
 
     Attributes:
@@ -96,7 +96,7 @@ class Compensator:
     def __init__(
         self,
         machine: MachineDescription,
-        settings: CompensatorSettings | None = None,
+        settings: CompensationSettings | None = None,
         decisions: Mapping[int, InputsUsed] | None = None,
         limits: StageLimits | None = None,
     ) -> None:
@@ -109,8 +109,8 @@ class Compensator:
             limits: of the stage that is the monitored axis: how wrong its description can be at most.
         """
         self._machine = machine
-        self._settings = settings or CompensatorSettings()
-        self._corrector = Corrector(machine, self._settings, limits or StageLimits())
+        self._settings = settings or CompensationSettings()
+        self._corrector = CorrectionMaker(machine, self._settings, limits or StageLimits())
         self._carrier = Carrier(self._settings.ring_height, self._settings.ring_azimuth)
         self._decisions = decisions
         self._monitored = machine.letters.index(machine.monitored) if machine.monitored else None
@@ -167,14 +167,14 @@ class Compensator:
         self._own_ticks.clear()
         self._last_tick, self._first_ns = -1, None
 
-    def push_error_motion(self, block: SampleBlock) -> Compensation:
+    def push_error_motion(self, block: SampleBlock) -> CompensationOutput:
         """Take in a block of error motion and give what can be computed now; see `accept_error_motion`."""
         self.accept_error_motion(block)
         return self.advance()
 
     def push_joint_state(
         self, stamp_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]
-    ) -> Compensation:
+    ) -> CompensationOutput:
         """Take in one joint state and give what can be computed now; see `accept_joint_state`."""
         self.accept_joint_state(stamp_ns, positions, velocities)
         return self.advance()
@@ -216,14 +216,14 @@ class Compensator:
         newest_ns = self.joints.stream.newest_ns or 0
         return self.thermometer.push(newest_ns if stamp_ns is None else stamp_ns, temperature)
 
-    def advance(self) -> Compensation:
+    def advance(self) -> CompensationOutput:
         """What can be computed of all that was accepted."""
         if self._monitored is None:
             return self._compute_described()
         found = self._advance()
         return found if not self._own_ticks else found.followed_by(self._stand_in())
 
-    def finish(self) -> Compensation:
+    def finish(self) -> CompensationOutput:
         """What was still waiting for joint states: no more will come."""
         return self._advance(last=True)
 
@@ -235,15 +235,15 @@ class Compensator:
         poses = self._described_poses(np.array([newest]))
         return float("nan") if poses is None else float(self._corrector.distance(poses)[0])
 
-    def _advance(self, last: bool = False) -> Compensation:
+    def _advance(self, last: bool = False) -> CompensationOutput:
         if not self._waiting:
-            return Compensation()
+            return CompensationOutput()
         block = _joined(self._waiting)
         ticks = block.times_ns
         count = len(ticks) if last else self.joints.count_decided(ticks, int(ticks[-1]))
         self._waiting = [block] if count == 0 else []
         if count == 0:
-            return Compensation()
+            return CompensationOutput()
         if count < len(ticks):
             self._waiting = [SampleBlock(block.stamp_ns, block.names, block.rows[count:])]
             block = SampleBlock(block.stamp_ns, block.names, block.rows[:count])
@@ -251,7 +251,7 @@ class Compensator:
         self.joints.trim(int(ticks[count - 1]))
         return found
 
-    def _compute(self, ticks: NDArray[np.int64], block: SampleBlock) -> Compensation:
+    def _compute(self, ticks: NDArray[np.int64], block: SampleBlock) -> CompensationOutput:
         assert self._monitored is not None
         motion = error_motion_from_block(block)
         axes, temperature = self._axes_at(ticks)
@@ -262,7 +262,7 @@ class Compensator:
         self.held += int((~usable).sum())
         if not usable.any():
             self.holding.begin(int(ticks[-1]))
-            return Compensation()
+            return CompensationOutput()
         chosen = np.flatnonzero(usable)
         motion = _without_command(motion, checked.command).at(chosen)
         positions = axes.positions[chosen]
@@ -285,7 +285,7 @@ class Compensator:
         self._note_flow(found, int(ticks[-1]), checked.remarks)
         return found
 
-    def _note_flow(self, found: Compensation, time_ns: int, remarks: Sequence[str]) -> None:
+    def _note_flow(self, found: CompensationOutput, time_ns: int, remarks: Sequence[str]) -> None:
         """Whether corrections flow, and what is not as it should be."""
         self.hold = self.hold or self._corrector.doubt
         if found.corrections:
@@ -306,20 +306,20 @@ class Compensator:
         waited, patience = (time_ns - first) * 1e-9, self._settings.temperature_patience_ns * 1e-9
         return f"no temperature yet; after {patience:g} s that of reference stands in" if waited < patience else ""
 
-    def _stand_in(self) -> Compensation:
+    def _stand_in(self) -> CompensationOutput:
         """Corrections from the description alone, at the joint states' own times, after too long a hold."""
         ticks = np.array(self._own_ticks)
         self._own_ticks.clear()
         sound = self._checks.joints_are_sound()
         poses = self._described_poses(ticks) if sound else None
         if poses is None or not self.holding.is_over(int(ticks[-1])):
-            return Compensation()
+            return CompensationOutput()
         return self._corrector.compensate(poses, described=True, apply=not self.forbidden)
 
-    def _compute_described(self) -> Compensation:
+    def _compute_described(self) -> CompensationOutput:
         """Compensation at the joint states' own times, from the machine's description alone."""
         if not self._own_ticks:
-            return Compensation()
+            return CompensationOutput()
         ticks = np.array(self._own_ticks)
         self._own_ticks.clear()
         poses = self._described_poses(ticks)
@@ -328,7 +328,7 @@ class Compensator:
         self.hold = self.hold or self._missing(int(ticks[-1]))
         if poses is None or self.hold:
             self.held += len(ticks)
-            return Compensation()
+            return CompensationOutput()
         self.held += len(ticks) - len(poses.stamps)
         found = self._corrector.compensate(poses, apply=not self.forbidden)
         self._note_flow(found, int(ticks[-1]), ())

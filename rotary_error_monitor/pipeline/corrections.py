@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage_limits import StageLimits
-from rotary_error_monitor.machine.correction import AxisCorrections, remaining_offset, solve_axis_corrections
+from rotary_error_monitor.machine.correction import SolvedCorrections, remaining_offset, solve_axis_corrections
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.machine.limits import CorrectionState, Level, axis_limits, initial_state, limit_corrections
+from rotary_error_monitor.machine.limits import CorrectionState, Outcome, axis_limits, initial_state, limit_corrections
 from rotary_error_monitor.pipeline.joints import pack_directions
 from rotary_error_monitor.pipeline.offset_spread import OffsetSpread, Spread
 from rotary_error_monitor.pipeline.poses import TimedPoses
@@ -72,7 +72,7 @@ class Correction:
         axes: letters of the axes.
         values: (axes,) correction to add to each axis's command, m or rad, within the limits.
         rates: (axes,) its rate of change since the last one, m/s or rad/s.
-        level: what became of the wanted correction.
+        outcome: what became of the wanted correction.
         direction_spanned: whether the axes reach every direction of the tool here.
         described: whether it comes from the description alone.
         report: what remains; only now and then.
@@ -82,25 +82,25 @@ class Correction:
     axes: tuple[str, ...]
     values: NDArray[np.float64]
     rates: NDArray[np.float64]
-    level: Level
+    outcome: Outcome
     direction_spanned: bool
     described: bool
     report: OffsetReport | None
 
 
 @dataclass(frozen=True)
-class Compensation:
+class CompensationOutput:
     """What came of the inputs: offsets of all ticks, and corrections at the slower correction period."""
 
     offsets: tuple[SampleBlock, ...] = ()
     corrections: tuple[Correction, ...] = ()
 
-    def followed_by(self, other: Compensation) -> Compensation:
+    def followed_by(self, other: CompensationOutput) -> CompensationOutput:
         """Both, one after the other."""
-        return Compensation(self.offsets + other.offsets, self.corrections + other.corrections)
+        return CompensationOutput(self.offsets + other.offsets, self.corrections + other.corrections)
 
 
-class Corrector:
+class CorrectionMaker:
     """Offsets and corrections of one machine, pose after pose: the one place where a correction is believed.
 
     A correction goes out where the search for it ended, where it is no sudden departure from the one before, where the
@@ -148,7 +148,7 @@ class Corrector:
         away = self._wanted(poses).corrections - np.array(self.state.applied)
         return np.asarray(np.linalg.norm(away[:, self._linear], axis=1))
 
-    def compensate(self, poses: TimedPoses, *, described: bool = False, apply: bool = True) -> Compensation:
+    def compensate(self, poses: TimedPoses, *, described: bool = False, apply: bool = True) -> CompensationOutput:
         """Offsets of all poses, and corrections of those that begin a correction period.
 
         Args:
@@ -161,13 +161,13 @@ class Corrector:
         rows = np.column_stack([offset, poses.age, pack_directions(poses.directions), poses.temperature])
         blocks = () if described else (block_from_samples(poses.stamps, COLUMNS, rows),)
         if wanted is None:
-            return Compensation(blocks)
+            return CompensationOutput(blocks)
         corrections = self._correct(poses.at(chosen), offset[chosen], wanted, described=described, apply=apply)
-        return Compensation(blocks, corrections)
+        return CompensationOutput(blocks, corrections)
 
     def _solve(
         self, poses: TimedPoses, chosen: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], AxisCorrections | None]:
+    ) -> tuple[NDArray[np.float64], SolvedCorrections | None]:
         """(n, 6) offsets of all poses and the corrections of the chosen ones."""
         if len(chosen) and len(poses.stamps) <= FEW_POSES:
             # The search gives the offsets as well, bit for bit: one pass over the machine less.
@@ -175,7 +175,7 @@ class Corrector:
             return wanted.offset, wanted.at(chosen)
         return poses.offsets(self._model), self._wanted(poses.at(chosen)) if len(chosen) else None
 
-    def _wanted(self, poses: TimedPoses) -> AxisCorrections:
+    def _wanted(self, poses: TimedPoses) -> SolvedCorrections:
         return solve_axis_corrections(
             self._model,
             poses.positions,
@@ -193,7 +193,7 @@ class Corrector:
         return first
 
     def _correct(
-        self, poses: TimedPoses, offset: NDArray[np.float64], wanted: AxisCorrections, *, described: bool, apply: bool
+        self, poses: TimedPoses, offset: NDArray[np.float64], wanted: SolvedCorrections, *, described: bool, apply: bool
     ) -> tuple[Correction, ...]:
         """Corrections that may be applied: none where they are not believed or an error limit has latched."""
         stamps = poses.stamps
@@ -217,12 +217,12 @@ class Corrector:
                 self._letters,
                 limited.corrections[i],
                 rates[i],
-                Level(int(limited.levels[i])),
+                Outcome(int(limited.outcomes[i])),
                 bool(wanted.direction_spanned[i]),
                 described,
                 by_index.get(int(i)),
             )
-            for i in np.flatnonzero(limited.levels < Level.HELD)
+            for i in np.flatnonzero(limited.outcomes < Outcome.HELD)
         )
 
     def _is_steady(self, stamps: NDArray[np.int64], wanted: NDArray[np.float64]) -> NDArray[np.bool_]:

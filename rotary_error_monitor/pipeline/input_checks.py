@@ -28,7 +28,7 @@ _TOLD = {
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How far inputs may be apart: as the settings of the same names of `CompensatorSettings`."""
+    """How far inputs may be apart: as the settings of the same names of `CompensationSettings`."""
 
     age_limit_ns: int
     position_tolerance: float

@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from rotary_error_monitor.bags.contents import Content, JointState, PointStamped, PoseWithCovariance, Temperature
+from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, PoseWithCovariance, Temperature
 from rotary_error_monitor.signals.blocks import block_from_samples
 
 START = 1_763_700_000_000_000_000

@@ -12,13 +12,13 @@ import pytest
 from faults.documenting import Row, shows
 from mcap.opcode import Opcode
 
-from rotary_error_monitor.bags.contents import TYPES, Temperature
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.bags.torn import TornFile
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.codec.contents import TYPES, Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.errors import InputError
 
 from .conftest import START, read_by_mcap, read_by_rosbags, records

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, JointState, Temperature
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.codec.contents import SAMPLE_BLOCK, TYPES, JointState, Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import block_from_samples

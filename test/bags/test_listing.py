@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rotary_error_monitor.bags.contents import TYPES, Temperature
 from rotary_error_monitor.bags.listing import bag_files, read_listing
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.metadata import BagMetadata
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.codec.contents import TYPES, Temperature
+from rotary_error_monitor.codec.messages import encode
 
 from .conftest import START, read_by_rosbags
 

@@ -17,13 +17,13 @@ from pathlib import Path
 import pytest
 from faults.documenting import Row, shows
 
-from rotary_error_monitor.bags.contents import TYPES, Temperature
 from rotary_error_monitor.bags.lock import BagLock, holder, writer_of
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.codec.contents import TYPES, Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.errors import InputError
 
 from .conftest import START, read_by_rosbags
@@ -33,8 +33,8 @@ TOPIC = BagTopic("/machine/temperature", TYPES[Temperature])
 # Records a message for each line that it reads, and says so; closes the bag at the end of the lines.
 RECORDER = """
 import sys
-from rotary_error_monitor.bags.contents import Temperature
-from rotary_error_monitor.bags.messages import encode
+from rotary_error_monitor.codec.contents import Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter
 with BagWriter(sys.argv[1], [BagTopic("/machine/temperature", "sensor_msgs/msg/Temperature")], flush_period=0.0) as bag:
     print("ready", flush=True)

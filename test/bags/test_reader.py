@@ -12,11 +12,11 @@ from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from rotary_error_monitor.bags.contents import TYPES, Content, Temperature
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.metadata import type_definition
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, write_messages
+from rotary_error_monitor.codec.contents import TYPES, Content, Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples

@@ -17,13 +17,13 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
 from rotary_error_monitor.bags import recorded_files
-from rotary_error_monitor.bags.contents import TYPES, Content, PointStamped, Temperature
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.metadata import type_definition
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.bags.unpacking import MOST_AT_ONCE, Budget, DamageError, unpack
 from rotary_error_monitor.bags.writer import write_messages
+from rotary_error_monitor.codec.contents import TYPES, Content, PointStamped, Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 

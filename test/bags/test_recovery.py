@@ -11,12 +11,12 @@ from mcap.opcode import Opcode
 from mcap.records import Channel
 from mcap.writer import CompressionType, Writer
 
-from rotary_error_monitor.bags.contents import TYPES, Content, Temperature
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.metadata import channel_profiles, type_definition
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, write_messages
+from rotary_error_monitor.codec.contents import TYPES, Content, Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rotary_error_monitor.bags.contents import TYPES, Temperature
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.part import BagPart
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
+from rotary_error_monitor.codec.contents import TYPES, Temperature
+from rotary_error_monitor.codec.messages import encode
 
 from .conftest import START, read_by_mcap, read_by_rosbags
 
@@ -27,8 +27,8 @@ SECOND = 1_000_000_000
 # Records so many messages a tenth of a second apart, in files of a second, and waits for its end.
 ENDLESS = f"""
 import sys, time
-from rotary_error_monitor.bags.contents import Temperature
-from rotary_error_monitor.bags.messages import encode
+from rotary_error_monitor.codec.contents import Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter
 topics = [BagTopic(f"/t/{{name}}", "sensor_msgs/msg/Temperature") for name in "ab"]
 writer = BagWriter(sys.argv[1], topics, flush_period=0.0, max_file_duration=1.0)

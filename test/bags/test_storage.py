@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from rotary_error_monitor.bags.contents import TYPES, Temperature
 from rotary_error_monitor.bags.lock import holder
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.part import CHUNK_SIZE
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.storage import RecordFile, Reserve
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
+from rotary_error_monitor.codec.contents import TYPES, Temperature
+from rotary_error_monitor.codec.messages import encode
 
 TOPIC = BagTopic("/machine/temperature", TYPES[Temperature])
 KIB = 1024

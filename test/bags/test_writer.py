@@ -18,13 +18,13 @@ import yaml
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 
-from rotary_error_monitor.bags.contents import TYPES, Content, Temperature
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.part import CHUNK_SIZE
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.bags.storage import RecordFile
 from rotary_error_monitor.bags.writer import RESERVE, BagTopic, BagWriter, RecordingStoppedError, write_messages
+from rotary_error_monitor.codec.contents import TYPES, Content, Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 
@@ -35,8 +35,8 @@ TOPIC = BagTopic("/machine/temperature", TYPES[Temperature])
 # Records numbered messages as fast as the argument says until something ends it; says when the first is handed over.
 RECORD = """
 import sys, time
-from rotary_error_monitor.bags.contents import Temperature
-from rotary_error_monitor.bags.messages import encode
+from rotary_error_monitor.codec.contents import Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
 folder, period = sys.argv[1], float(sys.argv[2])
 writer = BagWriter(folder, [BagTopic("/machine/temperature", "sensor_msgs/msg/Temperature")])
@@ -208,8 +208,8 @@ def test_a_disk_filled_by_others_costs_no_message(tmp_path: Path) -> None:
         tmp_path,
         "4m",
         """
-from rotary_error_monitor.bags.contents import Temperature
-from rotary_error_monitor.bags.messages import encode
+from rotary_error_monitor.codec.contents import Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
 writer = BagWriter(disk / "bag", [BagTopic("/machine/temperature", "sensor_msgs/msg/Temperature")], flush_period=1e9)
 for number in range(100):

@@ -15,7 +15,7 @@ from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.metrology.lvdt_comparison import compare_with_lvdt
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
-from rotary_error_monitor.replay import replay_bag
+from rotary_error_monitor.recordings.replay import replay_bag
 
 
 @pytest.mark.cases("open", "stage", "null")

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from rotary_error_monitor.blind_check.cases import draw_machine, write_case
-from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
+from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
 
 DURATIONS = (40.0, 160.0, 640.0)
 LONG = 2400.0

@@ -20,11 +20,11 @@ from isolation import IsolationMatrix
 
 from rotary_error_monitor.blind_check.cases import make_case, plan_cases
 from rotary_error_monitor.blind_check.scores import score_case
+from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 
 CASES = int(os.environ.get("BENCH_CASES", "30"))

@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from power import Setting, Trial, ideal_size, search_sizes, size_reaching, try_size
 
+from rotary_error_monitor.cases.draws import stage_faults
 from rotary_error_monitor.gap.options import FALSE_ALARMS
-from rotary_error_monitor.plant.draws import stage_faults
 
 USUAL = "unbalance"
 SHARES = (0.5, 0.95)

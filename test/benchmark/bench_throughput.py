@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rotary_error_monitor.bags.messages import Decoder
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.codec.messages import Decoder
 from rotary_error_monitor.testing import Cell, NodeProcess
 from rotary_error_monitor.testing.domains import own_domain
 

@@ -21,6 +21,10 @@ import numpy as np
 from scipy.optimize import brentq, isotonic_regression
 from scipy.stats import chi2, ncx2
 
+from rotary_error_monitor.cases.draws import DURATION
+from rotary_error_monitor.cases.faults import StageFault
+from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.cases.response import times_of
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
@@ -29,10 +33,6 @@ from rotary_error_monitor.gap.diagnosis import Diagnosis, diagnose
 from rotary_error_monitor.gap.normal import stack, width_of
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.cases import make_stage_case
-from rotary_error_monitor.plant.draws import DURATION
-from rotary_error_monitor.plant.faults import StageFault
-from rotary_error_monitor.plant.response import times_of
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.twin.recording import StageRecording, record_stage, stage_topic
 

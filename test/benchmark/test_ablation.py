@@ -15,6 +15,7 @@ import bench_ablation
 from ablation import KINDS, PARTS, WHOLE, kind_of, without
 
 from rotary_error_monitor.blind_check.cases import draw_machine, write_case
+from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
 from rotary_error_monitor.gap import judgement, posterior, weighing
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.fitting import fit_causes
@@ -23,7 +24,6 @@ from rotary_error_monitor.gap.loading import load_problem, load_twin
 from rotary_error_monitor.gap.normal import width_of
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 
 
 @pytest.fixture(scope="module", params=["stage", "machine"])

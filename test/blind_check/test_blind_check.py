@@ -22,14 +22,14 @@ from rotary_error_monitor.blind_check.score_tables import format_scores
 from rotary_error_monitor.blind_check.scores import score_case
 from rotary_error_monitor.blind_check.sizes import departure_beyond_uncertainty, sizes_beyond_uncertainty
 from rotary_error_monitor.blind_check.solver import diagnose_case, seal_process
+from rotary_error_monitor.cases.case_faults import LOUDEST
+from rotary_error_monitor.cases.departures import SHARES
+from rotary_error_monitor.cases.faults import UnsuitableSeedError
+from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
+from rotary_error_monitor.cases.roughness import MACHINE_UNCERTAINTY, STAGE_UNCERTAINTY
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.case_faults import LOUDEST
-from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
-from rotary_error_monitor.plant.departures import SHARES
-from rotary_error_monitor.plant.faults import UnsuitableSeedError
 from rotary_error_monitor.plant.noise_forms import FORMS
-from rotary_error_monitor.plant.roughness import MACHINE_UNCERTAINTY, STAGE_UNCERTAINTY
 
 DURATION = 15.0
 
@@ -65,7 +65,7 @@ SEALED = """
 from rotary_error_monitor.blind_check.solver import seal_process
 seal_process()
 for look in (
-    lambda: __import__("rotary_error_monitor.plant.cases"),
+    lambda: __import__("rotary_error_monitor.cases.making"),
     lambda: __import__("rotary_error_monitor.blind_check.cases"),
     lambda: open(f"/proc/{__import__('os').getppid()}/mem", "rb"),
     lambda: __import__("json.tool"),

@@ -21,9 +21,9 @@ from rotary_error_monitor.calibration.controller_tables import (
     volumetric_table,
 )
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.controller.instance import Instance
 from rotary_error_monitor.description.machine import ErrorComponent, ErrorTable, MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.linuxcnc_controller.instance import Instance
 from rotary_error_monitor.machine.correction import remaining_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.resources import config

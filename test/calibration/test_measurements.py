@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rotary_error_monitor.bags.contents import Content, JointState, PointStamped
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.calibration.measurements import (
     JOINT_STATES,
@@ -19,6 +18,7 @@ from rotary_error_monitor.calibration.measurements import (
     read_straightness,
     read_tracker,
 )
+from rotary_error_monitor.codec.contents import Content, JointState, PointStamped
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
 

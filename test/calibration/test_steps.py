@@ -17,11 +17,11 @@ import yaml
 from faults.documenting import Row, shows
 from numpy.typing import NDArray
 
-from rotary_error_monitor.bags.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.calibration.measurements import JOINT_STATES, TEMPERATURE, TOOL_PROBE
 from rotary_error_monitor.calibration.parameters import apply_parameters, list_parameters
 from rotary_error_monitor.calibration.volume import sample_volume
+from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.commands import calibrate
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.machine.limits import Level
+from rotary_error_monitor.machine.limits import Outcome
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.corrections import Correction
 from rotary_error_monitor.pipeline.estimation import COLUMNS
@@ -171,7 +171,7 @@ def compare(healthy: Run, found: Run, begin: float, end: float) -> Verdict:
     for i, stamp in enumerate(stamps.tolist()):
         if stamp in healthy.corrections:
             off[i] = np.linalg.norm(values[i, :3] - healthy.corrections[stamp].values[:3])
-    sure = np.array([found.corrections[stamp].level != Level.RATE_LIMITED for stamp in stamps.tolist()])
+    sure = np.array([found.corrections[stamp].outcome != Outcome.RATE_LIMITED for stamp in stamps.tolist()])
     sure &= ~np.array([found.corrections[stamp].described for stamp in stamps.tolist()])
     judged = sure & np.isfinite(off) & (times > begin + 0.1)
     wrong = judged & (off > 6.0 * spread)

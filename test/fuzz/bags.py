@@ -14,10 +14,10 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from rotary_error_monitor.bags.contents import SAMPLE_BLOCK, TYPES, Content, JointState, PointStamped, Temperature
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.metadata import type_definition
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter
+from rotary_error_monitor.codec.contents import SAMPLE_BLOCK, TYPES, Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.sources.mock import MockSettings, MockSource, mock_stage

@@ -13,11 +13,11 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from simulated_pointings import pointing_file, simulate_pointings
 
-from rotary_error_monitor.bags.contents import TYPES, JointState
-from rotary_error_monitor.bags.messages import encode
 from rotary_error_monitor.bags.metadata import type_definition
 from rotary_error_monitor.blind_check.cases import write_case
-from rotary_error_monitor.plant.cases import make_stage_case
+from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.codec.contents import TYPES, JointState
+from rotary_error_monitor.codec.messages import encode
 
 from .bags import pose_contents, stage_contents, write_bag, write_defined, write_mcap, write_with_rosbags
 from .mutations import BINARY, DEFINITION, MCAP, TEXT, Mutation, mutate

@@ -18,10 +18,10 @@ import zstandard
 from faults.documenting import Row, shows
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from rotary_error_monitor.bags.contents import Content
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.blind_check.cases import write_case
-from rotary_error_monitor.plant.cases import make_stage_case
+from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.codec.contents import Content
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 from .bags import (

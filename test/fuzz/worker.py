@@ -23,16 +23,16 @@ LOADED = (
     "commands.recover",
     "commands.replay",
     "commands.wire",
-    "bags.decoding",
+    "codec.decoding",
     "kinds.machine.kind",
     "kinds.stage.kind",
     "kinds.mount.kind",
     "gap.sentences",
     "kinds.stage.stretches",
     "kinds.quadrature.kind",
-    "scenario.file_diagnosis",
-    "scenario.linuxcnc_run",
-    "scenario.mock_cell_figures",
+    "recordings.diagnosis",
+    "linuxcnc_demonstration.run",
+    "mock_cell.figures",
 )
 """Modules that commands load late; a child would load them again in each run."""
 

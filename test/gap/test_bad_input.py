@@ -8,15 +8,15 @@ import sys
 import numpy as np
 import pytest
 
-from rotary_error_monitor.bags.contents import PointStamped
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.blind_check.cases import draw_machine, write_case
+from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.codec.contents import PointStamped
 from rotary_error_monitor.effects.library import ENTRY_POINTS, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 
 EFFECT = """
 from rotary_error_monitor.effects.effect import Parameter

@@ -13,6 +13,7 @@ from scipy.optimize import lsq_linear
 from simulated_pointings import pointing_file, simulate_pointings
 
 from rotary_error_monitor.blind_check.cases import draw_machine
+from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
@@ -35,7 +36,6 @@ from rotary_error_monitor.kinds.quadrature.effects import QuadratureEffect
 from rotary_error_monitor.kinds.quadrature.problem import QuadratureProblem
 from rotary_error_monitor.kinds.quadrature.twin import QuadratureRecording
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 from rotary_error_monitor.twin.document import causes_from_rows
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording

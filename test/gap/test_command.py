@@ -12,8 +12,8 @@ import yaml
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.blind_check.cases import draw_machine, plan_cases, write_case
+from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 

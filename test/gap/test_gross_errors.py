@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from network.hosts import Cable, two_hosts
 from network.judging import ALL_STREAMS
-from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.qos import profile
 from rotary_error_monitor.signals.blocks import NANOSECONDS

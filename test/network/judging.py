@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.bags.messages import Decoder
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.codec.messages import Decoder
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import Wire

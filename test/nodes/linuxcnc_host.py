@@ -6,9 +6,9 @@ Before, a line of standard input stands for each time that the machine is to be 
 import sys
 from pathlib import Path
 
-from rotary_error_monitor.controller.instance import Instance
-from rotary_error_monitor.controller.modules import system_program
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.linuxcnc_controller.instance import Instance
+from rotary_error_monitor.linuxcnc_controller.modules import system_program
 
 with Instance(Path(sys.argv[1]), isolated=False) as running:
     try:
@@ -17,5 +17,5 @@ with Instance(Path(sys.argv[1]), isolated=False) as running:
     except InputError as error:
         print(f"refused: {str(error).split(';')[0]}", flush=True)
     for _ in sys.stdin:
-        done = running.run([*system_program("rotary_error_monitor.controller.operation"), "--prepare"])
+        done = running.run([*system_program("rotary_error_monitor.linuxcnc_controller.operation"), "--prepare"])
         print(f"prepared {done.returncode}{done.stderr}", flush=True)

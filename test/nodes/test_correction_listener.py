@@ -33,7 +33,7 @@ def message(names=NAMES, positions=CORRECTION, age_ns=0, stamp_ns=None):
     return filled
 
 
-class Corrector:
+class CorrectionMaker:
     """One publisher of corrections."""
 
     def __init__(self, cell, name="axis_corrections"):
@@ -77,7 +77,7 @@ def test_what_is_in_effect_is_published_before_the_first_correction_and_on_the_w
     assert all(list(each.position) == [0.0] * 5 == list(each.velocity) == list(each.effort) for each in applied)
     assert tuple(applied[0].name) == NAMES
     assert applied[0].header.frame_id == "base"
-    corrector, far = Corrector(mock), (4e-4, 0.0, 0.0, 0.0, 0.0)
+    corrector, far = CorrectionMaker(mock), (4e-4, 0.0, 0.0, 0.0, 0.0)
     begin = len(applied)
     corrector.until(lambda: is_applied(applied, far), "the correction to be applied", positions=far)
     corrector.until(lambda: mock.status(STATUS).message == "applied", "the mock to say so", positions=far)
@@ -108,7 +108,7 @@ WRONG = {
 
 
 def test_wrong_messages_hold_are_said_and_counted_and_the_next_right_one_ends_it(mock, applied):
-    corrector = Corrector(mock)
+    corrector = CorrectionMaker(mock)
     for name, (wrong, doubt, words) in WRONG.items():
         corrector.until(lambda: is_applied(applied), "the correction to be applied")
         corrector.until(lambda: mock.status(STATUS).message.startswith("applied"), "the mock to say so")
@@ -129,7 +129,7 @@ def test_wrong_messages_hold_are_said_and_counted_and_the_next_right_one_ends_it
     (NAMES, -MS, "correction is 0.001 s before the last one believed"),
 ], ids=["X alone", "repeated stamp", "falling stamp"])  # fmt: skip
 def test_a_wrong_message_among_right_ones_is_said_too(mock, applied, names, later_ns, words):
-    corrector = Corrector(mock)
+    corrector = CorrectionMaker(mock)
     corrector.until(lambda: is_applied(applied), "the correction to be applied")
 
     def said():
@@ -145,7 +145,7 @@ def test_a_wrong_message_among_right_ones_is_said_too(mock, applied, names, late
 
 
 def test_silence_holds_and_says_for_how_long(mock, applied):
-    corrector = Corrector(mock)
+    corrector = CorrectionMaker(mock)
     corrector.until(lambda: is_applied(applied), "the correction to be applied")
     status = mock.wait_for_status(STATUS, "no correction comes on /machine/axis_corrections")
     assert status.message.startswith("held for ")
@@ -156,9 +156,9 @@ def test_silence_holds_and_says_for_how_long(mock, applied):
 
 
 def test_two_publishers_that_swing_an_axis_hold_it_until_one_is_left(mock, applied):
-    first = Corrector(mock)
+    first = CorrectionMaker(mock)
     first.until(lambda: is_applied(applied), "the correction to be applied")
-    second, begin = Corrector(mock), len(applied)
+    second, begin = CorrectionMaker(mock), len(applied)
 
     def swing():
         first.send(positions=(4e-4, *CORRECTION[1:]))
@@ -177,9 +177,9 @@ def test_two_publishers_that_swing_an_axis_hold_it_until_one_is_left(mock, appli
 
 
 def test_a_second_publisher_that_says_nothing_yet_is_noticed(mock, applied):
-    first = Corrector(mock)
+    first = CorrectionMaker(mock)
     first.until(lambda: is_applied(applied), "the correction to be applied")
-    second = Corrector(mock)
+    second = CorrectionMaker(mock)
     first.until(lambda: mock.has_status(STATUS, "2 publishers of corrections are there"), "it to be said")
     second.end()
     first.until(lambda: mock.status(STATUS).message.startswith("applied"), "corrections to be followed again")
@@ -187,7 +187,7 @@ def test_a_second_publisher_that_says_nothing_yet_is_noticed(mock, applied):
 
 def test_a_restart_in_good_order_goes_on(mock, applied):
     for share in (1.0, 0.5, -1.0):
-        corrector, values = Corrector(mock), tuple(share * value for value in CORRECTION)
+        corrector, values = CorrectionMaker(mock), tuple(share * value for value in CORRECTION)
         corrector.until(
             lambda values=values: is_applied(applied, values), "corrections to be followed", positions=values
         )

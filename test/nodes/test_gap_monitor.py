@@ -12,13 +12,13 @@ import pytest
 import yaml
 
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.diagnosis_process import LATEST
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.mock_controller import MockController
-from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.testing import Cell
 from rotary_error_monitor.twin.document import stage_mapping
 

@@ -17,12 +17,12 @@ from faults.documenting import Row, shows
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from rotary_error_monitor.controller import presence
-from rotary_error_monitor.controller.connection import Connection
-from rotary_error_monitor.controller.instance import Instance
-from rotary_error_monitor.controller.kinematics import RotaryTableKinematics
-from rotary_error_monitor.controller.modules import SYSTEM_PYTHON, system_program
-from rotary_error_monitor.controller.protocol import End, Observation, ObserverSettings
+from rotary_error_monitor.linuxcnc_controller import presence
+from rotary_error_monitor.linuxcnc_controller.connection import Connection
+from rotary_error_monitor.linuxcnc_controller.instance import Instance
+from rotary_error_monitor.linuxcnc_controller.kinematics import RotaryTableKinematics
+from rotary_error_monitor.linuxcnc_controller.modules import SYSTEM_PYTHON, system_program
+from rotary_error_monitor.linuxcnc_controller.protocol import End, Observation, ObserverSettings
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.linuxcnc_bridge import LinuxcncBridge
 from rotary_error_monitor.nodes.qos import profile
@@ -43,7 +43,7 @@ def cnc():
 
 
 def operate(cnc, *arguments):
-    done = cnc.run([*system_program("rotary_error_monitor.controller.operation"), *arguments])
+    done = cnc.run([*system_program("rotary_error_monitor.linuxcnc_controller.operation"), *arguments])
     assert done.returncode == 0, done.stderr
 
 
@@ -56,7 +56,7 @@ def latest_ns(states):
     return messages.ns_from_stamp(states[-1].header.stamp)
 
 
-class Corrector:
+class CorrectionMaker:
     """Publishes corrections until a condition holds."""
 
     def __init__(self, cell):
@@ -129,7 +129,7 @@ def test_program_positions_go_out_and_corrections_come_in(cnc):
         cell.wait_until(lambda: len(applied) > 3, "what is in effect before the first correction")
         assert all(list(each.position) == pytest.approx([0.0] * 5, abs=1e-12) for each in applied)
 
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
         correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the joints to move, to 1 nm and 1 nrad")
         correct(lambda: cell.status(CORRECTIONS).message == "applied", "the bridge to say so")
         assert list(states[-1].position) == pytest.approx(expected, abs=1e-12), "corrections are left out"
@@ -171,7 +171,7 @@ def test_no_wrong_message_moves_the_machine_and_each_is_said(cnc):
     operate(cnc, "--prepare", "--mdi", "G21 G90 G0 X10 Y20 Z30 A30 C90")
     with Witness(cnc) as witness, Cell() as cell:
         cell.start("linuxcnc_bridge", **where(cnc))
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
 
         def right():
             """The right corrections are applied and that is said."""
@@ -196,7 +196,7 @@ def test_far_corrections_and_two_that_swing_make_no_step(cnc):
     operate(cnc, "--prepare")
     with Witness(cnc) as witness, Cell() as cell:
         cell.start("linuxcnc_bridge", **where(cnc))
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
         correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to be applied")
         begin = len(witness.seen)
         correct(lambda: witness.deviation(FAR) < 1e-9, "the far correction to be applied", FAR)
@@ -207,7 +207,7 @@ def test_far_corrections_and_two_that_swing_make_no_step(cnc):
         assert (np.diff(way) > -1e-9).all()
         assert way.max() < FAR["X"] + 1e-9
 
-        other = Corrector(cell)
+        other = CorrectionMaker(cell)
 
         def swing():
             other.send({**CORRECTION, "X": -4e-4})
@@ -271,7 +271,7 @@ def test_a_machine_that_goes_off_in_any_way_holds_and_goes_on_from_where_it_is(c
     with Witness(cnc) as witness, Cell() as cell:
         applied = cell.collect(cell.wire.topic("applied_corrections"))
         cell.start("linuxcnc_bridge", **where(cnc))
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
         correct(lambda: cell.has_status(CORRECTIONS, "held: the machine is off"), "the bridge to say so")
         assert applied == []
         assert witness.deviation(zero) < 1e-12
@@ -304,7 +304,7 @@ def test_while_the_bridge_is_stopped_held_corrections_turn_with_the_table_and_th
     """The program beside LinuxCNC goes on looking, though nobody takes what it says."""
     operate(cnc, "--prepare", "--mdi", "G21 G90 G0 X10 Y20 Z30 A30 C90")
     with Witness(cnc) as witness, Cell() as cell:
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
         bridge = cell.start("linuxcnc_bridge", **where(cnc), max_age=1.0)  # the tests share few cores
         correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to be applied")
         bridge.pause()
@@ -331,7 +331,7 @@ def test_a_bridge_that_is_killed_leaves_the_offsets_and_its_successor_takes_them
     operate(cnc, "--prepare", "--mdi", "G21 G90 G0 X10 Y20 Z30 A30 C90")
     with Witness(cnc) as witness, Cell() as cell:
         applied = cell.collect(cell.wire.topic("applied_corrections"))
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
         bridge = cell.start("linuxcnc_bridge", "first", **where(cnc))
         correct(lambda: witness.deviation(CORRECTION) < 1e-9, "the corrections to be applied")
         begin = len(witness.seen)
@@ -406,7 +406,7 @@ def test_a_linuxcnc_that_comes_back_is_found_again_and_corrected(place):
     with Cell() as cell:
         cell.start("linuxcnc_bridge", enter=" ".join(place))
         applied = cell.collect(cell.wire.topic("applied_corrections"))
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
         for kills in (False, True):
             correct(lambda: cell.has_status(CONTROLLER, "no LinuxCNC runs here"), "the bridge to say so")
             correct(lambda: cell.has_status(CORRECTIONS, "held: the controller is out of reach"), "the hold")
@@ -541,7 +541,7 @@ def test_what_the_link_says_is_in_the_diagnostics(tmp_path, values, status, mess
     python = fake_link(tmp_path, HELLO, state=state(**values))
     with Cell() as cell:
         cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python)
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
         correct(lambda: cell.has_status(status, message), message, {"X": 1e-6})
         assert cell.status(status).level == bytes([level])
 
@@ -560,12 +560,12 @@ def test_corrections_reach_the_link_and_states_go_out(tmp_path):
         states = cell.collect(cell.wire.topic("machine_joint_states"))
         applied = cell.collect(cell.wire.topic("applied_corrections"))
         cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python, home=str(tmp_path))
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
         correct(lambda: len(states) > 3 and len(applied) > 3, "states", {"X": 1e-6})
         assert list(states[-1].position) == [0.1]
         assert list(applied[-1].position) == [2e-6]
         correct(lambda: '"positions": [1e-06]' in heard(tmp_path), "the corrections to be passed on", {"X": 1e-6})
-        other = Corrector(cell)
+        other = CorrectionMaker(cell)
         correct(lambda: cell.has_status(CORRECTIONS, "2 publishers of corrections are there"), "the hold", {"X": 1e-6})
         cell.wait_until(lambda: "HaltRequest" in heard(tmp_path), "the request to halt")
         other.end()
@@ -579,7 +579,7 @@ def test_corrections_of_some_axes_only_are_taken_where_it_is_said_so(tmp_path):
     python = fake_link(tmp_path, hello, state=state(**three))
     with Cell() as cell:
         cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python, corrected="C X")
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
         correct(lambda: cell.has_status(CORRECTIONS, "applied"), "corrections", {"X": 1e-6, "C": 2e-6})
         cell.wait_until(lambda: '"positions": [1e-06, 0.0, 2e-06]' in heard(tmp_path), "them to be passed on")
 
@@ -596,7 +596,7 @@ def test_another_hand_at_the_offsets_is_said(tmp_path):
     python = fake_link(tmp_path, HELLO, state(), state=state(takeovers=1))
     with Cell() as cell:
         cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python)
-        correct = Corrector(cell)
+        correct = CorrectionMaker(cell)
         correct(lambda: cell.has_status(CORRECTIONS, "another hand has changed the offsets"), "it", {"X": 1e-6})
 
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState, PointCloud2, PointField
 from std_msgs.msg import Header
 
-from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
-from rotary_error_monitor.bags.encoding import typestore
+from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.encoding import typestore
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages

@@ -21,11 +21,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
-from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
-from rotary_error_monitor.bags.messages import stamp_of
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.bags.storage import RecordFile
+from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.messages import stamp_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.encoder_head import EncoderHead

@@ -9,8 +9,8 @@ from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.machine.limits import Level
-from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings, InputsUsed
+from rotary_error_monitor.machine.limits import Outcome
+from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
 from rotary_error_monitor.pipeline.estimation import COLUMNS
 from rotary_error_monitor.signals.blocks import block_from_samples
 
@@ -119,7 +119,7 @@ def test_corrections_null_the_offset_and_say_what_remains():
     _, corrections = run(Compensator(MACHINE))
     assert len(corrections) > 30
     for correction in corrections[10:]:
-        assert correction.level == Level.FOLLOWED
+        assert correction.outcome == Outcome.FOLLOWED
         assert correction.direction_spanned
     reports = [correction.report for correction in corrections[10:] if correction.report is not None]
     assert len(reports) == len(corrections[10:]) // 5, "one each 50 ms"
@@ -144,7 +144,7 @@ def test_bits_do_not_depend_on_when_joint_states_arrive(delay):
 
 
 def test_when_joint_states_stop_it_holds_and_says_so():
-    compensator = Compensator(MACHINE, CompensatorSettings(age_limit_ns=60 * MILLISECOND))
+    compensator = Compensator(MACHINE, CompensationSettings(age_limit_ns=60 * MILLISECOND))
     offsets, corrections = run(compensator, 600, joints=lambda ms: ms < 200)
     last = (joined(offsets)[0][-1] - START) * 1e-9
     assert last < 0.19 + 0.06 + 0.001
@@ -194,7 +194,7 @@ def test_unobservable_components_come_from_the_description():
 
 
 def test_height_and_azimuth_of_the_ring_are_carried_to_the_body():
-    settings = CompensatorSettings(ring_height=0.04, ring_azimuth=np.pi / 2)
+    settings = CompensationSettings(ring_height=0.04, ring_azimuth=np.pi / 2)
     times, rows = joined(run(Compensator(MACHINE, settings))[0])
     t = (times - START) * 1e-9
     q = np.stack([position(letter, t) for letter in MACHINE.letters], axis=1)
@@ -208,7 +208,7 @@ def test_height_and_azimuth_of_the_ring_are_carried_to_the_body():
 
 
 def test_an_error_limit_latches_until_reset():
-    settings = CompensatorSettings(linear_limits=(1e-6, 2e-6, 1.0))
+    settings = CompensationSettings(linear_limits=(1e-6, 2e-6, 1.0))
     compensator = Compensator(MACHINE, settings)
     offsets, corrections = run(compensator)
     assert compensator.state.latched
@@ -220,10 +220,10 @@ def test_an_error_limit_latches_until_reset():
 
 
 def test_a_warning_limit_warns_and_a_rate_limit_slows():
-    warned = run(Compensator(MACHINE, CompensatorSettings(linear_limits=(1e-9, 1e-3, 1.0))))[1]
-    assert {correction.level for correction in warned[5:]} == {Level.WARNING}
-    slow = run(Compensator(MACHINE, CompensatorSettings(linear_limits=(1e-4, 5e-4, 1e-5))))[1]
-    assert slow[3].level == Level.RATE_LIMITED
+    warned = run(Compensator(MACHINE, CompensationSettings(linear_limits=(1e-9, 1e-3, 1.0))))[1]
+    assert {correction.outcome for correction in warned[5:]} == {Outcome.WARNING}
+    slow = run(Compensator(MACHINE, CompensationSettings(linear_limits=(1e-4, 5e-4, 1e-5))))[1]
+    assert slow[3].outcome == Outcome.RATE_LIMITED
     assert np.abs(np.diff([c.values[:3] for c in slow], axis=0)).max() <= 1e-5 * 0.010 * (1 + 1e-9)
     assert max(np.abs(each.report.remaining[:3]).max() for each in slow[:5] if each.report) > 1e-7
 
@@ -275,7 +275,7 @@ def test_a_joint_state_without_an_axis_is_refused():
 @pytest.mark.parametrize("behind", [5, 35, 120], ids="{} ms behind".format)
 def test_live_corrections_come_back_after_those_of_the_description_alone(behind):
     """Error motion comes later than joint states of the same time do, over a network most of all."""
-    compensator = Compensator(MACHINE, CompensatorSettings(hold_limit_ns=500 * MILLISECOND))
+    compensator = Compensator(MACHINE, CompensationSettings(hold_limit_ns=500 * MILLISECOND))
     compensator.push_temperature(20.0, START)
     silent = range(1000, 2000)
     corrections = []

@@ -11,10 +11,10 @@ import pytest
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.machine.limits import Level
+from rotary_error_monitor.machine.limits import Outcome
 from rotary_error_monitor.metrology.guideway_compensation import count_reversals
-from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings, InputsUsed
-from rotary_error_monitor.pipeline.corrections import Compensation, OffsetReport
+from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
+from rotary_error_monitor.pipeline.corrections import CompensationOutput, OffsetReport
 from rotary_error_monitor.pipeline.estimation import COLUMNS
 from rotary_error_monitor.signals.blocks import block_from_samples
 
@@ -39,7 +39,7 @@ def pass_over(z: float, seconds: float = 5.0) -> list[tuple[int, dict[str, float
     return [(START + int(i) * PERIOD, {"X": -1.35 + FEED * i * PERIOD * 1e-9, "Z": z, "Y": 0.1}) for i in steps]
 
 
-def run(compensator: Compensator, states: Sequence[tuple[int, Mapping[str, float]]]) -> list[Compensation]:
+def run(compensator: Compensator, states: Sequence[tuple[int, Mapping[str, float]]]) -> list[CompensationOutput]:
     velocities = {"X": FEED, "Z": 0.0, "Y": 0.0}
     return [compensator.push_joint_state(stamp, positions, velocities) for stamp, positions in states]
 
@@ -52,7 +52,7 @@ def test_x_and_z_in_and_a_correction_of_y_out_that_never_reverses() -> None:
     x = np.array([positions["X"] for _, positions in states[1:]])
     y_scale = GRINDER.errors["EYY"].poly[1] * (2 * 0.1 / 0.55 - 1)
     expected = -(straight("EYX", x) + straight("EYZ", np.array(-0.4)) + y_scale)
-    followed = np.array([correction.level == Level.FOLLOWED for correction in found])
+    followed = np.array([correction.outcome == Outcome.FOLLOWED for correction in found])
     assert followed[5:].all(), "after the start, which the rate limit slows"
     np.testing.assert_allclose(values[5:, Y], expected[5:], atol=1e-10)
     assert np.abs(np.delete(values, Y, axis=1)).max() < 1e-11, "X and Z are left alone"
@@ -151,7 +151,7 @@ def test_a_bag_that_begins_with_the_first_offset_repeats_it() -> None:
 
 
 def test_limits_hold_as_for_any_machine() -> None:
-    compensator = Compensator(GRINDER, CompensatorSettings(linear_limits=(1e-6, 2e-6, 1.0)))
+    compensator = Compensator(GRINDER, CompensationSettings(linear_limits=(1e-6, 2e-6, 1.0)))
     found = [correction for each in run(compensator, pass_over(-0.4)) for correction in each.corrections]
     assert compensator.state.latched
     assert "axis Y" in compensator.state.reason
@@ -162,7 +162,7 @@ def test_old_or_incomplete_joint_states_are_refused() -> None:
     compensator = Compensator(GRINDER)
     states = pass_over(-0.4, 0.1)
     run(compensator, states)
-    assert run(compensator, states[3:5]) == [Compensation(), Compensation()]
+    assert run(compensator, states[3:5]) == [CompensationOutput(), CompensationOutput()]
     assert compensator.joints.stream.late == 2
     with pytest.raises(InputError, match="lacks axis Z"):
         compensator.push_joint_state(START + PERIOD * 99, {"X": 0.0, "Y": 0.0}, {})

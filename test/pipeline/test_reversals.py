@@ -9,7 +9,7 @@ import pytest
 from faults.documenting import Row, shows
 
 from rotary_error_monitor.description.machine import load_machine
-from rotary_error_monitor.pipeline.compensation import Compensator, CompensatorSettings
+from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator
 from rotary_error_monitor.pipeline.estimation import COLUMNS
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.signals.blocks import block_from_samples
@@ -121,7 +121,7 @@ def test_how_uncertain_the_direction_is(feed, may_have_turned):
     assert found[0][0] == found[1][0]
     variance = [report.covariance[0, 0] for _, report in found]
     x = MACHINE.axes[0]
-    since = CompensatorSettings().joint_lag_ns * 1e-9 + np.array([0.0, 1e-3 * PERIOD]) + 0.5e-3 * PERIOD
+    since = CompensationSettings().joint_lag_ns * 1e-9 + np.array([0.0, 1e-3 * PERIOD]) + 0.5e-3 * PERIOD
     part = 0.5 * (1.0 - feed / (x.quickest * since))
     low, high = np.maximum(part, 0.0) * x.reversal**2
     more, rounding = variance[0] - variance[1], 1e-20

@@ -1,4 +1,4 @@
-"""The plant is the other side of every comparison: it shares no formula with estimator, model and twin."""
+"""Plant and cases are the other side of every comparison: they share no formula with estimator, model and twin."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-import rotary_error_monitor.plant
+import rotary_error_monitor
 
-PLANT = Path(rotary_error_monitor.plant.__file__).parent
-FILES = sorted(PLANT.rglob("*.py"))
+PACKAGE = Path(rotary_error_monitor.__file__).parent
+FILES = sorted(file for room in ("plant", "cases") for file in (PACKAGE / room).rglob("*.py"))
 OWN = ("description", "signals", "errors", "plant")
 FOREIGN = (
     "__future__",
@@ -28,8 +28,8 @@ FOREIGN = (
 )
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PLANT)))
-def test_plant_imports_only_descriptions_signals_and_errors(file: Path) -> None:
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_they_import_only_descriptions_signals_and_errors(file: Path) -> None:
     imports = set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -37,16 +37,18 @@ def test_plant_imports_only_descriptions_signals_and_errors(file: Path) -> None:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file}: relative import hides where it goes"
             imports.add(node.module or "")
+    own = (*OWN, "cases") if file.is_relative_to(PACKAGE / "cases") else OWN
     for name in imports:
         parts = name.split(".")
-        allowed = parts[1] in OWN if parts[0] == "rotary_error_monitor" else parts[0] in FOREIGN
+        allowed = parts[1] in own if parts[0] == "rotary_error_monitor" else parts[0] in FOREIGN
         assert allowed, f"{file} imports {name}"
 
 
-def test_plant_pulls_in_no_other_room_when_it_is_imported() -> None:
+@pytest.mark.parametrize(("rooms", "own"), [("plant plant.machine", OWN), ("plant cases.making", (*OWN, "cases"))])
+def test_they_pull_in_no_other_room_when_they_are_imported(rooms: str, own: tuple[str, ...]) -> None:
     code = (
-        "import sys, rotary_error_monitor.plant, rotary_error_monitor.plant.faults, rotary_error_monitor.plant.machine;"
+        f"import sys, {', '.join(f'rotary_error_monitor.{room}' for room in rooms.split())};"
         "print(*{n.split('.')[1] for n in sys.modules if n.startswith('rotary_error_monitor.')})"
     )
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
-    assert {"plant", "description"} <= set(loaded) <= {*OWN, "files", "resources"}
+    assert {"plant", "description"} <= set(loaded) <= {*own, "files", "resources"}

@@ -9,9 +9,9 @@ import pytest
 from scipy.signal import welch
 from scipy.stats import kurtosis
 
+from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plant.cases import make_machine_case, make_stage_case
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.plant.noise_forms import FORMS, Flicker, Hum, Tails, Wander, draw_noise
 

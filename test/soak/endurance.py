@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.nodes import messages

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotary_error_monitor.plant.cases import make_stage_case
+from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 from rotary_error_monitor.twin.stage import twin_of
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters

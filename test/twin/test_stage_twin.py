@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.description.harmonics import AngularHarmonic
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
-from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 from rotary_error_monitor.twin.stage import twin_of
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rotary_error_monitor.bags.contents import Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.machine_section import machine_mapping
 from rotary_error_monitor.effects.effect import Cause

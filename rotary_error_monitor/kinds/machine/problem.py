@@ -22,9 +22,9 @@ from rotary_error_monitor.kinds.machine.modulations import machine_departures
 from rotary_error_monitor.kinds.machine.smooth import SmoothMachine
 from rotary_error_monitor.kinds.machine.where import TOPIC, machine_advice, machine_where
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
+from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
-from rotary_error_monitor.twin.slow_noise import Cells, SlowNoise
 
 PROBE_STD = 1.5e-6
 """Standard deviation of one component of the laser tracker's result, m, where nothing else is stated."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from rotary_error_monitor.effects.rotor import LVDT
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.noise.stage_noise import COMMAND
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals
-from rotary_error_monitor.twin.stage_noise import COMMAND
 
 SHORTEST = 12.0
 """Duration, s, below which the jitter of the rotor cannot be told from effects: of 72 recordings of 6 to 10 s without a

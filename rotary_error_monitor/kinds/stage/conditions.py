@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.gap.problem import Array, Conditions
+from rotary_error_monitor.noise.stage_noise import COMMAND
 from rotary_error_monitor.twin.recording import StageRecording
-from rotary_error_monitor.twin.stage_noise import COMMAND
 
 SHORTEST_BLOCK = 1.0
 """Blocks are at least this long, s: many correlation times of jitter and turbulence, so that they are independent."""

@@ -14,7 +14,7 @@ from scipy.optimize import Bounds, minimize, minimize_scalar
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.kinds.stage.search import LINES
-from rotary_error_monitor.twin.stage_noise import Jitter
+from rotary_error_monitor.noise.stage_noise import Jitter
 
 Array = NDArray[np.float64]
 

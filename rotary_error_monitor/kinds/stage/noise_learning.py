@@ -18,8 +18,8 @@ from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitte
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
+from rotary_error_monitor.noise.stage_noise import COMMAND, Jitter, kind_of
 from rotary_error_monitor.twin.stage import Signals
-from rotary_error_monitor.twin.stage_noise import COMMAND, Jitter, kind_of
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem

@@ -11,9 +11,9 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.problem import Rows, SparseRows
 from rotary_error_monitor.kinds.stage.distortion import changes
+from rotary_error_monitor.noise.whitening import side_by_side
 from rotary_error_monitor.twin.stage import Signals, StageTwin
 from rotary_error_monitor.twin.stage_parameters import UncertainParameter
-from rotary_error_monitor.twin.whitening import side_by_side
 
 SAME = 5e-3
 """Part of a signal that causes may change: what a parameter does changes by as much, and the square of it is missed."""

@@ -39,11 +39,11 @@ from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.warming import uncertain_warmings
 from rotary_error_monitor.kinds.stage.where import stage_where
+from rotary_error_monitor.noise.stage_noise import COMMAND, StageNoise, kind_of, noise_std
+from rotary_error_monitor.noise.whitening import side_by_side
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
-from rotary_error_monitor.twin.stage_noise import COMMAND, StageNoise, kind_of, noise_std
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
-from rotary_error_monitor.twin.whitening import side_by_side
 
 FEWEST_ROWS = 100
 """Rows of a channel below which its structure is not looked at."""

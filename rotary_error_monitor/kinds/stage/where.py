@@ -13,8 +13,8 @@ from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Rotor
 from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
 from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Array, Share
+from rotary_error_monitor.noise.stage_noise import COMMAND
 from rotary_error_monitor.twin.recording import stage_topic
-from rotary_error_monitor.twin.stage_noise import COMMAND
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem

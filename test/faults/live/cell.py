@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState, PointCloud2
 
 from faults.live.other_programs import Lost, lost_time
 from faults.live.truth import Judged, Truth
-from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.nodes import messages

@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
-from rotary_error_monitor.bags.cdr_blocks import encode_block
+from rotary_error_monitor.codec.cdr_blocks import encode_block
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.qos import profile

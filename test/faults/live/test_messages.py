@@ -258,7 +258,7 @@ def test_a_limit_is_reached_latched_and_reset(live):
 
 def test_every_kind_of_wrong_message_is_wrong():
     """What the stranger says is no sample block, but for the one that could be right."""
-    from rotary_error_monitor.bags.cdr_blocks import BlockDecoder
+    from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
     from rotary_error_monitor.description.wire import load_wire
     from rotary_error_monitor.errors import InputError
 

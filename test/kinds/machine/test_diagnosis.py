@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.blind_check.cases import draw_machine
+from rotary_error_monitor.cases.making import make_machine_case
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
@@ -15,7 +16,6 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.machine.problem import PROBE_STD, MachineProblem, find_frequency
-from rotary_error_monitor.plant.cases import make_machine_case
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 EFFECTS = load_effects(MachineEffect)

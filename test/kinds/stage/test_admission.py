@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rotary_error_monitor.cases.draws import draw_stage
+from rotary_error_monitor.cases.making import EPOCH_NS, make_stage_case
 from rotary_error_monitor.description.stage import Mirror, Spindle, load_stage
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -16,8 +18,6 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.another import check_stage, stage_statements
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.cases import EPOCH_NS, make_stage_case
-from rotary_error_monitor.plant.draws import draw_stage
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.twin.recording import Stream, record_stage, stage_topic
 from rotary_error_monitor.twin.stage import twin_of

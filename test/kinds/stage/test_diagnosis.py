@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.blind_check.cases import write_case
+from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -20,7 +21,6 @@ from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.experiments import advise
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.plant.stage import stage_clocks
 from rotary_error_monitor.report.diagnosis import write_report

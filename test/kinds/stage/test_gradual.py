@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.kinds.stage.gradual import SPANS, begun_before, moment_of, ramps
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 
 EFFECTS = load_effects(StageEffect)

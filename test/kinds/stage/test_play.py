@@ -7,13 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
+from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.play import RELEASES, TRAVELS, Play
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.plant.cases import make_stage_case
 from rotary_error_monitor.twin.recording import record_stage, stage_topic
 from rotary_error_monitor.twin.stage import StageInputs
 

@@ -1,0 +1,1 @@
+"""Messages as CDR bytes: standard types, read and written without ROS."""

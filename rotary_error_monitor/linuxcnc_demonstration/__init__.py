@@ -1,0 +1,1 @@
+"""What `make run-linuxcnc` shows: a five-axis program on a real controller, with and without correction."""

@@ -1,0 +1,297 @@
+"""What a run of the mock cell shows: accuracy against the true stage and machine, samples lost, latencies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.codec.contents import JointState
+from rotary_error_monitor.codec.messages import Decoder
+from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.wire import Topic, Wire, load_wire
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compare_with_lvdt
+from rotary_error_monitor.mock_cell.run import FORCE_CYCLE, SPEEDS, MockCell, Recording, seconds
+from rotary_error_monitor.plant.machine import MachinePlant, make_poses
+from rotary_error_monitor.plant.stage import StagePlant
+from rotary_error_monitor.recordings.replay import replay_bag
+from rotary_error_monitor.recordings.replayed import Replay
+from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.sources.mock import MockSettings, mock_stage
+from rotary_error_monitor.sources.mock_machine import MachineMotion
+
+SETTLING_NS = 500_000_000
+"""Left out after the start and after each setting of the LVDT: processes find one another, the probe comes to rest."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure and its bound.
+
+    Attributes:
+        name: what was measured, with its unit.
+        value: the figure.
+        bound: largest value that is right; None where there is none.
+        digits: digits after the point.
+    """
+
+    name: str
+    value: float
+    bound: float | None = None
+    digits: int = 3
+
+    @property
+    def ok(self) -> bool:
+        """Whether the figure is finite and within its bound."""
+        return bool(np.isfinite(self.value)) and (self.bound is None or self.value <= self.bound)
+
+
+@dataclass(frozen=True)
+class TrueOffsets:
+    """Tool offset of the true machine at n times.
+
+    Attributes:
+        stamp_ns: (n,) timestamp (ns).
+        before: (n, 6) without correction: shift of the tip (m), change of the tool axis (rad).
+        after: the same with the correction of that time.
+        delayed: the same with the correction that had arrived by then, `age` (n,) s old.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+    delayed: NDArray[np.float64]
+    age: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What a run showed.
+
+    Attributes:
+        rows: figures with their bounds.
+        comparisons: with the LVDT, by its height (m).
+        offsets: of the tool.
+        force: (k, 3) time after the mock stage's start (s) and external force x, y (N).
+    """
+
+    rows: list[Row]
+    comparisons: dict[float, LvdtComparison]
+    offsets: TrueOffsets
+    force: NDArray[np.float64]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every figure is within its bound."""
+        return all(row.ok for row in self.rows)
+
+
+def figures(cell: MockCell, recording: Recording, stage: StageDescription, machine: MachineDescription) -> CellResult:
+    """All figures of a run.
+
+    Raises:
+        InputError: the bag lacks a topic that every cell has.
+    """
+    reader = BagReader(recording.bag)
+    wire = load_wire(tuple(stage.encoder.azimuths))
+    replayed = replay_bag(recording.bag, stage, machine)
+    plant = mock_stage(stage, MockSettings(cell.seed, recording.epoch_ns, SPEEDS, True, cell.rate, FORCE_CYCLE))
+    comparisons = dict(lvdt_comparisons(recording, reader, wire, stage, replayed))
+    offsets = true_offsets(recording, reader, wire, machine, plant)
+    rows = [
+        *_accuracy(comparisons, recording, reader, wire),
+        *_offset_rows(offsets),
+        *_repetition(reader, wire, replayed, recording.heights[0][1]),
+        *_losses(reader, wire, recording.heights[0][1]),
+        *_latencies(reader, wire, recording.heights[0][1]),
+        Row("processes that did not end with exit code 0", len(recording.failures), 0, 0),
+    ]
+    times, force = _samples(reader, wire.topic("force_samples"))
+    return CellResult(rows, comparisons, offsets, np.column_stack([seconds(times, recording.epoch_ns), force]))
+
+
+def lvdt_comparisons(
+    recording: Recording, reader: BagReader, wire: Wire, stage: StageDescription, replayed: Replay
+) -> Iterator[tuple[float, LvdtComparison]]:
+    """Comparison with the LVDT at each height at which it stood.
+
+    Raises:
+        InputError: the stage has no LVDT, or the bag lacks its samples.
+    """
+    if stage.lvdt is None:
+        raise InputError("the stage has no section 'lvdt'")
+    times, radial = _samples(reader, wire.topic("lvdt_samples"))
+    period = int(np.diff(replayed.stamp_ns).min())
+    motion = replayed.motion
+    for height, begin_ns, end_ns in recording.heights:
+        there = (times >= begin_ns + SETTLING_NS) & (times < end_ns)
+        when = (replayed.stamp_ns >= begin_ns + SETTLING_NS) & (replayed.stamp_ns < end_ns)
+        part = ErrorMotion(
+            motion.theta[when], motion.components[when], motion.observable[when], motion.covariance[when]
+        )
+        lvdt = replace(stage.lvdt, height=height)
+        yield height, compare_with_lvdt(replayed.stamp_ns[when], part, lvdt, times[there], radial[there], period)
+
+
+def _accuracy(
+    comparisons: dict[float, LvdtComparison], recording: Recording, reader: BagReader, wire: Wire
+) -> Iterator[Row]:
+    times, force = _samples(reader, wire.topic("force_samples"))
+    for (height, found), (_, begin_ns, end_ns) in zip(comparisons.items(), recording.heights, strict=True):
+        name = f"radial error motion at h = {height * 1e3:.0f} mm"
+        there = (times >= begin_ns + SETTLING_NS) & (times < end_ns)
+        yield Row(
+            f"{name}: external force on the shaft, N", float(np.linalg.norm(force[there], axis=1).max()), digits=0
+        )
+        yield Row(f"{name}: peak to peak, µm", float(np.ptp(found.reference, axis=0).max()) * 1e6)
+        yield Row(f"{name}: RMS against LVDT, µm", found.rms * 1e6, 0.10)
+        yield Row(f"{name}: maximum against LVDT, µm", found.maximum * 1e6, 0.5)
+        yield Row(f"{name}: outside their 95 % bounds, %", 100 * (1 - found.inside), 7.0, 1)
+
+
+def true_offsets(
+    recording: Recording, reader: BagReader, wire: Wire, machine: MachineDescription, plant: StagePlant
+) -> TrueOffsets:
+    """True tool offset without correction, and with the correction that was in force at each time."""
+    stamps, arrived, values = _corrections(reader, wire.topic("axis_corrections"), machine)
+    late = stamps > stamps[0] + SETTLING_NS
+    in_force = np.maximum(np.searchsorted(arrived, stamps[late], side="right") - 1, 0)
+    motion = MachineMotion(machine, plant)
+    states = [motion.at(int(stamp)) for stamp in stamps[late]]
+    positions = np.array([[axis.position for axis in state] for state in states])
+    directions = np.sign([[axis.velocity for axis in state] for state in states])
+    scene = plant.scene(seconds(stamps[late], recording.epoch_ns))
+    live = scene.error_motion.copy()
+    live[:, 2] = np.nan  # no sensor sees axial motion: true is what the description says
+    true = MachinePlant(machine)
+    poses = make_poses(machine, positions, directions, scene.warming + machine.reference_temperature)
+    axis = true.tool_axis(poses)
+    before, after, delayed = (
+        _tip_and_axis(true.tool_offset(poses, corrections, live), axis)
+        for corrections in (None, values[late], values[in_force])
+    )
+    return TrueOffsets(stamps[late], before, after, delayed, (stamps[late] - stamps[in_force]) * 1e-9)
+
+
+def _tip_and_axis(offset: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 6) shift of the tool tip, and change of the tool axis: the spin about it is nobody's error."""
+    return np.hstack([offset[:, :3], np.cross(offset[:, 3:], axis)])
+
+
+def _offset_rows(offsets: TrueOffsets) -> Iterator[Row]:
+    # the tool axis is corrected where the rotary axes reach it: not while the table lies level
+    for name, part, unit, share in (("position", slice(0, 3), "µm", 0.05), ("tool axis", slice(3, 6), "µrad", 0.5)):
+        before, after, delayed = (_rms(o[:, part]) * 1e6 for o in (offsets.before, offsets.after, offsets.delayed))
+        yield Row(f"tool offset, {name}, before correction: RMS, {unit}", before)
+        yield Row(f"tool offset, {name}, after correction: RMS, {unit}", after, share * before)
+        age = f"{np.median(offsets.age) * 1e3:.0f} ms"
+        yield Row(f"tool offset, {name}, the axes moving on for {age}: RMS, {unit}", delayed)
+
+
+def _rms(vectors: NDArray[np.float64]) -> float:
+    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
+
+
+def _repetition(reader: BagReader, wire: Wire, replayed: Replay, since_ns: int) -> Iterator[Row]:
+    """Published numbers that the replay does not give again bit for bit, from when the recorder had found everyone."""
+    assert replayed.tool_offset is not None
+    for key, columns, again in (
+        ("error_motion_samples", ("theta",), replayed.theta[:, None]),
+        ("tool_offset_samples", ("x", "y", "z", "a", "b", "c"), replayed.tool_offset),
+    ):
+        topic = wire.topic(key)
+        times, values = _samples(reader, topic, columns)
+        times, values = times[times >= since_ns], values[times >= since_ns]
+        index = np.clip(np.searchsorted(replayed.stamp_ns, times), 0, len(replayed.stamp_ns) - 1)
+        same = (replayed.stamp_ns[index] == times) & (again[index] == values).all(axis=1)
+        yield Row(f"{topic.name}: published numbers that a replay does not repeat", float((~same).sum()), 0, 0)
+
+
+def _losses(reader: BagReader, wire: Wire, since_ns: int) -> Iterator[Row]:
+    """Samples of the sensors that are missing, and ticks without estimate or offset: held, or too late to be true."""
+    lost, without, ticks = 0, 0, 0
+    for topic in wire:
+        if not topic.is_sample_block or topic.key == "lvdt_samples" or topic.name not in reader.topics:
+            continue
+        times, _ = _samples(reader, topic)
+        steps = np.diff(times[times >= since_ns])
+        if len(steps) < 2:
+            continue
+        missing = int(np.rint(steps / np.median(steps) - 1).sum())
+        if _is_computed(topic):
+            without, ticks = without + missing, ticks + missing + len(steps)
+        else:
+            lost += missing
+    yield Row("samples lost", lost, 0, 0)
+    yield Row("ticks without estimate or offset, %", 100 * without / max(ticks, 1), 5.0, 2)
+
+
+def _is_computed(topic: Topic) -> bool:
+    return topic.key in ("error_motion_samples", "tool_offset_samples")
+
+
+def _latencies(reader: BagReader, wire: Wire, since_ns: int) -> Iterator[Row]:
+    """Age of the latest sample in a block when the recorder had it."""
+    for key, bound in (("error_motion_samples", None), ("tool_offset_samples", None)):
+        topic = wire.topic(key)
+        ages = np.array(list(_ages(reader, topic, since_ns)))
+        if len(ages) == 0:
+            raise InputError(f"{reader.path}: no message on {topic.name}")
+        for part in (50, 99):
+            yield Row(
+                f"{topic.name}: age at the recorder, p{part}, ms", float(np.percentile(ages, part)) * 1e3, bound, 1
+            )
+
+
+def _ages(reader: BagReader, topic: Topic, since_ns: int) -> Iterator[float]:
+    decoder = Decoder(topic.type)
+    for message in reader.messages([topic.name]):
+        block = decoder.decode(message.data)
+        assert isinstance(block, SampleBlock)
+        if block.stamp_ns >= since_ns:
+            yield (message.log_time_ns - int(block.times_ns[-1])) * 1e-9
+
+
+def _samples(
+    reader: BagReader, topic: Topic, columns: tuple[str, ...] | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    reader.check_topics([topic.name])
+    blocks = reader.read_blocks([topic.name])[topic.name]
+    names = columns or topic.columns
+    times = np.concatenate([block.times_ns for block in blocks])
+    return times, np.concatenate([block.columns(names) for block in blocks])
+
+
+def _corrections(
+    reader: BagReader, topic: Topic, machine: MachineDescription
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Stamp, time of arrival at the recorder, and values in the order of the machine's axes."""
+    reader.check_topics([topic.name])
+    decoder = Decoder(topic.type)
+    stamps, arrived, values = [], [], []
+    for message in reader.messages([topic.name]):
+        state = decoder.decode(message.data)
+        assert isinstance(state, JointState)
+        told = dict(zip(state.names, state.position.tolist(), strict=True))
+        stamps.append(state.stamp_ns)
+        arrived.append(message.log_time_ns)
+        values.append([told[letter] for letter in machine.letters])
+    return np.array(stamps), np.array(arrived), np.array(values)
+
+
+def table(rows: list[Row]) -> str:
+    """The figures as text, a line each."""
+    width = max(len(row.name) for row in rows)
+    lines = []
+    for row in rows:
+        bound = (
+            "" if row.bound is None else f"  at most {row.bound:.{row.digits}f}  {'ok' if row.ok else 'OUT OF BOUNDS'}"
+        )
+        lines.append(f"{row.name:<{width}}  {row.value:>10.{row.digits}f}{bound}")
+    return "\n".join(lines)

@@ -1,0 +1,397 @@
+"""The noise of a stage's recording, and the linear map that makes it white: the common currency of all comparisons.
+
+Three kinds of noise, each from what the description says:
+
+* Heads: reading noise and rounding, `noise^2 + resolution^2 / 12`, independent. The rotor's jitter about the command is
+  seen by all heads alike, so what a head has beyond the mean of all heads is free of it, once each head is taken to the
+  same instant: a head that samples a moment later sees the jitter's rate times that moment. These are the rows
+  `/stage/head_i`. What the heads share stands in the rows `/stage/command`, whose noise is the jitter (coloured, its
+  spectrum estimated from the recording) plus the mean of the readings' noise.
+* Autocollimator: noise and rounding, plus turbulence: an Ornstein-Uhlenbeck process of known size and correlation time.
+* LVDT: white.
+
+An instrument may have slow noise besides, each of its channels a course of its own.
+
+Single samples far out (spikes) and samples around lost blocks take no part.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.special import gamma
+
+from rotary_error_monitor.description.stage import StageDescription, Turbulence
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT
+from rotary_error_monitor.noise.head_grid import align_heads
+from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside
+from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
+from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, predictor, segments_of
+from rotary_error_monitor.twin.recording import StageRecording
+
+Array = NDArray[np.float64]
+
+COMMAND = "command"
+"""Channel of what the heads share against the command."""
+
+SPIKE = 6.0
+"""A sample further than this many standard deviations from its neighbours' median is a spike: one in 10^9 by chance."""
+
+CELLS = 480
+"""Cells of a recording in which slow noise is the same: eight to a wave of its highest order, 120 half periods."""
+
+STANDSTILL_WEIGHT = 0.2
+"""At rest a head rounds the same way again and again: its samples carry the information of one in 25."""
+
+
+@dataclass(frozen=True)
+class Jitter:
+    """Spectrum of the rotor's motion about the command: `std^2` spread over frequencies below about `bandwidth`.
+
+    The one-sided density is `A exp(-(f / bandwidth)^shape)`, smooth and falling as that of a rotor's inertia.
+    """
+
+    std: float = 2e-6
+    bandwidth: float = 5.0
+    shape: float = 1.2
+
+    def density(self, frequency: Array) -> Array:
+        """(n,) one-sided power density, rad^2/Hz."""
+        area = self.bandwidth * gamma(1 + 1 / self.shape)
+        exponent = self.shape * np.log(np.maximum(frequency, 1e-9) / self.bandwidth)
+        power = np.exp(np.minimum(exponent, 6.4))
+        return np.asarray(self.std**2 / area * np.exp(-power), np.float64)
+
+
+def kind_of(channel: str) -> str:
+    """Kind of sensor of a channel: `head_a` is a `head`, `lvdt.x` is of the `lvdt`."""
+    return channel.partition(".")[0].partition("_")[0]
+
+
+def noise_std(stage: StageDescription) -> dict[str, float]:
+    """Standard deviation of one sample of each kind of sensor as the stage states it, rounding included, rad or m."""
+    encoder, collimator = stage.encoder, stage.autocollimator
+    return {
+        HEAD: float(np.hypot(encoder.noise, encoder.resolution / np.sqrt(12))),
+        AUTOCOLLIMATOR: float(np.hypot(collimator.noise, collimator.resolution / np.sqrt(12))),
+        LVDT: 0.0 if stage.lvdt is None else stage.lvdt.noise,
+    }
+
+
+class StageNoise:
+    """Map from signals of a recording to white rows.
+
+    Args:
+        stage: states the noise of each sensor.
+        recording: its sample times, gaps and spikes.
+        residual: measured minus predicted (n, k) of each stream, from which spikes are told.
+        omega: commanded speed (n,) at the samples of each head, rad/s.
+        jitter: spectrum of the rotor's jitter.
+
+    Attributes:
+        std: standard deviation of one sample of each kind of sensor, rounding included.
+        levels: how many times what the stage states that is.
+        uncommanded: (m,) instants of the heads at which the command is not known to the noise of their mean.
+    """
+
+    def __init__(
+        self,
+        stage: StageDescription,
+        recording: StageRecording,
+        residual: Mapping[str, Array],
+        omega: Mapping[str, Array],
+        jitter: Jitter | None = None,
+    ) -> None:
+        self.jitter = jitter or Jitter()
+        self.grid = align_heads(recording)
+        encoder, collimator = stage.encoder, stage.autocollimator
+        self.std = noise_std(stage)
+        self.levels = dict.fromkeys(self.std, 1.0)
+        self._lines: Array = np.zeros(0)
+        self._slow: dict[str, Array] = {}
+        self._sensors = [name for name in residual if not name.startswith("head_")]
+        self._streams = {name: recording.streams[name] for name in residual}
+        lost = input_gaps(recording)
+        self._kept = {name: ~inside(recording.streams[name].time, lost) for name in residual}
+        self._present = self._heads_present()
+        self._count = self._present.sum(axis=1)
+        least = self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
+        self.uncommanded = between_samples(recording.streams[COMMAND], self.grid.time, least)
+        self.spikes = {name: self._find_spikes(name, residual[name], collimator.turbulence) for name in self._sensors}
+        self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
+        self._turbulence = collimator.turbulence
+        self._late = self._head_times() if self.grid.heads else np.zeros((0, 0))
+        self._kept_line_basis: Array | None = None
+        self._kept_cells: dict[str, Cells] = {}
+        self._kept_slow: dict[str, SlowNoise] = {}
+        self._collimator_whitener = self._collimator_filter()
+        self._command_whitener = self._command_filter()
+
+    def with_levels(self, levels: Mapping[str, float]) -> None:
+        """Take the noise of the kinds `head`, `autocollimator`, `lvdt` for so many times what the stage states."""
+        for kind, level in levels.items():
+            self.std[kind] *= level / self.levels[kind]
+            self.levels[kind] = level
+        self._collimator_whitener = self._collimator_filter()
+        self.with_jitter(self.jitter, self._lines)
+
+    def with_jitter(self, jitter: Jitter, lines: Array | None = None) -> None:
+        """Take another spectrum of the jitter, and frequencies (k,) in Hz at which it holds lines of its own."""
+        self.jitter = jitter
+        self._command_whitener = self._command_filter()
+        self._lines = np.zeros(0) if lines is None else lines
+        self.forget()
+
+    def with_slow_noise(self, kind: str, courses: Array | None) -> None:
+        """Take slow noise of a kind of sensor for known: one standard deviation of each course (`CELLS` or fewer, q).
+
+        Courses are cosines of orders from 0 on over the recording, in standard deviations of a sample's white noise;
+        None for no such noise. What each head has of its own their mean has as well.
+        """
+        self._slow.pop(kind, None)
+        if courses is not None:
+            self._slow[kind] = courses
+        self._kept_slow.clear()
+
+    def slow_remarks(self) -> list[str]:
+        """How large the slow noise of each kind of sensor is."""
+        found = []
+        for kind, courses in self._slow.items():
+            size = self.std[kind] * float(np.sqrt(np.mean(np.sum(np.square(courses), axis=1))))
+            found.append(
+                f"{kind}: slow noise of {1e6 * size:.2g} {'µm' if kind == LVDT else 'µrad'} (rms) beside the white"
+            )
+        return found
+
+    def cells(self, channel: str) -> Cells:
+        """Rows of a channel in `CELLS` cells, each row with the root of its expected square for its weight."""
+        if not self._kept_cells:
+            self._kept_cells = {name: cells_of(np.sqrt(rows), CELLS) for name, rows in self.expected().items()}
+        return self._kept_cells[channel]
+
+    def plain_sums(self, channel: str, rows: Array) -> Array:
+        """(k, p) sums over the cells of a channel's white rows (m, p), as they would be without slow noise."""
+        if kind_of(channel) in self._slow:
+            return self._slow_noise(channel).plain_sums(rows)
+        return self.cells(channel).sums(rows)
+
+    @property
+    def lines(self) -> Array:
+        """(k,) frequencies, Hz, of the jitter's own lines."""
+        return self._lines
+
+    def forget(self) -> None:
+        """Give back the memory of what can be computed again."""
+        self._kept_line_basis = None
+        self._kept_cells.clear()
+        self._kept_slow.clear()
+
+    @property
+    def _line_basis(self) -> Array | None:
+        """(m, 4 k) orthonormal rows of the lines: what they span takes no part in the command's channel.
+
+        Beside each wave stands the wave times time, which takes up a frequency that is a little off.
+        """
+        if self._kept_line_basis is None and len(self._lines):
+            self._kept_line_basis = self._whitened_lines(self._lines)
+        return self._kept_line_basis
+
+    def _whitened_lines(self, lines: Array) -> Array:
+        turns = 2 * np.pi * np.outer(self.grid.time, lines)
+        middle = self.grid.time - self.grid.time.mean()
+        waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
+        table = self._shared_rows(np.concatenate([waves, waves * middle[:, None] / np.ptp(middle)], axis=1))
+        basis, triangle = np.linalg.qr(table)
+        size = np.abs(np.diag(triangle))
+        return np.asarray(basis[:, size > 1e-8 * float(size.max())], np.float64)
+
+    def command_rows(self, mean: Array) -> Array:
+        """White rows (m, p) of the command's channel from what the heads share (m, p), as `shared` gives it."""
+        rows, basis = self._shared_rows(mean), self._line_basis
+        rows = rows if basis is None else rows - ((rows.T @ basis) @ basis.T).T
+        return self._slow_noise(COMMAND).whiten(rows) if HEAD in self._slow else rows
+
+    def _shared_rows(self, mean: Array) -> Array:
+        """Whitened rows (m, p) of what the heads share (m, p)."""
+        enough = segments_of(self._count * 2 >= len(self.grid.heads))
+        bridged = bridge(mean, self.uncommanded)
+        return self._command_whitener.apply(bridged, enough) * (self._weight * ~self.uncommanded)[:, None]
+
+    @property
+    def command_floor(self) -> float:
+        """One-sided density of the readings' noise in the mean of all heads, rad^2/Hz."""
+        return 2 * self.grid.period * self.std[HEAD] ** 2 / len(self.grid.heads)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the groups of rows."""
+        names = [COMMAND, *self.grid.heads]
+        for sensor in self._sensors:
+            names += [f"{sensor}.{axis}" for axis in ("x", "y")]
+        return tuple(names)
+
+    def times(self, channel: str) -> Array:
+        """(n,) time of each row of a channel, s."""
+        if channel == COMMAND or channel in self.grid.heads:
+            return self.grid.time
+        return self._streams[channel.partition(".")[0]].time
+
+    def whiten(self, signals: Mapping[str, Array]) -> dict[str, Array]:
+        """White rows (m, p) of each channel from signals (n, k, p) of some streams.
+
+        Streams that are not given count as zero; channels on which none of the given streams acts are left out.
+        """
+        rows: dict[str, Array] = {}
+        if any(name in signals for name in self.grid.heads):
+            rows |= self._heads(signals)
+        for sensor in self._sensors:
+            if sensor in signals:
+                rows |= self._sensor(sensor, signals[sensor])
+        return {
+            channel: self._slow_noise(channel).whiten(white) if kind_of(channel) in self._slow else white
+            for channel, white in rows.items()
+        }
+
+    def _slow_noise(self, channel: str) -> SlowNoise:
+        if channel not in self._kept_slow:
+            courses = self._shared_courses() if channel == COMMAND else self._slow[kind_of(channel)]
+            self._kept_slow[channel] = SlowNoise(self.cells(channel), courses)
+        return self._kept_slow[channel]
+
+    def _shared_courses(self) -> Array:
+        """Those of the heads' mean, which is as much less noisy at all frequencies; the jitter hides part of them."""
+        courses, floor = self._slow[HEAD], self.command_floor
+        frequency = np.arange(courses.shape[1]) / (2 * np.ptp(self.grid.time))
+        return np.asarray(courses * np.sqrt(floor / (floor + self.jitter.density(frequency))), np.float64)
+
+    def expected(self) -> dict[str, Array]:
+        """(m,) expected square of each white row of each channel under noise alone."""
+        present, count = self._present, self._count
+        weight = np.square(self._weight)
+        share = (1 - 1 / np.maximum(count, 1)) * weight
+        expected = {name: present[:, i] * share for i, name in enumerate(self.grid.heads)}
+        ones = np.ones((len(self.grid.time), 1))
+        enough = segments_of(count * 2 >= len(self.grid.heads))
+        seen = (self._command_whitener.apply(ones, enough)[:, 0] != 0) & ~self.uncommanded
+        expected[COMMAND] = seen * weight
+        basis = self._line_basis
+        if basis is not None:
+            expected[COMMAND] = expected[COMMAND] * (1 - np.sum(np.square(basis), axis=1))
+        for name in self._sensors:
+            ones = np.ones((len(self._streams[name].time), 2, 1))
+            for channel, rows in self._sensor(name, ones).items():
+                expected[channel] = (rows[:, 0] != 0).astype(np.float64)
+        return expected
+
+    def shared(self, signals: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
+        """Mean over the heads (m, p) that are present, and where at least half of them are and the command is known."""
+        return self._mean(self._table(signals)).T, (self._count * 2 >= len(self.grid.heads)) & ~self.uncommanded
+
+    def _heads_present(self) -> NDArray[np.bool_]:
+        """(m, heads) which heads were read at each instant."""
+        present = self.grid.present.copy()
+        for i, name in enumerate(self.grid.heads):
+            present[self.grid.rows[name], i] &= self._kept[name]
+        return present
+
+    def _table(self, signals: Mapping[str, Array]) -> Array:
+        """(heads, p, m) the heads one after the other, zero where absent."""
+        width = next(signals[name].shape[-1] for name in self.grid.heads if name in signals)
+        table = np.zeros((len(self.grid.heads), width, len(self.grid.time)))
+        for head, name in zip(table, self.grid.heads, strict=True):
+            if name in signals:
+                rows = self.grid.rows[name]
+                # Nothing lost: as one piece, which is much faster than row by row.
+                whole = int(rows[-1]) - int(rows[0]) == len(rows) - 1
+                place = slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
+                head[:, place] = signals[name][:, 0].T
+                head[:, rows[~self._kept[name]]] = 0.0
+        return table
+
+    def _mean(self, table: Array) -> Array:
+        """(p, m) mean over the heads that are present."""
+        return np.asarray(table.sum(axis=0) / np.maximum(self._count, 1), np.float64)
+
+    def _heads(self, signals: Mapping[str, Array]) -> dict[str, Array]:
+        table, several = self._table(signals), self._count > 1
+        mean = self._mean(table)
+        rate = _rate(mean, several, self.grid.period)
+        weight = self._weight * several / self.std[HEAD]
+        rows = {}
+        for i, name in enumerate(self.grid.heads):
+            table[i] -= mean
+            table[i] -= self._late[:, i] * rate
+            table[i] *= self._present[:, i] * weight
+            rows[name] = table[i].T
+        rows[COMMAND] = self.command_rows(mean.T)
+        return rows
+
+    def _sensor(self, name: str, values: Array) -> dict[str, Array]:
+        rows = {}
+        for i, axis in enumerate(("x", "y")):
+            spikes = self.spikes[name][:, i]
+            if name == AUTOCOLLIMATOR and self._collimator_whitener is not None:
+                bridged = bridge(values[:, i], spikes)
+                white = self._collimator_whitener.apply(bridged, self._runs(name))
+            else:
+                white = values[:, i] / self.std[name] * self._kept[name][:, None]
+            white[spikes] = 0.0
+            rows[f"{name}.{axis}"] = white
+        return rows
+
+    def _runs(self, name: str) -> list[slice]:
+        """Runs of a stream without gaps."""
+        stream, kept = self._streams[name], self._kept[name]
+        breaks = np.flatnonzero(np.diff(stream.time) > 1.5 * stream.period) + 1
+        bounds = [0, *breaks.tolist(), len(stream.time)]
+        found = []
+        for start, stop in itertools.pairwise(bounds):
+            found += [slice(start + s.start, start + s.stop) for s in segments_of(kept[start:stop])]
+        return found
+
+    def _head_times(self) -> Array:
+        """(m, heads) how much later than the mean of the heads in its row each of them sampled, s; 0 where absent."""
+        present = self._present
+        times = np.zeros(present.shape)
+        for i, name in enumerate(self.grid.heads):
+            times[self.grid.rows[name], i] = self._streams[name].time - self.grid.time[self.grid.rows[name]]
+        mean = np.sum(times * present, axis=1) / np.maximum(present.sum(axis=1), 1)
+        return np.asarray((times - mean[:, None]) * present, np.float64)
+
+    def _find_spikes(self, name: str, residual: Array, turbulence: Turbulence | None) -> NDArray[np.bool_]:
+        # The median of neighbours follows every effect that is slower than a few samples, however large.
+        apart = residual - median_filter(residual, (7, 1), mode="mirror")
+        spread = 1.4826 * np.median(np.abs(apart), axis=0)
+        return np.asarray(np.abs(apart) > SPIKE * np.maximum(spread, self.std[name]), bool)
+
+    def _head_weight(self, coarse: bool, resolution: float, omega: Mapping[str, Array]) -> Array:
+        weight = np.ones(len(self.grid.time))
+        if coarse:
+            for name in self.grid.heads:
+                resting = np.abs(omega[name]) * self.grid.period < 0.5 * resolution
+                weight[self.grid.rows[name][resting]] = STANDSTILL_WEIGHT
+        return weight
+
+    def _collimator_filter(self) -> Whitener | None:
+        turbulence = self._turbulence
+        if turbulence is None or turbulence.std == 0 or AUTOCOLLIMATOR not in self._streams:
+            return None
+        period = self._streams[AUTOCOLLIMATOR].period
+        return drift_predictor(turbulence.std, turbulence.correlation_time, self.std[AUTOCOLLIMATOR], period)
+
+    def _command_filter(self) -> Whitener:
+        floor = self.command_floor
+        return predictor(lambda frequency: self.jitter.density(frequency) + floor, self.grid.period)
+
+
+def _rate(mean: Array, known: NDArray[np.bool_], period: float) -> Array:
+    """(p, m) rate of change of columns (p, m), 0 beside samples that are not known."""
+    rate = np.zeros_like(mean)
+    inner = known[2:] & known[:-2]
+    rate[:, 1:-1] = (mean[:, 2:] - mean[:, :-2]) * (inner / (2 * period))
+    return rate

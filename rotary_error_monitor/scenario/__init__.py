@@ -1,1 +1,0 @@
-"""Whole scenarios, from starting processes to a printed table: what `make run` and `make run-linuxcnc` show."""

@@ -1,0 +1,158 @@
+"""A correction message is believed as a whole or not at all, and each refusal says why."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.linuxcnc_controller.gate import (
+    AcceptedCorrection,
+    CorrectionGate,
+    CorrectionMessage,
+    Doubt,
+    GateLimits,
+    RefusalError,
+)
+
+AXES = ("X", "Y", "Z", "A", "C")
+LARGEST = (5e-4, 5e-4, 5e-4, 5e-3, 5e-3)
+LIMITS = GateLimits(AXES, LARGEST, AXES)
+NOW = 1_800_000_000_000_000_000
+MS, HOUR, DAY = 10**6, 3600 * 10**9, 86400 * 10**9
+GOOD = (1e-6, -2e-6, 3e-6, 4e-5, -5e-5)
+
+
+def message(names=AXES, positions=GOOD, age_ns=20 * MS, velocities=()):
+    return CorrectionMessage(NOW - age_ns, names, positions, velocities)
+
+
+def test_a_whole_message_is_believed_in_the_order_of_the_controller():
+    gate = CorrectionGate(LIMITS)
+    assert gate.judge(message(), NOW) == AcceptedCorrection(NOW - 20 * MS, GOOD)
+    turned = message(AXES[::-1], GOOD[::-1], 10 * MS, (0.0,) * 5)
+    assert gate.judge(turned, NOW) == AcceptedCorrection(NOW - 10 * MS, GOOD)
+
+
+def test_axes_that_are_not_corrected_get_none():
+    gate = CorrectionGate(GateLimits(AXES, LARGEST, ("Z", "X")))
+    assert gate.judge(message("XZ", (1e-6, 2e-6)), NOW).positions == (1e-6, 0.0, 2e-6, 0.0, 0.0)
+    with pytest.raises(RefusalError, match="expected each of Z X once: not corrected here Y"):
+        gate.judge(message("XYZ", (0.0, 0.0, 0.0)), NOW)
+
+
+def change(index, value):
+    return GOOD[:index] + (value,) + GOOD[index + 1 :]
+
+
+FAULTS = [
+    ("X alone", message("X", (1e-6,)), Doubt.AXES, "corrections of the axes X; .* missing Y Z A C$"),
+    ("empty", message((), ()), Doubt.AXES, r"corrections of the axes \(none\); .* missing X Y Z A C$"),
+    ("X twice", message(("X", *AXES), (3e-4, *GOOD)), Doubt.AXES, r"twice X$"),
+    ("X for Y", message("XXZAC", GOOD), Doubt.AXES, "twice X, missing Y$"),
+    ("another axis", message("XYZAB", GOOD), Doubt.AXES, "not corrected here B, missing C$"),
+    ("lower case", message("xyzac", GOOD), Doubt.AXES, "not corrected here x y z a c, missing X Y Z A C$"),
+    ("no names", message((), GOOD), Doubt.AXES, "missing X Y Z A C$"),
+    ("no positions", message(AXES, ()), Doubt.NUMBERS, "5 names, 0 positions, 0 velocities; expected as many"),
+    ("one position less", message(AXES, GOOD[:4]), Doubt.NUMBERS, "5 names, 4 positions"),
+    ("one position more", message(AXES, (*GOOD, 0.0)), Doubt.NUMBERS, "5 names, 6 positions"),
+    ("one velocity", message(velocities=(0.0,)), Doubt.NUMBERS, "5 positions, 1 velocities"),
+    ("NaN", message(AXES, change(2, math.nan)), Doubt.NUMBERS, "correction of Z is nan; expected a finite number"),
+    ("infinite", message(AXES, change(4, -math.inf)), Doubt.NUMBERS, "correction of C is -inf"),
+    ("NaN rate", message(velocities=change(1, math.nan)), Doubt.NUMBERS, "rate of Y is nan"),
+    ("1e300", message(AXES, change(0, 1e300)), Doubt.SIZE, r"correction of X is 1e\+300; expected at most 0\.0005"),
+    ("mm for m", message(AXES, change(1, -2e-3)), Doubt.SIZE, r"correction of Y is -0\.002; expected at most 0\.0005"),
+    ("degrees", message(AXES, change(3, 6e-3)), Doubt.SIZE, r"correction of A is 0\.006; expected at most 0\.005"),
+    ("no stamp", CorrectionMessage(0, AXES, GOOD), Doubt.STAMP, "without a stamp"),
+    ("of 1969", CorrectionMessage(-5, AXES, GOOD), Doubt.STAMP, "without a stamp"),
+    ("old", message(age_ns=101 * MS), Doubt.AGE, r"correction is 0\.101 s old; expected at most 0\.1 s"),
+    ("an hour old", message(age_ns=HOUR), Doubt.AGE, r"correction is 3\.6e\+03 s old"),
+    ("10 ms ahead", message(age_ns=-10 * MS), Doubt.AHEAD, r"0\.01 s ahead of the clock; expected at most 0\.005 s"),
+    ("1 h ahead", message(age_ns=-HOUR), Doubt.AHEAD, r"3\.6e\+03 s ahead"),
+    ("365 days ahead", message(age_ns=-365 * DAY), Doubt.AHEAD, r"3\.15e\+07 s ahead"),
+    ("repeated", message(age_ns=50 * MS), Doubt.ORDER, "0 s before the last one believed"),
+    ("falling", message(age_ns=60 * MS), Doubt.ORDER, r"0\.01 s before the last one believed"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "doubt", "reason"), [fault[1:] for fault in FAULTS], ids=[f[0] for f in FAULTS])
+def test_a_wrong_message_is_refused_with_its_reason_and_the_next_right_one_is_believed(wrong, doubt, reason):
+    gate = CorrectionGate(LIMITS)
+    gate.judge(message(age_ns=50 * MS), NOW)
+    for _ in range(3):
+        with pytest.raises(RefusalError, match=reason) as caught:
+            gate.judge(wrong, NOW)
+        assert caught.value.doubt is doubt
+    assert gate.judge(message(age_ns=49 * MS), NOW).positions == GOOD
+
+
+numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
+names = st.lists(st.one_of(st.sampled_from(AXES), st.text(max_size=3)), max_size=7)
+stamps = st.one_of(st.integers(-(2**63), 2**63), st.integers(NOW - 200 * MS, NOW + 20 * MS))
+small = st.lists(st.floats(-6e-4, 6e-4), min_size=5, max_size=5)
+
+
+@given(st.lists(st.one_of(
+    st.builds(CorrectionMessage, stamps, names, st.lists(numbers, max_size=7), st.lists(numbers, max_size=7)),
+    st.builds(CorrectionMessage, stamps, st.permutations(AXES), small, st.just(())),
+), max_size=30))  # fmt: skip
+def test_whatever_comes_what_is_believed_is_whole_in_range_in_time_and_in_order(messages):
+    gate, last_ns = CorrectionGate(LIMITS), None
+    for each in messages:
+        try:
+            believed = gate.judge(each, NOW)
+        except RefusalError as error:
+            assert str(error)
+            assert len(str(error)) < 1000
+            continue
+        assert sorted(each.names) == sorted(AXES)
+        assert believed.positions == tuple(dict(zip(each.names, each.positions, strict=True))[name] for name in AXES)
+        assert all(abs(value) <= largest for value, largest in zip(believed.positions, LARGEST, strict=True))
+        assert NOW - 100 * MS <= believed.stamp_ns <= NOW + 5 * MS
+        assert last_ns is None or believed.stamp_ns > last_ns
+        last_ns = believed.stamp_ns
+
+
+@pytest.mark.parametrize("step_ns", [-HOUR, -50 * MS, HOUR, 365 * DAY])
+def test_a_clock_that_is_set_costs_no_more_than_the_age_of_a_correction(step_ns):
+    """Both the controller's clock and the stamps, which follow it by 30 ms, are set at once."""
+    gate, period = CorrectionGate(LIMITS), 10 * MS
+    believed = []
+    for index in range(40):
+        now_ns = NOW + index * period + (step_ns if index >= 20 else 0)
+        stamp_ns = now_ns - 30 * MS if index < 20 or index > 22 else NOW + index * period - 30 * MS
+        try:
+            gate.judge(CorrectionMessage(stamp_ns, AXES, GOOD), now_ns)
+            believed.append(index)
+        except RefusalError:
+            continue
+    assert set(range(20)) <= set(believed)
+    assert set(range(30, 40)) <= set(believed)
+
+
+def test_a_million_names_are_refused_at_once_and_in_short():
+    with pytest.raises(RefusalError) as caught:
+        CorrectionGate(LIMITS).judge(message(["X" * 10_000] * 1_000_000, [0.0] * 1_000_000), NOW)
+    assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize("wrong", ["X\n[ERROR] fake", "\r\x1b[2KX", "\u2028X", "\x85", "\ud800"])
+def test_a_name_cannot_forge_a_line_of_the_log(wrong):
+    with pytest.raises(RefusalError) as refused:
+        CorrectionGate(LIMITS).judge(message((wrong, *AXES[1:])), NOW)
+    assert str(refused.value).isprintable()
+    assert f"corrections of the axes {repr(wrong)[1:-1]} Y Z A C; expected" in str(refused.value)
+
+
+@pytest.mark.parametrize("corrected", ["", "B", "XX", "XQ"])
+def test_axes_that_the_controller_has_not_cannot_be_corrected(corrected):
+    with pytest.raises(
+        InputError, match=r"corrected axes '.*'; expected some of the controller's X Y Z A C, each once"
+    ):
+        GateLimits(AXES, LARGEST, tuple(corrected))
+
+
+def test_as_many_limits_as_axes_are_needed():
+    with pytest.raises(InputError, match="4 largest corrections for the axes X Y Z A C"):
+        GateLimits(AXES, LARGEST[:4], AXES)

@@ -1,0 +1,48 @@
+"""Rows of the heads are free of what the rotor really does, although the heads sample at different moments."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.noise.stage_noise import StageNoise
+from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.stage import twin_of
+
+
+@pytest.fixture
+def recorded():
+    case = make_stage_case(2, "null", duration=10.0)
+    recording = record_stage({stage_topic(s): list(blocks) for s, blocks in case.blocks.items()}, "abcd")
+    twin = twin_of(case.twin, recording)
+    residual = {name: recording.streams[name].values - values for name, values in twin.predict().items()}
+    omega = {name: twin.state(name).omega for name in recording.heads}
+    return recording, StageNoise(case.twin, recording, residual, omega)
+
+
+def test_a_swing_that_all_heads_see_leaves_nothing_in_their_differences(recorded):
+    recording, noise = recorded
+    # 2 µrad at 12 Hz; two heads of one row sample up to 0.36 ms apart.
+    swing = {
+        name: 2e-6 * np.sin(2 * np.pi * 12.0 * recording.streams[name].time)[:, None, None] for name in recording.heads
+    }
+    rows = noise.whiten(swing)
+    apart = max(
+        abs(float(np.mean(recording.streams[name].time - recording.streams["head_a"].time))) for name in recording.heads
+    )
+    assert apart > 3e-4
+    seen = 2e-6 * 2 * np.pi * 12.0 * apart / 2 / noise.std["head"]
+    assert seen > 0.02, "without account of the moments this much would be left"
+    for name in recording.heads:
+        # The first and the last rows have no neighbour that tells the rate.
+        assert np.abs(rows[name][3:-3]).max() < 0.05 * seen
+
+
+def test_what_one_head_alone_does_stays_its_own(recorded):
+    recording, noise = recorded
+    wave = np.sin(2 * np.pi * 3.0 * recording.streams["head_b"].time)[:, None, None]
+    rows = noise.whiten({"head_b": noise.std["head"] * wave})
+    assert np.abs(rows["head_b"]).max() == pytest.approx(0.75, abs=0.01)
+    for name in ("head_a", "head_c", "head_d"):
+        assert np.abs(rows[name]).max() == pytest.approx(0.25, abs=0.01)
