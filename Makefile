@@ -58,7 +58,7 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix benchmark/test_,ablatio
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 RATES := $(CELL_RATES) $(MODEL_RATES)
-MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise twin)
+MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
 COVERED := $(BIN)/python -m coverage run

@@ -19,14 +19,19 @@ _PACKAGE = __name__.partition(".")[0]
 Base = TypeVar("Base")
 
 
+def modules_in(room: ModuleType) -> Iterator[ModuleType]:
+    """The modules of a room of this package, in the order of their names."""
+    for name in sorted(info.name for info in pkgutil.iter_modules(room.__path__)):
+        yield importlib.import_module(f"{room.__name__}.{name}")
+
+
 def modules_of(room: ModuleType, group: str) -> Iterator[tuple[ModuleType, str]]:
     """The modules of a room of this package, then those that packages register under a group, each with its origin.
 
     Raises:
         InputError: what is registered cannot be loaded, or is no module.
     """
-    for name in sorted(info.name for info in pkgutil.iter_modules(room.__path__)):
-        module = importlib.import_module(f"{room.__name__}.{name}")
+    for module in modules_in(room):
         yield module, module.__name__
     for entry in plugins_of(group):
         plugged = load_plugin(entry)

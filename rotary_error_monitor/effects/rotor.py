@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Effect, Values
 
 Array = NDArray[np.float64]
@@ -116,6 +116,16 @@ class RotorState:
         for place, order in enumerate(orders[done // 2 :], done // 2):
             total += weights[:, 2 * place : 2 * place + 2] @ self._wave(order)
         return np.asarray(total.T, np.float64)
+
+    def harmonics(self, rows: Sequence[PlanarHarmonic]) -> Array:
+        """(n, 2) sum of a description's plane harmonics; rows of one order are summed first."""
+        if not rows:
+            return np.zeros((len(self.theta), 2))
+        sums: dict[int, tuple[float, float, float, float]] = {}
+        for row in rows:
+            old = sums.get(row.order, (0.0, 0.0, 0.0, 0.0))
+            sums[row.order] = (old[0] + row.x[0], old[1] + row.x[1], old[2] + row.y[0], old[3] + row.y[1])
+        return self.planar(sums)
 
     def _table(self, orders: tuple[int, ...]) -> Array:
         """(2 k, n) waves of the first k of the orders, one below the other, as far as such a table is kept."""

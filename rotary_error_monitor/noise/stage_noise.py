@@ -26,18 +26,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.special import gamma
 
-from rotary_error_monitor.description.stage import StageDescription, Turbulence
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.noise.head_grid import align_heads
 from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, predictor, segments_of
+from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_kinds, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 
 Array = NDArray[np.float64]
-
-COMMAND = "command"
-"""Channel of what the heads share against the command."""
 
 SPIKE = 6.0
 """A sample further than this many standard deviations from its neighbours' median is a spike: one in 10^9 by chance."""
@@ -68,19 +66,9 @@ class Jitter:
         return np.asarray(self.std**2 / area * np.exp(-power), np.float64)
 
 
-def kind_of(channel: str) -> str:
-    """Kind of sensor of a channel: `head_a` is a `head`, `lvdt.x` is of the `lvdt`."""
-    return channel.partition(".")[0].partition("_")[0]
-
-
 def noise_std(stage: StageDescription) -> dict[str, float]:
     """Standard deviation of one sample of each kind of sensor as the stage states it, rounding included, rad or m."""
-    encoder, collimator = stage.encoder, stage.autocollimator
-    return {
-        HEAD: float(np.hypot(encoder.noise, encoder.resolution / np.sqrt(12))),
-        AUTOCOLLIMATOR: float(np.hypot(collimator.noise, collimator.resolution / np.sqrt(12))),
-        LVDT: 0.0 if stage.lvdt is None else stage.lvdt.noise,
-    }
+    return {kind: sensor.noise(stage) for kind, sensor in sensor_kinds().items()}
 
 
 class StageNoise:
@@ -109,7 +97,7 @@ class StageNoise:
     ) -> None:
         self.jitter = jitter or Jitter()
         self.grid = align_heads(recording)
-        encoder, collimator = stage.encoder, stage.autocollimator
+        encoder = stage.encoder
         self.std = noise_std(stage)
         self.levels = dict.fromkeys(self.std, 1.0)
         self._lines: Array = np.zeros(0)
@@ -122,22 +110,22 @@ class StageNoise:
         self._count = self._present.sum(axis=1)
         least = self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
         self.uncommanded = between_samples(recording.streams[COMMAND], self.grid.time, least)
-        self.spikes = {name: self._find_spikes(name, residual[name], collimator.turbulence) for name in self._sensors}
+        self.spikes = {name: self._find_spikes(name, residual[name]) for name in self._sensors}
         self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
-        self._turbulence = collimator.turbulence
+        self._turbulence = {name: sensor_of(name).turbulence(stage) for name in self._sensors}
         self._late = self._head_times() if self.grid.heads else np.zeros((0, 0))
         self._kept_line_basis: Array | None = None
         self._kept_cells: dict[str, Cells] = {}
         self._kept_slow: dict[str, SlowNoise] = {}
-        self._collimator_whitener = self._collimator_filter()
+        self._whiteners = self._turbulence_filters()
         self._command_whitener = self._command_filter()
 
     def with_levels(self, levels: Mapping[str, float]) -> None:
-        """Take the noise of the kinds `head`, `autocollimator`, `lvdt` for so many times what the stage states."""
+        """Take the noise of the kinds for so many times what the stage states."""
         for kind, level in levels.items():
             self.std[kind] *= level / self.levels[kind]
             self.levels[kind] = level
-        self._collimator_whitener = self._collimator_filter()
+        self._whiteners = self._turbulence_filters()
         self.with_jitter(self.jitter, self._lines)
 
     def with_jitter(self, jitter: Jitter, lines: Array | None = None) -> None:
@@ -163,9 +151,7 @@ class StageNoise:
         found = []
         for kind, courses in self._slow.items():
             size = self.std[kind] * float(np.sqrt(np.mean(np.sum(np.square(courses), axis=1))))
-            found.append(
-                f"{kind}: slow noise of {1e6 * size:.2g} {'µm' if kind == LVDT else 'µrad'} (rms) beside the white"
-            )
+            found.append(f"{kind}: slow noise of {1e6 * size:.2g} {sensor_of(kind).small_unit} (rms) beside the white")
         return found
 
     def cells(self, channel: str) -> Cells:
@@ -333,13 +319,13 @@ class StageNoise:
 
     def _sensor(self, name: str, values: Array) -> dict[str, Array]:
         rows = {}
-        for i, axis in enumerate(("x", "y")):
+        for i, axis in zip(range(values.shape[1]), "xyz", strict=False):
             spikes = self.spikes[name][:, i]
-            if name == AUTOCOLLIMATOR and self._collimator_whitener is not None:
+            if name in self._whiteners:
                 bridged = bridge(values[:, i], spikes)
-                white = self._collimator_whitener.apply(bridged, self._runs(name))
+                white = self._whiteners[name].apply(bridged, self._runs(name))
             else:
-                white = values[:, i] / self.std[name] * self._kept[name][:, None]
+                white = values[:, i] / self.std[kind_of(name)] * self._kept[name][:, None]
             white[spikes] = 0.0
             rows[f"{name}.{axis}"] = white
         return rows
@@ -363,11 +349,11 @@ class StageNoise:
         mean = np.sum(times * present, axis=1) / np.maximum(present.sum(axis=1), 1)
         return np.asarray((times - mean[:, None]) * present, np.float64)
 
-    def _find_spikes(self, name: str, residual: Array, turbulence: Turbulence | None) -> NDArray[np.bool_]:
+    def _find_spikes(self, name: str, residual: Array) -> NDArray[np.bool_]:
         # The median of neighbours follows every effect that is slower than a few samples, however large.
         apart = residual - median_filter(residual, (7, 1), mode="mirror")
         spread = 1.4826 * np.median(np.abs(apart), axis=0)
-        return np.asarray(np.abs(apart) > SPIKE * np.maximum(spread, self.std[name]), bool)
+        return np.asarray(np.abs(apart) > SPIKE * np.maximum(spread, self.std[kind_of(name)]), bool)
 
     def _head_weight(self, coarse: bool, resolution: float, omega: Mapping[str, Array]) -> Array:
         weight = np.ones(len(self.grid.time))
@@ -377,12 +363,13 @@ class StageNoise:
                 weight[self.grid.rows[name][resting]] = STANDSTILL_WEIGHT
         return weight
 
-    def _collimator_filter(self) -> Whitener | None:
-        turbulence = self._turbulence
-        if turbulence is None or turbulence.std == 0 or AUTOCOLLIMATOR not in self._streams:
-            return None
-        period = self._streams[AUTOCOLLIMATOR].period
-        return drift_predictor(turbulence.std, turbulence.correlation_time, self.std[AUTOCOLLIMATOR], period)
+    def _turbulence_filters(self) -> dict[str, Whitener]:
+        """Of the sensors whose noise has a slow part."""
+        return {
+            name: drift_predictor(slow.std, slow.correlation_time, self.std[kind_of(name)], self._streams[name].period)
+            for name, slow in self._turbulence.items()
+            if slow is not None and slow.std > 0
+        }
 
     def _command_filter(self) -> Whitener:
         floor = self.command_floor

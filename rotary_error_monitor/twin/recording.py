@@ -8,22 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_kinds
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
 from rotary_error_monitor.twin.rates import MOST_RATE
 
 Array = NDArray[np.float64]
 
-_FIELDS = {
-    "head": ("angle",),
-    "autocollimator": ("tilt_x", "tilt_y"),
-    "lvdt": ("radial_x", "radial_y"),
+_INPUTS = {
     "command": ("angle", "velocity"),
     "force": ("force_x", "force_y"),
     "temperature": ("temperature",),
 }
-_SENSORS = ("head", "autocollimator", "lvdt")
 _CLOCK_ACCURACY = 0.01
 """An instrument whose clock is this part too fast is no faster than it should be."""
 
@@ -61,7 +59,7 @@ class StageRecording:
     @property
     def sensors(self) -> tuple[str, ...]:
         """Streams that a twin predicts."""
-        return tuple(name for name in sorted(self.streams) if name.partition("_")[0] in _SENSORS)
+        return tuple(name for name in sorted(self.streams) if kind_of(name) in sensor_kinds())
 
     @property
     def heads(self) -> tuple[str, ...]:
@@ -79,6 +77,20 @@ def stage_topic(stream: str) -> str:
     return f"/stage/{stream}/samples"
 
 
+def fields_of(stream: str) -> tuple[str, ...]:
+    """Fields of a stream's samples, those of what drives the stage included."""
+    sensor = sensor_kinds().get(kind_of(stream))
+    return _INPUTS[stream] if sensor is None else sensor.fields
+
+
+def streams_with(heads: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names of the streams without which there is no recording of a stage with these heads, and of those that help."""
+    others = [sensor for sensor in sensor_kinds().values() if sensor.kind != HEAD]
+    needed = [*(f"{HEAD}_{letter}" for letter in heads), *(each.kind for each in others if each.is_needed), COMMAND]
+    helpful = [each.kind for each in others if not each.is_needed]
+    return needed, [*helpful, *(name for name in _INPUTS if name != COMMAND)]
+
+
 def record_stage(
     topics: Mapping[str, Sequence[SampleBlock]], heads: Sequence[str], most_rate: float = MOST_RATE
 ) -> StageRecording:
@@ -94,8 +106,7 @@ def record_stage(
     Raises:
         InputError: topics are missing (all are named), too short, not finite, or their clocks do not overlap.
     """
-    needed = [*(f"head_{letter}" for letter in heads), "autocollimator", "command"]
-    optional = ["lvdt", "force", "temperature"]
+    needed, optional = streams_with(heads)
     missing = [stage_topic(name) for name in needed if not topics.get(stage_topic(name))]
     if missing:
         raise InputError(
@@ -128,8 +139,8 @@ def thinned(recording: StageRecording, most_rate: float) -> StageRecording:
     that were taken together.
     """
     streams, steps = dict(recording.streams), dict[int, list[str]]()
-    for kind in _SENSORS:
-        names = [name for name in recording.sensors if name.partition("_")[0] == kind]
+    for kind in sensor_kinds():
+        names = [name for name in recording.sensors if kind_of(name) == kind]
         period = float(np.median([streams[name].period for name in names] or [np.inf]))
         step = int(np.ceil(1 / (period * most_rate) - _CLOCK_ACCURACY))
         if step <= 1:
@@ -144,7 +155,7 @@ def thinned(recording: StageRecording, most_rate: float) -> StageRecording:
 
 
 def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: list[str]) -> Stream:
-    fields = _FIELDS[name.partition("_")[0]]
+    fields = fields_of(name)
     time = np.concatenate([(block.times_ns - start_ns) * 1e-9 for block in blocks])
     values = np.concatenate([block.columns(fields) for block in blocks])
     order = np.argsort(time, kind="stable")
@@ -159,7 +170,7 @@ def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: li
         remarks.append(f"{stage_topic(name)}: {np.count_nonzero(~finite)} samples are not finite and were left out")
     distinct = np.concatenate([[True], np.diff(time) > 0])
     kept = finite & distinct
-    if np.count_nonzero(kept) < (FEWEST_SAMPLES if name.partition("_")[0] in (*_SENSORS, "command") else 2):
+    if np.count_nonzero(kept) < (FEWEST_SAMPLES if kind_of(name) in (*sensor_kinds(), COMMAND) else 2):
         raise InputError(f"{stage_topic(name)}: only {np.count_nonzero(kept)} samples; {FEWEST_SAMPLES} are needed")
     return Stream(time[kept], values[kept])
 

@@ -4,8 +4,7 @@ The true rotation is not an input. The twin assumes the command (with the drive 
 share beyond it is treated as the jitter of the rotor, as noise with its own spectrum, by `stage_noise`. A fault of one
 head therefore never reaches the prediction of another stream.
 
-Sight lines are exact: a head at azimuth phi looks along the radius, which cuts a ring of radius r whose centre is
-displaced by c at the angle asin((-c_x sin phi + c_y cos phi) / r) from where it would cut a centred ring.
+What each kind of sensor shows of the rotor stands in `sensors`.
 """
 
 from __future__ import annotations
@@ -17,9 +16,10 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, make_smoothing_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
+from rotary_error_monitor.sensors.library import sensor_of
 from rotary_error_monitor.twin.finite import check_finite
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 
@@ -210,7 +210,8 @@ class StageTwin:
         for cause, effect in acting:
             stage = effect.amend(stage, cause.values, cause.location)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # what is not finite is told below
-            radial, tilt = _radial(stage, state, acting), _tilt(stage, state, acting)
+            pose = RotorPose(stage, state, acting)
+            radial, tilt = pose.radial(), pose.tilt()
         check_finite("the rotor", np.column_stack([state.theta, radial, tilt]), causes)
         return state.theta, radial, tilt
 
@@ -220,12 +221,12 @@ class StageTwin:
         state = self._moved_state(name, acting)
         for cause, effect in acting:
             stage = effect.amend(stage, cause.values, cause.location)
-        ideal = _SENSORS[name.partition("_")[0]](name, stage, state, acting)
+        sensor = sensor_of(name)
+        ideal = sensor.shown(name, RotorPose(stage, state, acting))
         for cause, effect in acting:
             ideal = effect.measured(cause.values, cause.location, state, ideal)
         check_finite(name, ideal, causes)
-        if name == AUTOCOLLIMATOR:
-            ideal = np.clip(ideal, -stage.autocollimator.range, stage.autocollimator.range)
+        ideal = sensor.within_range(stage, ideal)
         return ideal[:, None] if ideal.ndim == 1 else ideal
 
 
@@ -239,105 +240,47 @@ def turned_by(acting: Acting, state: RotorState) -> Array:
     return sum((part for part in ahead if part is not None), np.zeros(len(state.theta)))
 
 
-def _harmonics(rows: Sequence[PlanarHarmonic], state: RotorState) -> Array:
-    if not rows:
-        return np.zeros((len(state.theta), 2))
-    sums: dict[int, tuple[float, float, float, float]] = {}
-    for row in rows:
-        old = sums.get(row.order, (0.0, 0.0, 0.0, 0.0))
-        sums[row.order] = (old[0] + row.x[0], old[1] + row.x[1], old[2] + row.y[0], old[3] + row.y[1])
-    return state.planar(sums)
+@dataclass(frozen=True)
+class RotorPose:
+    """The rotor at n instants as the twin has it: see `sensors.sensor.Pose`."""
 
+    stage: StageDescription
+    state: RotorState
+    acting: Acting
 
-def _radial(stage: StageDescription, state: RotorState, acting: Acting) -> Array:
-    spindle = stage.spindle
+    def radial(self) -> Array:
+        """(n, 2) radial error motion at the ring, m: as described, and what effects add."""
+        state, spindle = self.state, self.stage.spindle
 
-    def own() -> Array:
-        moved = _harmonics(spindle.radial, state)
-        if spindle.radial_compliance:
-            moved += spindle.radial_compliance * state.force
-        if any(spindle.radial_thermal):
-            moved += np.outer(spindle.radial_thermal, state.warming).T
-        return moved
+        def own() -> Array:
+            moved = state.harmonics(spindle.radial)
+            if spindle.radial_compliance:
+                moved += spindle.radial_compliance * state.force
+            if any(spindle.radial_thermal):
+                moved += np.outer(spindle.radial_thermal, state.warming).T
+            return moved
 
-    total = state.keep("radial", spindle, own)
-    for cause, effect in acting:
-        part = effect.radial(cause.values, state)
-        total = total if part is None else total + part
-    return total
+        total = state.keep("radial", spindle, own)
+        for cause, effect in self.acting:
+            part = effect.radial(cause.values, state)
+            total = total if part is None else total + part
+        return total
 
+    def tilt(self) -> Array:
+        """(n, 2) tilt error motion, a rotation vector in rad: as described, and what effects add."""
+        state, spindle = self.state, self.stage.spindle
 
-def _tilt(stage: StageDescription, state: RotorState, acting: Acting) -> Array:
-    spindle = stage.spindle
+        def own() -> Array:
+            leaning = state.harmonics(spindle.tilt)
+            if spindle.tilt_compliance:
+                leaning += spindle.tilt_compliance * np.stack([-state.force[:, 1], state.force[:, 0]]).T
+            return leaning
 
-    def own() -> Array:
-        leaning = _harmonics(spindle.tilt, state)
-        if spindle.tilt_compliance:
-            leaning += spindle.tilt_compliance * np.stack([-state.force[:, 1], state.force[:, 0]]).T
-        return leaning
-
-    total = state.keep("tilt", spindle, own)
-    for cause, effect in acting:
-        part = effect.tilt(cause.values, state)
-        total = total if part is None else total + part
-    return total
-
-
-def _head(name: str, stage: StageDescription, state: RotorState, acting: Acting) -> Array:
-    encoder = stage.encoder
-    azimuth = encoder.azimuths[name.removeprefix(f"{HEAD}_")]
-    ahead = _sight_line(stage, azimuth, state, acting)
-    reading = ahead + state.theta
-    if encoder.graduation:
-        # What the head sees of the ring lies where its sight line cuts it, not where it would cut a centred one.
-        error, slope = state.keep(
-            "graduation", (encoder.graduation, azimuth), lambda: _graduation(encoder.graduation, azimuth, state)
-        )
-        reading += error - slope * ahead
-    return reading
-
-
-def _sight_line(stage: StageDescription, azimuth: float, state: RotorState, acting: Acting) -> Array:
-    """(m,) angle by which a head's sight line cuts the displaced ring beside where it would cut a centred one."""
-    sideways = np.array([-np.sin(azimuth), np.cos(azimuth)]) / stage.encoder.disc_radius
-    # The eccentricity turns with the ring: its sideways part is a wave of order 1.
-    x, y = stage.encoder.eccentricity
-    cos, sin = state.harmonic(1)
-    across = _radial(stage, state, acting) @ sideways
-    across += (x * sideways[0] + y * sideways[1]) * cos
-    across += (x * sideways[1] - y * sideways[0]) * sin
-    return np.asarray(np.arcsin(across, out=across), np.float64)
-
-
-def _graduation(rows: Sequence[AngularHarmonic], azimuth: float, state: RotorState) -> Array:
-    """(2, m) error of the graduation that a head sees of a centred ring, and its slope over the ring."""
-    total = np.zeros((2, len(state.theta)))
-    for row in rows:
-        # psi = azimuth - theta, so cos(k psi) and sin(k psi) follow from the kept harmonics of theta.
-        cos, sin = state.harmonic(row.order)
-        at_cos, at_sin = np.cos(row.order * azimuth), np.sin(row.order * azimuth)
-        even, odd = row.cos * at_cos + row.sin * at_sin, row.cos * at_sin - row.sin * at_cos
-        total[0] += even * cos + odd * sin
-        total[1] += row.order * (even * sin - odd * cos)
-    return total
-
-
-def _autocollimator(name: str, stage: StageDescription, state: RotorState, acting: Acting) -> Array:
-    return state.turned(stage.mirror.tilt) + _tilt(stage, state, acting) + _harmonics(stage.mirror.flatness, state)
-
-
-def _lvdt(name: str, stage: StageDescription, state: RotorState, acting: Acting) -> Array:
-    assert stage.lvdt is not None
-    tilt = _tilt(stage, state, acting)
-    leaned = stage.lvdt.height * np.stack([tilt[:, 1], -tilt[:, 0]]).T
-    return _radial(stage, state, acting) + leaned + state.turned(stage.lvdt.artefact_eccentricity)
-
-
-_SENSORS: dict[str, Callable[[str, StageDescription, RotorState, Acting], Array]] = {
-    HEAD: _head,
-    AUTOCOLLIMATOR: _autocollimator,
-    LVDT: _lvdt,
-}
+        total = state.keep("tilt", spindle, own)
+        for cause, effect in self.acting:
+            part = effect.tilt(cause.values, state)
+            total = total if part is None else total + part
+        return total
 
 
 def twin_of(
@@ -350,7 +293,7 @@ def twin_of(
 
     `inputs` stands for those in the recording, where that is a stretch of a longer one.
     """
-    sensors = [name for name in recording.sensors if name != LVDT or stage.lvdt is not None]
+    sensors = [name for name in recording.sensors if name in sensor_of(name).streams(stage)]
     return StageTwin(
         stage,
         inputs or stage_inputs(recording, stage.reference_temperature),

@@ -7,21 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rotary_error_monitor.description.stage import TIMINGS, AngularHarmonic, PlanarHarmonic, StageDescription
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.sensors.library import sensor_kinds
 
 Part = Any
 """A number, a row of harmonics, or numbers by name or in a row: whatever stands in a description."""
-
-_SEEN_BY = {
-    ("encoder", ""): (HEAD,),
-    ("mirror", ""): (AUTOCOLLIMATOR,),
-    ("autocollimator", ""): (AUTOCOLLIMATOR,),
-    ("lvdt", ""): (LVDT,),
-    ("spindle", "radial"): (HEAD, LVDT),
-    ("spindle", "tilt"): (AUTOCOLLIMATOR, LVDT),
-}
-"""Kinds of streams that the parameters of a section move, for the spindle by the first word of their names."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +44,14 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
         section_name, _, key = name.partition(".")
         section = getattr(stage, section_name, None)
         attribute = "azimuths" if name == "encoder.azimuth" else key
-        if section is None and section_name == "lvdt":
-            continue
+        if section is None and section_name in {sensor.section for sensor in sensor_kinds().values()}:
+            continue  # of a sensor that this stage does not have
         value = getattr(section, attribute, None)
         if value is None:
             raise InputError(f"uncertainty: no parameter is called '{name}'; name one such as encoder.eccentricity")
         for path in _paths(value):
             label = name + "".join(f"[{step}]" for step in path)
-            seen_by = _SEEN_BY[section_name, key.partition("_")[0] if section_name == "spindle" else ""]
+            seen_by = tuple(sensor.kind for sensor in sensor_kinds().values() if name.startswith(sensor.moved_by))
             found.append(UncertainParameter(label, uncertainty, seen_by, _shifter(section_name, attribute, path)))
     return tuple(found)
 

@@ -6,9 +6,8 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from rotary_error_monitor.effects.rotor import LVDT
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.noise.stage_noise import COMMAND
+from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals
 
@@ -33,13 +32,12 @@ def check_noise(streams: Iterable[str], std: Mapping[str, float]) -> None:
     Raises:
         InputError: it is next to nothing.
     """
-    sections = {"head": "encoder", "autocollimator": "autocollimator", LVDT: "lvdt"}
-    kinds = {name.partition("_")[0] for name in streams}
+    kinds = {kind_of(name) for name in streams}
     for kind, size in std.items():
         if kind in kinds and size < FINEST:
-            unit = "m" if kind == LVDT else "rad"
+            unit, section = sensor_of(kind).unit, sensor_of(kind).section
             raise InputError(
-                f"stage.{sections[kind]}: noise and resolution together are {size:g} {unit}; differences are weighed "
+                f"stage.{section}: noise and resolution together are {size:g} {unit}; differences are weighed "
                 f"against the noise: state the standard deviation of one reading, above {FINEST:g} {unit}"
             )
 
@@ -90,9 +88,9 @@ def motion_remarks(recording: StageRecording, uncommanded: int) -> list[str]:
 def _describe(raw: Signals, noise: Mapping[str, float]) -> str:
     sizes = {}
     for name, values in raw.items():
-        unit = "µm" if name == LVDT else "µrad"
+        unit = sensor_of(name).small_unit
         rms = 1e6 * float(np.sqrt(np.mean(np.square(values))))
-        sizes[name] = f"{rms:.3g} {unit} (noise of one sample {1e6 * noise[name.partition('_')[0]]:.2g} {unit})"
+        sizes[name] = f"{rms:.3g} {unit} (noise of one sample {1e6 * noise[kind_of(name)]:.2g} {unit})"
     return f"measured and predicted differ by {_listed(sizes)}; of that the rotor's own jitter is a part at the heads"
 
 

@@ -14,10 +14,11 @@ import numpy as np
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Array, StageEffect
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, Array, StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.options import MOST_CAUSES
 from rotary_error_monitor.gap.orders import wave_products
+from rotary_error_monitor.sensors.library import sensor_of
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageTwin
@@ -216,7 +217,7 @@ def _size(amplitudes: Sequence[Array]) -> Array:
 
 def _with_unit(name: str, size: float) -> str:
     """A size in the unit that a person reads: µm or mm, µrad, mrad or rad."""
-    length = name.partition("_")[0] == LVDT
+    length = sensor_of(name).unit == "m"
     steps = ((1e-3, 1e6, "µm"), (1.0, 1e3, "mm")) if length else ((1e-3, 1e6, "µrad"), (1.0, 1e3, "mrad"))
     scale, unit = next(((s, u) for limit, s, u in steps if size < limit), (1.0, "m" if length else "rad"))
     return f"{size * scale:.3g} {unit}"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.gap.problem import Array, Conditions
-from rotary_error_monitor.noise.stage_noise import COMMAND
+from rotary_error_monitor.sensors.library import COMMAND
 from rotary_error_monitor.twin.recording import StageRecording
 
 SHORTEST_BLOCK = 1.0

@@ -9,7 +9,8 @@ from scipy.linalg import helmert
 
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.problem import Array, Columns, LateRows, Rows, SparseRows
-from rotary_error_monitor.noise.stage_noise import StageNoise, kind_of
+from rotary_error_monitor.noise.stage_noise import StageNoise
+from rotary_error_monitor.sensors.library import kind_of
 
 
 class Instrument:

@@ -12,7 +12,7 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import Kind, TwinFile, check_signal, opened_bag
 from rotary_error_monitor.twin.document import stage_mapping
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import record_stage, stage_topic, streams_with
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -39,9 +39,8 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
 
         with opened_bag(recording) as reader:
             letters = sorted(twin.description.encoder.azimuths)
-            needed = [stage_topic(name) for name in (*(f"head_{x}" for x in letters), "autocollimator", "command")]
+            needed, optional = ([stage_topic(name) for name in names] for names in streams_with(letters))
             reader.check_topics(needed)
-            optional = [stage_topic(name) for name in ("lvdt", "force", "temperature")]
             names = [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
             window = reader.window(names)
             blocks = reader.read_blocks(names, window)

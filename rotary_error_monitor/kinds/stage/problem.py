@@ -11,7 +11,7 @@ import numpy as np
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role, Searched, among
-from rotary_error_monitor.effects.rotor import HEAD, LVDT, StageEffect
+from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track, find_shared, find_structure
@@ -39,8 +39,9 @@ from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.warming import uncertain_warmings
 from rotary_error_monitor.kinds.stage.where import stage_where
-from rotary_error_monitor.noise.stage_noise import COMMAND, StageNoise, kind_of, noise_std
+from rotary_error_monitor.noise.stage_noise import StageNoise, noise_std
 from rotary_error_monitor.noise.whitening import side_by_side
+from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
@@ -358,7 +359,7 @@ class StageProblem:
             if stream == COMMAND:
                 stream = self.recording.heads[0]
             axis = 1 if field.endswith("_y") else 0
-            state, unit = self.twin.state(stream), "µm" if stream == LVDT else "µrad"
+            state, unit = self.twin.state(stream), sensor_of(stream).small_unit
             pair = 1e6 * before[stream][:, axis], 1e6 * after[stream][:, axis]
             found.append(View(channel, "rotation, °", np.degrees(np.mod(state.command, 2 * np.pi)), *pair, unit))
             found.append(View(channel, "time, s", state.time, *pair, unit))

@@ -17,7 +17,7 @@ from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHa
 from rotary_error_monitor.effects.effect import AnyEffect, Searched, order_location
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Rows
-from rotary_error_monitor.noise.stage_noise import kind_of
+from rotary_error_monitor.sensors.library import kind_of
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem

@@ -9,7 +9,8 @@ from collections.abc import Mapping
 
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD
 from rotary_error_monitor.gap.problem import Array, Rows
-from rotary_error_monitor.noise.stage_noise import COMMAND, StageNoise, kind_of
+from rotary_error_monitor.noise.stage_noise import StageNoise
+from rotary_error_monitor.sensors.library import COMMAND, kind_of
 
 SignatureKey = tuple[str, str, bytes, tuple[int, ...]]
 """Name and location of an effect, its values, and which of them are asked for."""

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, RotorState
+from rotary_error_monitor.effects.rotor import HEAD, RotorState
 from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
 from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Array, Share
-from rotary_error_monitor.noise.stage_noise import COMMAND
-from rotary_error_monitor.twin.recording import stage_topic
+from rotary_error_monitor.sensors.library import COMMAND, kind_of
+from rotary_error_monitor.twin.recording import fields_of, stage_topic
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -25,8 +25,6 @@ ALIKE = 0.9
 ORDERS = 120
 TELLING = 0.1
 """Part of a channel's excess that a dependence must explain to be named."""
-
-_FIELDS = {AUTOCOLLIMATOR: ("tilt_x", "tilt_y"), LVDT: ("radial_x", "radial_y")}
 
 
 def stage_where(problem: StageProblem, causes: Sequence[Cause], explained: bool) -> list[Share]:
@@ -66,8 +64,7 @@ _Signals = Mapping[str, tuple[Array, float, Callable[[], RotorState]]]
 
 
 def _channel(stream: str, axis: int) -> str:
-    fields = _FIELDS.get(stream, ("angle", "velocity"))
-    return f"{stage_topic(stream)}.{fields[axis]}"
+    return f"{stage_topic(stream)}.{fields_of(stream)[axis]}"
 
 
 def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:
@@ -89,7 +86,7 @@ def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:
     for name, values in moved.items():
         state = partial(_state, problem, name, len(values))
         for axis in range(values.shape[1]):
-            noise = problem.noise.std[name.partition("_")[0]]
+            noise = problem.noise.std[kind_of(name)]
             found[_channel(name, axis)] = (values[:, axis], noise, state)
     return found
 
@@ -106,7 +103,7 @@ def _excess(problem: StageProblem, causes: Sequence[Cause]) -> tuple[_Signals, d
         if np.sum(track.rows**2) - len(track.rows) < 0.5 * excess[track.channel]:
             (track,) = problem.tracks({track.channel: data[track.channel]})
         stream, _, axis = track.channel.partition(".")
-        kind = HEAD if stream == COMMAND else stream.partition("_")[0]
+        kind = HEAD if stream == COMMAND else kind_of(stream)
         noise = problem.noise.std[kind]
         channel = _channel(stream, 0 if axis in ("", "x") else 1)
         found[channel] = (track.rows * noise, noise, partial(problem.twin.state_at, track.time))

@@ -12,7 +12,7 @@ from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
-from rotary_error_monitor.noise.stage_noise import kind_of
+from rotary_error_monitor.sensors.library import kind_of
 
 EFFECTS = load_effects(StageEffect)
 PLACES = {"unbalance": "", "encoder_latency": "", "head_latency": "head_b", "mirror_wobble": "", "lvdt_height": ""}

@@ -1,0 +1,36 @@
+"""A two-axis LVDT on an artefact above the ring."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.effects.rotor import LVDT, Array
+from rotary_error_monitor.sensors.sensor import Pose, Sensor
+
+
+class TwoAxisLvdt(Sensor):
+    """Displacement of the artefact along x and y."""
+
+    kind = LVDT
+    title = "LVDT"
+    section = "lvdt"
+    fields = ("radial_x", "radial_y")
+    unit = "m"
+    is_needed = False
+    moved_by = ("lvdt", "spindle.radial", "spindle.tilt")
+
+    def streams(self, stage: StageDescription) -> tuple[str, ...]:
+        """One, if the stage has an LVDT."""
+        return () if stage.lvdt is None else (LVDT,)
+
+    def noise(self, stage: StageDescription) -> float:
+        """Of one component, m."""
+        return 0.0 if stage.lvdt is None else stage.lvdt.noise
+
+    def shown(self, stream: str, pose: Pose) -> Array:
+        """(n, 2) displacement of the artefact, m."""
+        lvdt, tilt = pose.stage.lvdt, pose.tilt()
+        assert lvdt is not None
+        leaned = lvdt.height * np.stack([tilt[:, 1], -tilt[:, 0]]).T
+        return pose.radial() + leaned + pose.state.turned(lvdt.artefact_eccentricity)

@@ -1,0 +1,77 @@
+"""What every kind of sensor declares: its streams, fields and unit, its noise, and what it shows of the rotor."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Protocol
+
+from rotary_error_monitor.description.stage import StageDescription, Turbulence
+from rotary_error_monitor.effects.rotor import Array, RotorState
+
+
+class Pose(Protocol):
+    """The rotor as a twin has it at the n samples of a stream: how it turns, and how it moves beside that."""
+
+    @property
+    def stage(self) -> StageDescription:
+        """The description, with what effects change of it."""
+        ...
+
+    @property
+    def state(self) -> RotorState:
+        """Rotation, speed, force and warming."""
+        ...
+
+    def radial(self) -> Array:
+        """(n, 2) radial error motion at the ring, m."""
+        ...
+
+    def tilt(self) -> Array:
+        """(n, 2) tilt error motion, a rotation vector in rad."""
+        ...
+
+
+class Sensor:
+    """Base of all kinds of sensor; one object stands for all sensors of a kind.
+
+    Attributes:
+        kind: first word of the names of its streams: `head` of `head_a`.
+        title: as people call it.
+        section: of the stage's description that states it.
+        fields: of a sample, as `msg_defs/` names them.
+        unit: SI unit of the fields.
+        is_needed: whether a recording without it is no recording of a stage.
+        moved_by: beginnings of the names of the description's parameters that move what it shows.
+    """
+
+    kind: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    section: ClassVar[str] = ""
+    fields: ClassVar[tuple[str, ...]] = ()
+    unit: ClassVar[str] = ""
+    is_needed: ClassVar[bool] = True
+    moved_by: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def small_unit(self) -> str:
+        """Unit in which people read what it shows: millionths of the SI unit."""
+        return f"µ{self.unit}"
+
+    def streams(self, stage: StageDescription) -> tuple[str, ...]:
+        """Names of the streams that a stage has of this kind."""
+        return (self.kind,)
+
+    def noise(self, stage: StageDescription) -> float:
+        """Standard deviation of one sample, rounding included; 0 where the stage has no such sensor."""
+        raise NotImplementedError(f"{type(self).__name__} does not say how noisy it is")
+
+    def turbulence(self, stage: StageDescription) -> Turbulence | None:
+        """Slow part of its noise; None where it has none."""
+        return None
+
+    def shown(self, stream: str, pose: Pose) -> Array:
+        """What a sensor without fault shows of the rotor, (n,) or (n, fields)."""
+        raise NotImplementedError(f"{type(self).__name__} does not say what it shows")
+
+    def within_range(self, stage: StageDescription, shown: Array) -> Array:
+        """What an instrument says that would show this; what lies beyond its range stays at its end."""
+        return shown
