@@ -138,11 +138,6 @@ class RecordFile:
         assert self._ending is not None
         self._ending.result()
 
-    def abandon(self) -> None:
-        """Close the file as it is, on a disk that already failed."""
-        with contextlib.suppress(OSError):
-            self.close()
-
     def _store_and_close(self) -> None:
         with self._file:
             os.fsync(self._file.fileno())

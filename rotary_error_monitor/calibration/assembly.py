@@ -77,7 +77,7 @@ def read_shaft_recording(path: Path | str, stage: StageDescription, remarks: lis
         reader.check_topics(topics.values())
     collimator = wire.topic("autocollimator_samples").name
     names = [topics[letter] for letter in heads]
-    if collimator in reader.topics and reader.topics[collimator].count:
+    if stage.autocollimator and collimator in reader.topics and reader.topics[collimator].count:
         names.append(collimator)
     window = reader.window(names)
     blocks = reader.read_blocks(names, window)

@@ -260,7 +260,7 @@ def _noise_forms(plant: StagePlant, form: str, draw: np.random.Generator, durati
 
 
 def _rough_twin(stage: StageDescription) -> StageDescription:
-    air = replace(stage.autocollimator, turbulence=Turbulence(0.08 * ARCSEC, 0.3))
+    air = replace(stage.tilt_instrument, turbulence=Turbulence(0.08 * ARCSEC, 0.3))
     return replace(stage, autocollimator=air, uncertainty=STAGE_UNCERTAINTY)
 
 

@@ -12,6 +12,7 @@ from rotary_error_monitor.description import schema
 from rotary_error_monitor.description.harmonics import AngularHarmonic as AngularHarmonic
 from rotary_error_monitor.description.harmonics import PlanarHarmonic as PlanarHarmonic
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 
 TIMING = 2e-6
@@ -99,6 +100,8 @@ class StageDescription:
     """All that is known of a stage: the section `stage` of `config/stage.yaml` or of a digital twin.
 
     Attributes:
+        autocollimator: that measures the tilt; a stage without one has tilt error motion as described.
+        lvdt: that measures the radial error motion at a height, to compare with.
         stated_limits: limits by name, as in the file; empty where it states none.
         uncertainty: standard uncertainty of parameters by dotted name, as in the file or its calibration. A twin is
             exact in what is not named; live, eccentricity and tilt of the mirror are then as uncertain as the stage
@@ -106,13 +109,24 @@ class StageDescription:
     """
 
     encoder: Encoder
-    autocollimator: Autocollimator
+    autocollimator: Autocollimator | None = None
     mirror: Mirror = field(default_factory=Mirror)
     spindle: Spindle = field(default_factory=Spindle)
     lvdt: Lvdt | None = None
     reference_temperature: float = 20.0
     stated_limits: Mapping[str, float] = field(default_factory=dict)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def tilt_instrument(self) -> Autocollimator:
+        """The autocollimator, where only a stage that has one makes sense.
+
+        Raises:
+            InputError: this stage has none.
+        """
+        if self.autocollimator is None:
+            raise InputError("the stage has no section 'autocollimator'")
+        return self.autocollimator
 
     def timing(self, what: str) -> float:
         """Standard uncertainty of the stamps of `what` (encoder: of its heads; command) against the others, s."""
@@ -145,8 +159,7 @@ def load_stage(path: Path | str | None = None) -> StageDescription:
 def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
     """Stage from the content of a `stage` section that is valid by the schema."""
     encoder, mirror, spindle = stage["encoder"], stage.get("mirror", {}), stage.get("spindle", {})
-    collimator, lvdt = dict(stage["autocollimator"]), stage.get("lvdt")
-    turbulence = collimator.pop("turbulence", None)
+    lvdt = stage.get("lvdt")
     return StageDescription(
         encoder=Encoder(
             disc_radius=float(encoder["disc_radius"]),
@@ -160,12 +173,7 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
                 for row in encoder.get("graduation", ())
             ),
         ),
-        autocollimator=Autocollimator(
-            **{key: float(value) for key, value in collimator.items()},
-            turbulence=None
-            if turbulence is None
-            else Turbulence(**{key: float(value) for key, value in turbulence.items()}),
-        ),
+        autocollimator=_autocollimator(stage["autocollimator"]) if "autocollimator" in stage else None,
         mirror=Mirror(_pair(mirror.get("tilt", (0.0, 0.0))), _planar(mirror.get("flatness", ()))),
         spindle=Spindle(
             radial=_planar(spindle.get("radial", ())),
@@ -180,6 +188,14 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
         reference_temperature=float(stage.get("environment", {}).get("reference_temperature", 20.0)),
         stated_limits={name: float(value) for name, value in stage.get("limits", {}).items()},
         uncertainty=_calibrated(stage) | {name: float(value) for name, value in stage.get("uncertainty", {}).items()},
+    )
+
+
+def _autocollimator(section: Mapping[str, Any]) -> Autocollimator:
+    air = section.get("turbulence")
+    turbulence = None if air is None else Turbulence(**{key: float(value) for key, value in air.items()})
+    return Autocollimator(
+        **{key: float(section[key]) for key in ("range", "resolution", "noise")}, turbulence=turbulence
     )
 
 

@@ -103,7 +103,7 @@ def estimate_mirror_assembly(
 
 def _check_alive(stage: StageDescription, tilt: Array) -> None:
     """Hold that the autocollimator shows something: with noise of half a step or more no reading stays the same."""
-    instrument = stage.autocollimator
+    instrument = stage.tilt_instrument
     if len(tilt) == 0:
         raise InputError("the autocollimator is at the end of its range all the time; align it, or the mirror")
     still = np.ptp(tilt, axis=0) == 0
@@ -117,7 +117,7 @@ def _check_alive(stage: StageDescription, tilt: Array) -> None:
 def _fit_mirror(
     stage: StageDescription, seen: Observed, described: set[int], told: int, delay: tuple[float, float]
 ) -> MirrorAssembly:
-    instrument = stage.autocollimator
+    instrument = stage.tilt_instrument
     floor = LEAST_NOISE * float(seen.variances.mean())
     found, orders, variance = delay[0], sorted({1, *described}), delay[1] ** 2
     for round_ in range(ROUNDS + 1):

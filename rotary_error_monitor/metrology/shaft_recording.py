@@ -113,7 +113,7 @@ def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Str
     if tilt is None:
         return shaft
     mirror = sampled[-1]
-    instrument = stage.autocollimator
+    instrument = stage.tilt_instrument
     spread = [tilt_variance(instrument, mirror.gain, mirror.travel[:, k]) for k in range(2)]
     return replace(
         shaft,

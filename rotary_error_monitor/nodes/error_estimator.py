@@ -212,7 +212,9 @@ class ErrorEstimator(ManagedNode):
         for what, why in belief.reasons:
             yield (Level.ERROR if what in ("heads", "ring") else Level.WARN), f"{what}: {why}"
         yield Level.WARN, f"without {', '.join(status.absent)}" if status.absent else ""
-        hidden = [name for bit, name in enumerate(COMPONENTS) if name != "ezc" and not self._components >> bit & 1]
+        # What the stage has no sensor for is no fault: the topic's bit mask says it.
+        absent = {"ezc", *(("eac", "ebc") if self.stage.autocollimator is None else ())}
+        hidden = [name for bit, name in enumerate(COMPONENTS) if name not in absent and not self._components >> bit & 1]
         yield Level.WARN, f"not observable: {', '.join(hidden)}" if hidden and not silent else ""
         if belief.heads.lost:
             yield Level.WARN, "redundancy is lost: a further fault of a head would show only as a step"

@@ -39,7 +39,6 @@ _FEWEST_TURNS = 1.0
 _SHORTEST = 1.25 * SHORTEST
 """Time, s, that is kept at least: streams begin and end a little apart."""
 
-_NEEDED = ("autocollimator_samples", "command_samples")
 _HELPFUL = {"lvdt_samples": 1.0, "force_samples": 1.0, "temperature_samples": 10.0}
 """Streams that a stage need not have, and the silence, s, after which they count as stale."""
 
@@ -130,7 +129,8 @@ class GapMonitor(ManagedNode):
         )
         needed = [
             *(self.wire.topic("head_samples", head) for head in self.stage.encoder.azimuths),
-            *(self.wire.topic(key) for key in _NEEDED),
+            *([] if self.stage.autocollimator is None else [self.wire.topic("autocollimator_samples")]),
+            self.wire.topic("command_samples"),
         ]
         helpful = [self.wire.topic(key) for key in _HELPFUL]
         self._recorded = dict(zip(self.wire.names, self.contract.names, strict=True))

@@ -15,7 +15,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
-    PointStamped,
     PoseWithCovarianceStamped,
     Quaternion,
     Vector3Stamped,
@@ -194,13 +193,6 @@ def latest_message(topic: Topic, block: SampleBlock, joint: str = "") -> Message
 def _mean_speed(block: SampleBlock) -> float:
     times, values = block.rows[:, 0], block.rows[:, 1]
     return float((values[-1] - values[0]) / (times[-1] - times[0])) if len(times) > 1 else 0.0
-
-
-def point_message(stamp_ns: int, frame: str, x: float, y: float, z: float) -> PointStamped:
-    """Point with a stamp, m."""
-    message = PointStamped(header=header(stamp_ns, frame))
-    message.point.x, message.point.y, message.point.z = float(x), float(y), float(z)
-    return message
 
 
 def wrench_message(stamp_ns: int, frame: str, force: Sequence[float]) -> WrenchStamped:

@@ -46,7 +46,8 @@ class StageFollower(ManagedNode):
         wire = self.wire.topic
         self._senders = []
         instruments = [(wire("head_samples", h), wire("head_joint_states", h), "") for h in self.stage.encoder.azimuths]
-        instruments.append((wire("autocollimator_samples"), wire("autocollimator_tilt"), ""))
+        if self.stage.autocollimator is not None:
+            instruments.append((wire("autocollimator_samples"), wire("autocollimator_tilt"), ""))
         instruments.append((wire("command_samples"), wire("command_joint_states"), messages.STAGE_JOINT))
         for topic, people, joint in instruments:
             told = people, partial(messages.latest_message, people, joint=joint)

@@ -151,7 +151,7 @@ class Belief:
         self._grid, self._period_ns = WindowGrid(period_ns), period_ns
         self.streams = StreamBelief(streams)
         self._check_turns = min(check_turns, 1.0)
-        self._radius = stage.encoder.disc_radius
+        self._radius, self._has_tilt = stage.encoder.disc_radius, stage.autocollimator is not None
         self.heads = HeadBelief(heads, stage.encoder, stage.limits, disagreement_limit, stage.timing("encoder"))
         self.tilt = TiltBelief(stage)
         self.ring = RingBelief(stage)
@@ -333,7 +333,7 @@ class Belief:
             "command": excluded & self._bits["command"] != 0,
             "redundancy": self.heads.lost,
             "unverified": self._zero_open or self.heads.unsettled or self.verified < 1.0,
-            "unverified_tilt": self._zero_open or self._part(self.tilt.figure.covered) < 1.0,
+            "unverified_tilt": self._has_tilt and (self._zero_open or self._part(self.tilt.figure.covered) < 1.0),
         }
         return Verdict(
             excluded,

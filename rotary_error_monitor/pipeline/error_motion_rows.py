@@ -176,7 +176,7 @@ class RowMaker:
         surplus = tilt - planar_sum(stage.spindle.tilt, theta)
         for axis, name in enumerate(("eac", "ebc")):
             rows[:, COLUMN[name]] = tilt[:, axis]
-            variance = motion.tilt_variance(stage.autocollimator, sampled.gain, sampled.travel[:, axis])
+            variance = motion.tilt_variance(stage.tilt_instrument, sampled.gain, sampled.travel[:, axis])
             rows[:, COLUMN[f"var_{name}"]] = variance
             seen[:, index[f"tilt_{'xy'[axis]}"]] = sampled.values[:, axis]
             seen[:, index[f"tilt_surplus_{'xy'[axis]}"]] = surplus[:, axis]

@@ -75,7 +75,8 @@ class Estimator:
             for name, (fields, limits) in stream_limits(stage).items()
         }
         self._arrivals = {name: ArrivalCheck(self._settings.max_age_ns) for name in self._streams}
-        self._bits = {name: 1 << i for i, name in enumerate(self._streams)}
+        # As the wire contract numbers them, also for a stage without autocollimator.
+        self._bits = {name: 1 << i for i, name in enumerate((*self._heads, AUTOCOLLIMATOR, COMMAND))}
         self._head_bits = sum(self._bits[name] for name in self._heads)
         self._repetition = None if decisions is None else Repetition(decisions, self._bits)
         self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
@@ -198,7 +199,7 @@ class Estimator:
                 stream.patience_ns = self._settings.patience_ns + duration_ns
 
     def _without_saturated(self, block: SampleBlock) -> SampleBlock:
-        saturated = check_saturation(block.columns(("tilt_x", "tilt_y")), self._stage.autocollimator)
+        saturated = check_saturation(block.columns(("tilt_x", "tilt_y")), self._stage.tilt_instrument)
         if not saturated.any():
             return block
         self.status.saturated += int(saturated.sum())
@@ -362,6 +363,10 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
     encoder, instrument = stage.encoder, stage.autocollimator
     count = 6.0 * math.hypot(encoder.noise, encoder.resolution)
     angles = SampleLimits(LARGEST_ANGLE, stage.limits.speed, turns=True, jitter=count + stage.limits.following_error)
-    tilts = SampleLimits(2.0 * instrument.range, noise=math.hypot(instrument.noise, instrument.resolution))
-    heads = {f"head_{name}": (("angle",), angles) for name in encoder.azimuths}
-    return heads | {AUTOCOLLIMATOR: (("tilt_x", "tilt_y"), tilts), COMMAND: (("angle",), angles)}
+    found: dict[str, tuple[tuple[str, ...], SampleLimits]]
+    found = {f"head_{name}": (("angle",), angles) for name in encoder.azimuths}
+    if instrument is not None:
+        tilts = SampleLimits(2.0 * instrument.range, noise=math.hypot(instrument.noise, instrument.resolution))
+        found[AUTOCOLLIMATOR] = ("tilt_x", "tilt_y"), tilts
+    found[COMMAND] = ("angle",), angles
+    return found

@@ -114,7 +114,7 @@ class InputChecks:
             "",
         )
         return Checked(
-            usable, commanded, command, hold, self._remarks(int(doubts[last]), command[last], difference[last])
+            usable, commanded, command, hold, self._remarks(motion, int(doubts[last]), command[last], difference[last])
         )
 
     def _remember(self, ticks: NDArray[np.int64], commanded: NDArray[np.float64]) -> None:
@@ -151,8 +151,11 @@ class InputChecks:
             f"{np.degrees(told % turn):.2f}° by the joint states; set the encoder's zero"
         )
 
-    def _remarks(self, doubts: int, command: np.bool_, difference: np.float64) -> tuple[str, ...]:
-        remarks = [_TOLD[name] for name in names_of(doubts) if name in _TOLD]
+    def _remarks(self, motion: ErrorMotion, doubts: int, command: np.bool_, difference: np.float64) -> tuple[str, ...]:
+        told = names_of(doubts)
+        remarks = [_TOLD[name] for name in told if name in _TOLD]
+        if "autocollimator" not in told and not motion.observable[-1, 3:5].all():
+            remarks.append("tilt from the description: no autocollimator is heard")
         if not command:
             remarks.append(
                 "angular positioning from the description: command and joint states are "

@@ -167,12 +167,15 @@ class CommandBelief:
         self._noise = math.hypot(stage.encoder.noise, stage.encoder.resolution)
         farthest = stage.limits.following_error + stage.limits.latency * stage.limits.speed
         self._anywhere = Reach(0.0, 0.0, farthest)
+        # Where no speed is known yet, the stage may turn as fast as it can.
+        self._fastest = stage.limits.speed * self._timing
         self.reset()
 
     def reset(self) -> None:
         """Believe the command again."""
         self.doubt = ""
-        self.delay = self.lag = self.shift = 0.0
+        self.delay = self.shift = 0.0
+        self.lag = self._fastest
         self.reach = self._anywhere
         self._agreeing = 0.0
         self._size = 0.0
@@ -198,8 +201,9 @@ class CommandBelief:
         self._slope.forget()
 
     def note_silence(self) -> None:
-        """The heads were silent: what is seen next is held against what was before."""
+        """The heads were silent: what is seen next is held against what was before, and its speed is another one."""
         self._zero.begin(sound=True)
+        self.lag = max(self.lag, self._fastest)
 
     def agrees(self, window: Window) -> bool:
         """Whether the window that was judged last has shown that rotation and command belong together."""
@@ -211,6 +215,7 @@ class CommandBelief:
         self.reach = self._anywhere
         if not (window.has("command") and window.has("heads")) or last is None or window.number != last.number + 1:
             self._agreeing = 0.0
+            self.lag = max(self.lag, self._fastest)
             if not self._zero.open:
                 self._zero.begin(sound=False)
             return

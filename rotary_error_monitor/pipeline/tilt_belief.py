@@ -29,6 +29,10 @@ REMEMBERED = 10.0
 windows, is less than a fivehundredth of that."""
 
 
+ABSENT = Autocollimator(range=1.0, resolution=1.0, noise=1.0)
+"""Stands for that of a stage which has none: no tilt comes that it would be held against."""
+
+
 class TiltBelief:
     """Judges the tilt, window by window.
 
@@ -47,10 +51,10 @@ class TiltBelief:
 
     def __init__(self, stage: StageDescription) -> None:
         """Judge of the autocollimator of a stage."""
-        self._instrument, self._limits = stage.autocollimator, stage.limits
+        self._instrument, self._limits = stage.autocollimator or ABSENT, stage.limits
         self._anywhere = Reach(0.0, 0.0, 2.0 * stage.limits.tilt)
-        self._equal_run = run_by_chance(stage.autocollimator)
-        noise = math.hypot(stage.autocollimator.noise, stage.autocollimator.resolution / math.sqrt(12.0))
+        self._equal_run = run_by_chance(self._instrument)
+        noise = math.hypot(self._instrument.noise, self._instrument.resolution / math.sqrt(12.0))
         stated = stage.uncertainty.get("mirror.tilt")
         claim = None if stated is None else Claim(stated, departure(stage.spindle.tilt))
         mirror = "tilt of the mirror on the rotor, rad,"

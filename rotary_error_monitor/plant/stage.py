@@ -218,7 +218,8 @@ class StagePlant:
     def streams(self) -> tuple[str, ...]:
         """Names of the streams that this stage has and that a clock drives."""
         heads = tuple(f"{HEAD}{name}" for name in self.stage.encoder.azimuths)
-        others = tuple(name for name in FIELDS if name != "lvdt" or self.stage.lvdt is not None)
+        absent = {name for name in ("autocollimator", "lvdt") if getattr(self.stage, name) is None}
+        others = tuple(name for name in FIELDS if name not in absent)
         return tuple(name for name in (*heads, *others) if name in self.clocks)
 
     def index_at(self, stream: str, time_ns: int) -> int:
@@ -353,10 +354,11 @@ class StagePlant:
         self, stream: str, seen: NDArray[np.float64], time: NDArray[np.float64], first: int
     ) -> NDArray[np.float64]:
         """What comes out of an instrument that sees `seen`: noise first, then limits, then resolution."""
-        collimator, encoder, lvdt = self.stage.autocollimator, self.stage.encoder, self.stage.lvdt
+        encoder, lvdt = self.stage.encoder, self.stage.lvdt
         if stream.startswith(HEAD):
             return _rounded(seen + encoder.noise * self._noise(stream, first, seen.shape), encoder.resolution)
         if stream == "autocollimator":
+            collimator = self.stage.tilt_instrument
             noisy = seen + collimator.noise * self._noise(stream, first, seen.shape) + self._turbulence(time)
             return _rounded(np.clip(noisy, -collimator.range, collimator.range), collimator.resolution)
         std = {"lvdt": lvdt.noise if lvdt else 0.0, "force": self.force_noise, "temperature": self.temperature_noise}
@@ -375,7 +377,7 @@ class StagePlant:
         return {stream: Noise(self.seed, stream) for stream in self.streams}
 
     def _turbulence(self, time: NDArray[np.float64]) -> NDArray[np.float64] | float:
-        air = self.stage.autocollimator.turbulence
+        air = self.stage.tilt_instrument.turbulence
         if air is None:
             return 0.0
         columns = (Turbulence(Noise(self.seed, f"turbulence_{axis}"), air.correlation_time).at(time) for axis in "xy")

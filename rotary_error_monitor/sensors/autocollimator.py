@@ -19,13 +19,18 @@ class Autocollimator(Sensor):
     unit = "rad"
     moved_by = ("mirror", "autocollimator", "spindle.tilt")
 
+    def streams(self, stage: StageDescription) -> tuple[str, ...]:
+        """One, if the stage has an autocollimator."""
+        return () if stage.autocollimator is None else (AUTOCOLLIMATOR,)
+
     def noise(self, stage: StageDescription) -> float:
         """Of one component, rad."""
-        return float(np.hypot(stage.autocollimator.noise, stage.autocollimator.resolution / np.sqrt(12)))
+        instrument = stage.autocollimator
+        return 0.0 if instrument is None else float(np.hypot(instrument.noise, instrument.resolution / np.sqrt(12)))
 
     def turbulence(self, stage: StageDescription) -> Turbulence | None:
         """Of the air on the way to the mirror."""
-        return stage.autocollimator.turbulence
+        return None if stage.autocollimator is None else stage.autocollimator.turbulence
 
     def shown(self, stream: str, pose: Pose) -> Array:
         """(n, 2) tilt of the mirror as a rotation vector, rad."""
@@ -34,4 +39,4 @@ class Autocollimator(Sensor):
 
     def within_range(self, stage: StageDescription, shown: Array) -> Array:
         """The tilt, which the detector does not see beyond its range."""
-        return np.clip(shown, -stage.autocollimator.range, stage.autocollimator.range)
+        return np.clip(shown, -stage.tilt_instrument.range, stage.tilt_instrument.range)

@@ -7,6 +7,7 @@ from functools import cache
 from types import MappingProxyType
 
 import rotary_error_monitor.sensors as room
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.plugins import classes_in, modules_in
 from rotary_error_monitor.sensors.sensor import Sensor
 
@@ -24,6 +25,11 @@ def sensor_kinds() -> Mapping[str, Sensor]:
 def kind_of(channel: str) -> str:
     """Kind of sensor of a channel: `head_a` is a `head`, `lvdt.x` is of the `lvdt`."""
     return channel.partition(".")[0].partition("_")[0]
+
+
+def absent_kinds(stage: StageDescription) -> tuple[str, ...]:
+    """Kinds of which a stage has no sensor."""
+    return tuple(kind for kind, sensor in sensor_kinds().items() if not sensor.streams(stage))
 
 
 def sensor_of(stream: str) -> Sensor:

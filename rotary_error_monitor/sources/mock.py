@@ -113,9 +113,13 @@ class MockInstrument(Device):
     settings = (*MOCK_SETTINGS, RATE)
 
     def open(self, instrument: Instrument) -> MockSource:
-        """The instrument's stream of the stage."""
+        """The instrument's stream of the stage.
+
+        Raises:
+            InputError: the stage has no such instrument.
+        """
         settings = mock_settings(instrument.setting, instrument.now_ns, instrument.setting(RATE.name))
-        return MockSource(mock_stage(instrument.stage, settings), instrument.stream)
+        return _stream_of(mock_stage(instrument.stage, settings), instrument)
 
 
 class MockLvdt(Device):
@@ -131,11 +135,17 @@ class MockLvdt(Device):
         Raises:
             InputError: the stage has no LVDT.
         """
-        lvdt = instrument.stage.lvdt
-        if lvdt is None:
-            raise InputError(f"{instrument.setting('stage') or 'stage.yaml'}: the stage has no section 'lvdt'")
-        stage = replace(instrument.stage, lvdt=replace(lvdt, height=instrument.setting(HEIGHT.name) or lvdt.height))
-        return MockSource(mock_stage(stage, mock_settings(instrument.setting, instrument.now_ns)), instrument.stream)
+        stage, height = instrument.stage, instrument.setting(HEIGHT.name)
+        if stage.lvdt is not None and height:
+            stage = replace(stage, lvdt=replace(stage.lvdt, height=height))
+        return _stream_of(mock_stage(stage, mock_settings(instrument.setting, instrument.now_ns)), instrument)
+
+
+def _stream_of(plant: StagePlant, instrument: Instrument) -> MockSource:
+    if instrument.stream not in plant.streams:
+        where = instrument.setting("stage") or "stage.yaml"
+        raise InputError(f"{where}: the stage has no section '{instrument.stream}'")
+    return MockSource(plant, instrument.stream)
 
 
 class MockSource(Source):

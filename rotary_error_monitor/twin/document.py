@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,7 +19,7 @@ Kind = TypeVar("Kind", bound=AnyEffect)
 
 def stage_mapping(stage: StageDescription) -> dict[str, Any]:
     """Content of a `stage` section: the inverse of `stage_from_mapping`."""
-    encoder, collimator, spindle = stage.encoder, stage.autocollimator, stage.spindle
+    encoder, spindle = stage.encoder, stage.spindle
     content: dict[str, Any] = {
         "encoder": {
             "disc_radius": encoder.disc_radius,
@@ -30,11 +31,6 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
             "graduation": [{"order": row.order, "cos": row.cos, "sin": row.sin} for row in encoder.graduation],
         },
         "mirror": {"tilt": list(stage.mirror.tilt), "flatness": _rows(stage.mirror.flatness)},
-        "autocollimator": {
-            "range": collimator.range,
-            "resolution": collimator.resolution,
-            "noise": collimator.noise,
-        },
         "spindle": {
             "radial": _rows(spindle.radial),
             "tilt": _rows(spindle.tilt),
@@ -44,11 +40,9 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
         },
         "environment": {"reference_temperature": stage.reference_temperature},
     }
-    if collimator.turbulence is not None:
-        turbulence = collimator.turbulence
-        content["autocollimator"]["turbulence"] = {
-            "std": turbulence.std,
-            "correlation_time": turbulence.correlation_time,
+    if stage.autocollimator is not None:
+        content["autocollimator"] = {
+            key: value for key, value in asdict(stage.autocollimator).items() if value is not None
         }
     if stage.lvdt is not None:
         content["lvdt"] = {

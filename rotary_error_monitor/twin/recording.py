@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,16 +83,22 @@ def fields_of(stream: str) -> tuple[str, ...]:
     return _INPUTS[stream] if sensor is None else sensor.fields
 
 
-def streams_with(heads: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Names of the streams without which there is no recording of a stage with these heads, and of those that help."""
-    others = [sensor for sensor in sensor_kinds().values() if sensor.kind != HEAD]
+def streams_with(heads: Sequence[str], without: Collection[str] = ()) -> tuple[list[str], list[str]]:
+    """Names of the streams without which there is no recording of a stage with these heads, and of those that help.
+
+    `without` names kinds of sensor that the stage does not have.
+    """
+    others = [sensor for sensor in sensor_kinds().values() if sensor.kind not in (HEAD, *without)]
     needed = [*(f"{HEAD}_{letter}" for letter in heads), *(each.kind for each in others if each.is_needed), COMMAND]
     helpful = [each.kind for each in others if not each.is_needed]
     return needed, [*helpful, *(name for name in _INPUTS if name != COMMAND)]
 
 
 def record_stage(
-    topics: Mapping[str, Sequence[SampleBlock]], heads: Sequence[str], most_rate: float = MOST_RATE
+    topics: Mapping[str, Sequence[SampleBlock]],
+    heads: Sequence[str],
+    most_rate: float = MOST_RATE,
+    without: Collection[str] = (),
 ) -> StageRecording:
     """Recording from the sample blocks of each topic.
 
@@ -102,11 +108,12 @@ def record_stage(
         topics: blocks of each topic.
         heads: letters of the heads that the twin has.
         most_rate: samples a second (Hz) of one sensor that are used; of one that is faster every so-manieth is.
+        without: kinds of sensor that the stage does not have.
 
     Raises:
         InputError: topics are missing (all are named), too short, not finite, or their clocks do not overlap.
     """
-    needed, optional = streams_with(heads)
+    needed, optional = streams_with(heads, without)
     missing = [stage_topic(name) for name in needed if not topics.get(stage_topic(name))]
     if missing:
         raise InputError(

@@ -189,13 +189,11 @@ def test_quaternion_is_that_of_an_independent_library(vector):
 def test_plain_messages_hold_what_they_are_given():
     vector = messages.vector_message(STAMP, "lvdt", 1.0, 2.0)
     assert (vector.vector.x, vector.vector.y, vector.vector.z) == (1.0, 2.0, 0.0)
-    point = messages.point_message(STAMP, "tool", 1.0, 2.0, 3.0)
-    assert (point.point.x, point.point.y, point.point.z) == (1.0, 2.0, 3.0)
     wrench = messages.wrench_message(STAMP, "shaft", (4.0, 5.0))
     assert (wrench.wrench.force.x, wrench.wrench.force.y) == (4.0, 5.0)
     warmth = messages.temperature_message(STAMP, "room", 21.5)
     assert warmth.temperature == 21.5
-    for message in (vector, point, wrench, warmth):
+    for message in (vector, wrench, warmth):
         assert messages.ns_from_stamp(message.header.stamp) == STAMP
 
 

@@ -115,7 +115,7 @@ class _Measurement:
     def __init__(self, problem: StageProblem, inputs: StageInputs, stage: StageDescription, lvdt: bool) -> None:
         self._problem = problem
         time = np.linspace(0.0, problem.recording.duration, SAMPLES)
-        streams = [*problem.recording.heads, "autocollimator", *([LVDT] if lvdt else [])]
+        streams = [name for name in problem.twin.times if name != LVDT] + [LVDT] * lvdt
         self._twin = StageTwin(stage, inputs, dict.fromkeys(streams, time))
         self._std = dict(problem.noise.std)
         if problem.stage.lvdt is None and stage.lvdt is not None:

@@ -11,6 +11,7 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import Kind, TwinFile, check_signal, opened_bag
+from rotary_error_monitor.sensors.library import absent_kinds
 from rotary_error_monitor.twin.document import stage_mapping
 from rotary_error_monitor.twin.recording import record_stage, stage_topic, streams_with
 
@@ -38,8 +39,8 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
         from rotary_error_monitor.kinds.stage.stretches import stage_problem
 
         with opened_bag(recording) as reader:
-            letters = sorted(twin.description.encoder.azimuths)
-            needed, optional = ([stage_topic(name) for name in names] for names in streams_with(letters))
+            letters, without = sorted(twin.description.encoder.azimuths), absent_kinds(twin.description)
+            needed, optional = ([stage_topic(name) for name in names] for names in streams_with(letters, without))
             reader.check_topics(needed)
             names = [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
             window = reader.window(names)
@@ -48,7 +49,7 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
             if elsewhere and window is not None:
                 lost = f"{', '.join(elsewhere)} and the others do not overlap in time: {window.remark}"
                 raise InputError(f"{reader.path}: {lost}")
-            streams = record_stage(blocks, letters, most_rate)
+            streams = record_stage(blocks, letters, most_rate, without)
             overlap = (window.remark,) if window is not None and window.remark else ()
             streams = replace(streams, remarks=(*reader.remarks, *overlap, *streams.remarks))
             return stage_problem(twin.description, streams, twin.effects, twin.known)

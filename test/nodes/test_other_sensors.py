@@ -1,0 +1,112 @@
+"""A cell whose stage has five heads and no autocollimator, by its file alone: live, and replayed bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.error_motion import COMPONENTS
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.compensation import Compensation
+from rotary_error_monitor.nodes.encoder_head import EncoderHead
+from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
+from rotary_error_monitor.nodes.gap_monitor import GapMonitor
+from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.nodes.recorder import Recorder
+from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
+from rotary_error_monitor.pipeline.estimation import EstimatorSettings
+from rotary_error_monitor.recordings.replay import replay_bag
+from rotary_error_monitor.resources import config
+from rotary_error_monitor.sources.mock import mock_stage
+from rotary_error_monitor.testing import Cell
+
+HEADS = "abcde"
+SIGMAS = 6.0
+
+
+@pytest.fixture
+def stage_file(tmp_path) -> Path:
+    content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
+    del content["stage"]["autocollimator"]
+    content["stage"]["encoder"]["heads"]["e"] = {"azimuth": 0.8}
+    path = tmp_path / "five_heads.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def five(settings, stage_file) -> Iterator[Cell]:
+    parameters = {
+        "stage": str(stage_file),
+        "block_period": 0.05,
+        "mock.seed": settings.seed,
+        "mock.epoch": settings.epoch_ns,
+        "mock.speeds": list(settings.speeds),
+        "mock.forces": settings.forces,
+    }
+    with Cell(HEADS, parameters) as cell:
+        yield cell
+
+
+def test_error_motion_and_corrections_from_five_heads_alone(five, settings, stage_file, tmp_path):
+    estimates = five.collect(five.wire.topic("error_motion_samples"))
+    corrections = five.collect(five.wire.topic("axis_corrections"))
+    recorder = five.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
+    for head in HEADS:
+        five.run(EncoderHead, f"encoder_head_{head}")
+    five.run(MockController, "mock_controller", machine="xyzac_trt")
+    five.run(GapMonitor, "gap_monitor")
+    five.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
+    five.run(Compensation, "compensation", machine="xyzac_trt")
+    five.wait_until(lambda: len(estimates) > 10 and len(corrections) > 10, "estimates and corrections", 60)
+    five.forget_status("error_estimator: estimate")
+    five.wait_for_status("error_estimator: estimate", "complete")
+    five.wait_for_status("compensation: correction", "tilt from the description: no autocollimator is heard")
+    five.wait_for_status("gap_monitor: /stage/head_e/samples", "alive")
+    assert not five.has_status("gap_monitor: /stage/autocollimator/samples", "")
+    five.remove(recorder)
+
+    stage = load_stage(stage_file)
+    plant = mock_stage(stage, settings)
+    streams = five.wire.topic("error_motion_samples").field("streams")
+    for message in estimates[2:]:
+        block = messages.block_from_message(message)
+        motion = error_motion_from_block(block)
+        seen = [name for name, there in zip(COMPONENTS, motion.observable.all(axis=0), strict=True) if there]
+        assert seen == ["exc", "eyc", "ecc"]
+        assert not motion.observable[:, 2:5].any()
+        truth = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
+        deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))
+        assert (np.abs(motion.components - truth) <= SIGMAS * deviation)[:, [0, 1, 5]].all()
+        assert (deviation[:, [0, 1]] < 1e-5).all(), "an uncertainty that bounds something"
+        used = streams.names_in(float(block.column("streams")[-1]))
+        assert used == tuple(f"head_{head}" for head in HEADS) + ("command",)
+
+    replayed = replay_bag(
+        tmp_path / "bag", stage, load_machine("xyzac_trt"), EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
+    )
+    published = {int(s): row for m in estimates for s, row in zip(*stamped(m), strict=True)}
+    again = {int(s): row for s, row in zip(replayed.stamp_ns, np.nan_to_num(replayed.error_motion), strict=True)}
+    shared = published.keys() & again.keys()
+    assert len(shared) > 0.9 * len(published)
+    for stamp in shared:
+        np.testing.assert_array_equal(published[stamp], again[stamp])
+
+
+def stamped(message):
+    """Stamps (ns) of a block of error motion and its components."""
+    block = messages.block_from_message(message)
+    return block.times_ns, np.stack([block.column(name) for name in COMPONENTS], axis=1)
+
+
+def test_the_node_of_an_instrument_that_the_stage_does_not_have_says_so(five):
+    with pytest.raises(InputError, match=r"five_heads\.yaml: the stage has no section 'autocollimator'"):
+        five.run(Autocollimator, "autocollimator")
