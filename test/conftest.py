@@ -14,10 +14,11 @@ import pytest
 import yaml
 
 from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import record_stage
 
 hypothesis.settings.register_profile("shared computer", deadline=None)  # an example takes what else runs leaves it
 hypothesis.settings.load_profile("shared computer")
@@ -71,7 +72,7 @@ def stage_problem():
 
     def make(seed, kind, effects=None, snr=None, rough=False, duration=20.0, stage_effects=None, **others):
         case = make_stage_case(seed, kind, effects, snr, rough, duration, **others)
-        topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+        topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
         recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
         known = load_effects(StageEffect) if stage_effects is None else stage_effects
         return StageProblem(case.twin, recording, known), case.truth

@@ -171,6 +171,15 @@ def test_what_an_effect_needs_is_a_field_of_its_class(room):
         assert name != room or not quoted, f"{path.relative_to(PACKAGE)}:{quoted[0].lineno}"
 
 
+def test_topic_names_stand_in_the_wire_contract_alone():
+    for _, path in modules():
+        texts = [
+            node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Constant)
+        ]
+        named = [node for node in texts if isinstance(node.value, str) and re.match(r"/(stage|machine)/", node.value)]
+        assert not named, f"{path.relative_to(PACKAGE)}:{named[0].lineno} names {named[0].value}"
+
+
 def below(path: Path) -> set[Path]:
     """Files of the package that a file imports, those for types alone left out."""
     parts = [name.split(".")[1:] for name in imports(path, typed=False) if name.split(".")[0] == PACKAGE.name]

@@ -19,6 +19,7 @@ from rotary_error_monitor.cases.faults import UnsuitableSeedError
 from rotary_error_monitor.cases.making import MachineCase, StageCase, make_machine_case, make_stage_case
 from rotary_error_monitor.codec.contents import JointState, PointStamped, Temperature
 from rotary_error_monitor.description.machine import MachineDescription, machine_from_mapping
+from rotary_error_monitor.description.topics import samples_topic, topic_named
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.motion import motion_in_use, random_motion
 from rotary_error_monitor.plant.noise_forms import FORMS
@@ -234,7 +235,7 @@ def write_case(case: StageCase | MachineCase, folder: Path) -> None:
     """Write `bag/` and `twin.yaml`; the truth is not written."""
     folder.mkdir(parents=True)
     if isinstance(case, StageCase):
-        blocks = {f"/stage/{stream}/samples": list(values) for stream, values in case.blocks.items()}
+        blocks = {samples_topic(stream): list(values) for stream, values in case.blocks.items()}
         write_messages(folder / "bag", blocks)
         content: dict[str, Any] = {"stage": stage_mapping(case.twin)}
     else:
@@ -255,7 +256,7 @@ def write_elsewhere(case: StageCase | MachineCase, folder: Path, seed: int) -> N
     plant = replace(case.plant, seed=seed + 1, motion=motion)
     end = round(OTHER_DURATION * NANOSECONDS)
     blocks = {
-        f"/stage/{stream}/samples": [plant.samples(stream, 0, plant.clocks[stream].index_at(end))]
+        samples_topic(stream): [plant.samples(stream, 0, plant.clocks[stream].index_at(end))]
         for stream in plant.streams
     }
     write_messages(folder / "elsewhere", blocks)
@@ -298,7 +299,7 @@ def _pose_messages(case: MachineCase) -> Iterator[tuple[str, list[Any]]]:
         JointState(stamp, tuple(case.twin.letters), poses.positions[i], poses.directions[i], np.zeros(0))
         for i, stamp in enumerate(stamps)
     ]
-    yield "/machine/joint_states", states
-    yield "/machine/tool_probe", [PointStamped(stamp, case.probe[i]) for i, stamp in enumerate(stamps)]
+    yield topic_named("machine_joint_states"), states
+    yield topic_named("tool_probe"), [PointStamped(stamp, case.probe[i]) for i, stamp in enumerate(stamps)]
     warmth = [Temperature(stamp, float(case.temperature[i])) for i, stamp in enumerate(stamps)]
-    yield "/machine/temperature", warmth
+    yield topic_named("machine_temperature"), warmth

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotary_error_monitor.blind_check.cases import CasePlan
+from rotary_error_monitor.description.topics import samples_topic
 
 Key = tuple[str, str]
 Reals = NDArray[np.float64]
@@ -151,7 +152,7 @@ def _where_right(snr: Mapping[str, float], diagnosis: Mapping[str, Any]) -> bool
     moved = {name for name, value in snr.items() if value > 0.3 * top}
     heads = [value for name, value in snr.items() if "/head_" in name]
     if heads and min(heads) > 0.9 * max(heads) > 0.27 * top:
-        moved.add("/stage/command/samples.angle")
+        moved.add(f"{samples_topic('command')}.angle")
     return any(first == name or first.startswith(f"{name}.") for name in moved)
 
 

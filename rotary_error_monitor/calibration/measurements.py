@@ -23,6 +23,7 @@ from rotary_error_monitor.calibration.csv_tables import Column, Table, read_tabl
 from rotary_error_monitor.calibration.identification import ProbedPoses
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.kinematics import arrange_machine, axis_columns, stand
 from rotary_error_monitor.metrology.positioning import PositioningRuns, estimate_deviations
@@ -50,8 +51,6 @@ EMPTIEST = 10.0
 
 LEAST_LEVER = 0.05
 """Least distance of the tool tip from a rotary axis whose angle it shows, m: a micrometre is 20 µrad there."""
-
-JOINT_STATES, TOOL_PROBE, TEMPERATURE = "/machine/joint_states", "/machine/tool_probe", "/machine/temperature"
 
 
 def read_positioning(path: Path | str, *, rotary: bool) -> PositioningRuns:
@@ -315,17 +314,17 @@ def _poses_of_table(path: Path, machine: MachineDescription, noise: float) -> Pr
 
 def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> ProbedPoses:
     reader = BagReader(path)
-    reader.check_topics([JOINT_STATES, TOOL_PROBE])
-    names = [name for name in (JOINT_STATES, TOOL_PROBE, TEMPERATURE) if name in reader.topics]
-    contents = reader.read(names)
-    joints = {content.stamp_ns: content for content in contents[JOINT_STATES]}
-    warmth = {content.stamp_ns: content for content in contents.get(TEMPERATURE, [])}
+    pose, tool_probe, thermometer = pose_topics()
+    reader.check_topics([pose, tool_probe])
+    contents = reader.read([name for name in (pose, tool_probe, thermometer) if name in reader.topics])
+    joints = {content.stamp_ns: content for content in contents[pose]}
+    warmth = {content.stamp_ns: content for content in contents.get(thermometer, [])}
     rows: list[tuple[Array, Array, float, Array]] = []
-    for probe in contents[TOOL_PROBE]:
+    for probe in contents[tool_probe]:
         assert isinstance(probe, PointStamped)
         if not np.all(np.abs(probe.point) <= LINEAR_ERROR):
             raise InputError(
-                f"{path}: {TOOL_PROBE}, stamp {probe.stamp_ns} ns: deviation {probe.point.tolist()} m is beyond "
+                f"{path}: {tool_probe}, stamp {probe.stamp_ns} ns: deviation {probe.point.tolist()} m is beyond "
                 f"±{LINEAR_ERROR:g} m: is it in m, and minus the ideal position?"
             )
         position, direction = _axes_of(joints.get(probe.stamp_ns), machine, f"{path}: probe at {probe.stamp_ns} ns")
@@ -336,7 +335,7 @@ def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> Prob
 
 def _axes_of(state: Content | None, machine: MachineDescription, where: str) -> tuple[Array, Array]:
     if not isinstance(state, JointState):
-        raise InputError(f"{where}: no {JOINT_STATES} with the same stamp")
+        raise InputError(f"{where}: no {pose_topics()[0]} with the same stamp")
     missing = [letter for letter in machine.letters if letter not in state.names]
     if missing:
         raise InputError(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.cases.departures.departure import AnyFault, acting
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.topics import samples_topic, topic_named
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses
 from rotary_error_monitor.plant.stage import FIELDS, HEAD, HEAD_FIELDS, Fault, StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -71,7 +72,7 @@ class StageResponse(Response):
             moved = (plant.signal(stream, time) - base) * (np.sqrt(self.every) / noise_of(self.plain.stage, stream))
             names = HEAD_FIELDS if HEAD in stream else FIELDS[stream]
             for name, column in zip(names, moved.T, strict=True):
-                found[f"/stage/{stream}/samples.{name}"] = column
+                found[f"{samples_topic(stream)}.{name}"] = column
         return found
 
     @cached_property
@@ -104,7 +105,7 @@ class MachineResponse(Response):
 
     def channels(self, faults: Sequence[AnyFault]) -> Mapping[str, Array]:
         """The probe, as one channel."""
-        return {"/machine/tool_probe": ((self.tool(faults) - self._base) / TRACKER_NOISE).ravel()}
+        return {topic_named("tool_probe"): ((self.tool(faults) - self._base) / TRACKER_NOISE).ravel()}
 
     def tool(self, faults: Sequence[AnyFault]) -> Array:
         """(n, 3) tool tip minus where it should be, m."""

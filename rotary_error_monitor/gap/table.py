@@ -40,7 +40,7 @@ class TableProblem(ABC, Generic[State]):
         kept: (n,) rows that are no outliers.
     """
 
-    names: ClassVar[Mapping[str, str]]
+    names: Mapping[str, str]
     unit: ClassVar[tuple[str, float]]
     step: ClassVar[float] = 1e-2
     shape_step: ClassVar[float] = 1e-4

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_kinds
@@ -72,11 +73,6 @@ class StageRecording:
         return max(float(stream.time[-1]) for stream in self.streams.values())
 
 
-def stage_topic(stream: str) -> str:
-    """Topic of a stream."""
-    return f"/stage/{stream}/samples"
-
-
 def fields_of(stream: str) -> tuple[str, ...]:
     """Fields of a stream's samples, those of what drives the stage included."""
     sensor = sensor_kinds().get(kind_of(stream))
@@ -114,15 +110,15 @@ def record_stage(
         InputError: topics are missing (all are named), too short, not finite, or their clocks do not overlap.
     """
     needed, optional = streams_with(heads, without)
-    missing = [stage_topic(name) for name in needed if not topics.get(stage_topic(name))]
+    missing = [samples_topic(name) for name in needed if not topics.get(samples_topic(name))]
     if missing:
         raise InputError(
             f"the recording lacks {', '.join(missing)}; it has {', '.join(sorted(topics)) or 'no topic at all'}"
         )
-    present = [name for name in (*needed, *optional) if topics.get(stage_topic(name))]
-    start = min(int(block.times_ns[0]) for name in present for block in topics[stage_topic(name)][:1])
-    remarks = list(_coverage_remarks({stage_topic(name): topics[stage_topic(name)] for name in present}, start))
-    streams = {name: _stream(name, topics[stage_topic(name)], start, remarks) for name in present}
+    present = [name for name in (*needed, *optional) if topics.get(samples_topic(name))]
+    start = min(int(block.times_ns[0]) for name in present for block in topics[samples_topic(name)][:1])
+    remarks = list(_coverage_remarks({samples_topic(name): topics[samples_topic(name)] for name in present}, start))
+    streams = {name: _stream(name, topics[samples_topic(name)], start, remarks) for name in present}
     _check_overlap(streams)
     return thinned(StageRecording(start, streams, tuple(remarks)), most_rate)
 
@@ -170,15 +166,15 @@ def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: li
     finite = np.isfinite(values).all(axis=1)
     if finite.mean() < 0.9:
         raise InputError(
-            f"{stage_topic(name)}: {np.count_nonzero(~finite)} of {len(time)} samples are not finite "
+            f"{samples_topic(name)}: {np.count_nonzero(~finite)} of {len(time)} samples are not finite "
             "(NaN or infinite); expected numbers"
         )
     if not finite.all():
-        remarks.append(f"{stage_topic(name)}: {np.count_nonzero(~finite)} samples are not finite and were left out")
+        remarks.append(f"{samples_topic(name)}: {np.count_nonzero(~finite)} samples are not finite and were left out")
     distinct = np.concatenate([[True], np.diff(time) > 0])
     kept = finite & distinct
     if np.count_nonzero(kept) < (FEWEST_SAMPLES if kind_of(name) in (*sensor_kinds(), COMMAND) else 2):
-        raise InputError(f"{stage_topic(name)}: only {np.count_nonzero(kept)} samples; {FEWEST_SAMPLES} are needed")
+        raise InputError(f"{samples_topic(name)}: only {np.count_nonzero(kept)} samples; {FEWEST_SAMPLES} are needed")
     return Stream(time[kept], values[kept])
 
 
@@ -188,7 +184,7 @@ def _check_overlap(streams: Mapping[str, Stream]) -> None:
         shared = min(stream.time[-1], command.time[-1]) - max(stream.time[0], command.time[0])
         if shared < 0.5 * min(np.ptp(stream.time), np.ptp(command.time)):
             raise InputError(
-                f"the clocks of {stage_topic(name)} ({stream.time[0]:.3f} to {stream.time[-1]:.3f} s) and "
-                f"{stage_topic('command')} ({command.time[0]:.3f} to {command.time[-1]:.3f} s) do not overlap; "
+                f"the clocks of {samples_topic(name)} ({stream.time[0]:.3f} to {stream.time[-1]:.3f} s) and "
+                f"{samples_topic('command')} ({command.time[0]:.3f} to {command.time[-1]:.3f} s) do not overlap; "
                 "stamp all streams by one clock"
             )

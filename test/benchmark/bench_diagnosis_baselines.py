@@ -21,11 +21,12 @@ from isolation import IsolationMatrix
 from rotary_error_monitor.blind_check.cases import make_case, plan_cases
 from rotary_error_monitor.blind_check.scores import score_case
 from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import record_stage
 
 CASES = int(os.environ.get("BENCH_CASES", "30"))
 SEED = int(os.environ.get("BENCH_SEED", "1"))
@@ -36,7 +37,7 @@ OURS = "rotary_error_monitor"
 
 
 def recorded(case):
-    topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
     return record_stage(topics, sorted(case.twin.encoder.azimuths))
 
 

@@ -26,6 +26,7 @@ from rotary_error_monitor.cases.faults import StageFault
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.cases.response import times_of
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -34,7 +35,7 @@ from rotary_error_monitor.gap.normal import stack, width_of
 from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.stage import StagePlant
-from rotary_error_monitor.twin.recording import StageRecording, record_stage, stage_topic
+from rotary_error_monitor.twin.recording import StageRecording, record_stage
 
 SIZES = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 13.0, 17.0, 23.0, 30.0)
 """Standard deviations of the Fisher bound at which effects are tried: dense where a method that searches all effects
@@ -108,7 +109,7 @@ class Setting:
 def recorded(plant: StagePlant) -> StageRecording:
     """A recording of the usual length."""
     topics = {
-        stage_topic(stream): [plant.samples(stream, 0, len(times_of(plant, stream, DURATION)))]
+        samples_topic(stream): [plant.samples(stream, 0, len(times_of(plant, stream, DURATION)))]
         for stream in plant.streams
     }
     return record_stage(topics, sorted(plant.stage.encoder.azimuths))

@@ -9,8 +9,6 @@ import pytest
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.calibration.measurements import (
-    JOINT_STATES,
-    TOOL_PROBE,
     read_mirror_profile,
     read_positioning,
     read_positioning_poses,
@@ -20,7 +18,10 @@ from rotary_error_monitor.calibration.measurements import (
 )
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
+from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.errors import InputError
+
+JOINT_STATES, TOOL_PROBE, TEMPERATURE = pose_topics()
 
 HEADER = "target_mm,direction,cycle,deviation_um"
 GOOD = [

@@ -18,16 +18,18 @@ from faults.documenting import Row, shows
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.writer import write_messages
-from rotary_error_monitor.calibration.measurements import JOINT_STATES, TEMPERATURE, TOOL_PROBE
 from rotary_error_monitor.calibration.parameters import apply_parameters, list_parameters
 from rotary_error_monitor.calibration.volume import sample_volume
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.commands import calibrate
 from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.resources import config
+
+JOINT_STATES, TOOL_PROBE, TEMPERATURE = pose_topics()
 
 Array = NDArray[np.float64]
 DAY = "2026-11-21"

@@ -14,6 +14,7 @@ from simulated_pointings import pointing_file, simulate_pointings
 
 from rotary_error_monitor.blind_check.cases import draw_machine
 from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
@@ -39,7 +40,7 @@ from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.twin.document import causes_from_rows
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import record_stage
 
 KINDS = {"stage": StageEffect, "machine": MachineEffect, "mount": MountEffect, "quadrature": QuadratureEffect}
 HOOKS = ("amend", "delay", "rotation", "radial", "tilt", "measured", "turn", "displacement")
@@ -48,7 +49,7 @@ ALL = [(kind, effect.name) for kind, base in KINDS.items() for effect in load_ef
 
 def made_stage(effects):
     case = make_stage_case(5, "null", duration=13.0)
-    recording = record_stage({stage_topic(name): list(blocks) for name, blocks in case.blocks.items()}, "abcd")
+    recording = record_stage({samples_topic(name): list(blocks) for name, blocks in case.blocks.items()}, "abcd")
     return StageProblem(case.twin, recording, effects)
 
 

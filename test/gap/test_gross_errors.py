@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.signals.blocks import SampleBlock
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import record_stage
 
 EFFECTS = load_effects(StageEffect)
 
@@ -26,8 +27,8 @@ def healthy():
 
 def turned(case, angle):
     """Problem of a healthy stage whose autocollimator is turned about its line of sight."""
-    topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
-    topic = stage_topic("autocollimator")
+    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+    topic = samples_topic("autocollimator")
     names = topics[topic][0].names
     axes = [names.index("tilt_x"), names.index("tilt_y")]
     cos, sin = math.cos(angle), math.sin(angle)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import block_from_samples
-from rotary_error_monitor.twin.recording import StageRecording, Stream, record_stage, stage_topic, thinned
+from rotary_error_monitor.twin.recording import StageRecording, Stream, record_stage, thinned
 
 START = 1_700_000_000_000_000_000
 FIELDS = {
@@ -27,7 +28,7 @@ def blocks(names, count=600, offset_ns=0, values=None):
 
 @pytest.fixture
 def topics():
-    return {stage_topic(name): blocks(names) for name, names in FIELDS.items()}
+    return {samples_topic(name): blocks(names) for name, names in FIELDS.items()}
 
 
 def test_blocks_become_continuous_streams(topics):
@@ -41,13 +42,13 @@ def test_blocks_become_continuous_streams(topics):
 
 
 def test_missing_topics_are_all_named(topics):
-    del topics[stage_topic("head_b")], topics[stage_topic("command")]
+    del topics[samples_topic("head_b")], topics[samples_topic("command")]
     with pytest.raises(InputError, match=r"lacks /stage/head_b/samples, /stage/command/samples; it has /stage/auto"):
         record_stage(topics, ["a", "b"])
 
 
 def test_too_few_samples_are_an_error(topics):
-    topics[stage_topic("head_a")] = blocks(("angle",), count=40)
+    topics[samples_topic("head_a")] = blocks(("angle",), count=40)
     with pytest.raises(InputError, match=r"/stage/head_a/samples: only 40 samples; 200 are needed"):
         record_stage(topics, ["a", "b"])
 
@@ -55,20 +56,20 @@ def test_too_few_samples_are_an_error(topics):
 def test_a_few_samples_that_are_not_finite_are_left_out_and_told(topics):
     values = np.zeros((600, 2))
     values[10:13, 0] = np.nan
-    topics[stage_topic("autocollimator")] = blocks(FIELDS["autocollimator"], values=values)
+    topics[samples_topic("autocollimator")] = blocks(FIELDS["autocollimator"], values=values)
     recording = record_stage(topics, ["a", "b"])
     assert len(recording.streams["autocollimator"].time) == 597
     assert recording.remarks == ("/stage/autocollimator/samples: 3 samples are not finite and were left out",)
 
 
 def test_many_samples_that_are_not_finite_are_an_error(topics):
-    topics[stage_topic("head_a")] = blocks(("angle",), values=np.full((600, 1), np.nan))
+    topics[samples_topic("head_a")] = blocks(("angle",), values=np.full((600, 1), np.nan))
     with pytest.raises(InputError, match=r"head_a/samples: 600 of 600 samples are not finite"):
         record_stage(topics, ["a", "b"])
 
 
 def test_clocks_that_do_not_overlap_are_an_error(topics):
-    topics[stage_topic("head_a")] = blocks(("angle",), offset_ns=3_600_000_000_000)
+    topics[samples_topic("head_a")] = blocks(("angle",), offset_ns=3_600_000_000_000)
     with pytest.raises(InputError, match=r"clocks of /stage/head_a/samples .* and /stage/command/samples .* overlap"):
         record_stage(topics, ["a", "b"])
 

@@ -9,10 +9,11 @@ import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.description.harmonics import AngularHarmonic
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import record_stage
 from rotary_error_monitor.twin.stage import twin_of
 
 EFFECTS = {effect.name: effect for effect in load_effects(StageEffect)}
@@ -22,7 +23,7 @@ MOVING = {"following_error": "", "encoder_latency": "", "drive_cyclic_error": "o
 @pytest.fixture(scope="module")
 def recorded():
     case = make_stage_case(7, "null", duration=6.0)
-    topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
     return case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths))
 
 
@@ -82,7 +83,7 @@ def test_waves_of_more_orders_than_are_kept(recorded):
 def test_a_graduation_is_read_where_the_sight_line_cuts_the_eccentric_ring(order):
     """Against the plant, which cuts a ring in space: with 130 µrad on a ring that is 26 µm off centre."""
     case = make_stage_case(7, "null", duration=6.0)
-    topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
     recording = record_stage(topics, sorted(case.twin.encoder.azimuths))
 
     def shown(*graduation):

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from types import MappingProxyType
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from rotary_error_monitor.gap.table import TableProblem, folded
 class ThermometerProblem(TableProblem[None]):
     """Readings of a thermometer beside the temperature of the bath."""
 
-    names: ClassVar[Mapping[str, str]] = {"reading": "/thermometer/reading.temperature"}
+    names = MappingProxyType({"reading": "/thermometer/reading.temperature"})
     unit = ("K", 1.0)
 
     def __init__(self, table: Array, twin: TwinFile[Thermometer, ThermometerEffect]) -> None:

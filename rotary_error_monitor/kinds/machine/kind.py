@@ -12,16 +12,13 @@ import numpy as np
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.machine_section import machine_mapping
+from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import Kind, TwinFile, check_amended, opened_bag
 from rotary_error_monitor.kinds.machine.problem import MachineProblem
 from rotary_error_monitor.twin.machine import FEWEST_POSES, MachineRecording
-
-POSE = "/machine/joint_states"
-PROBE = "/machine/tool_probe"
-WARMTH = "/machine/temperature"
 
 
 class MachineKind(Kind[MachineDescription, MachineEffect, MachineProblem]):
@@ -38,8 +35,9 @@ class MachineKind(Kind[MachineDescription, MachineEffect, MachineProblem]):
     ) -> MachineProblem:
         """A bag of joint states and the tool's probe, with temperature where it is recorded."""
         with opened_bag(recording) as reader:
-            reader.check_topics([POSE, PROBE])
-            names = [name for name in (POSE, PROBE, WARMTH) if name in reader.topics]
+            needed = pose_topics()
+            reader.check_topics(needed[:2])
+            names = [name for name in needed if name in reader.topics]
             poses = record_poses(reader.read(names), twin.description, str(reader.path))
             machine = twin.description
             for cause in twin.known:
@@ -66,16 +64,17 @@ def record_poses(topics: Mapping[str, Sequence[Content]], machine: MachineDescri
     Raises:
         InputError: an axis is missing, a value is not finite, or fewer than 12 poses are complete.
     """
-    probes = {item.stamp_ns: item.point for item in topics[PROBE] if isinstance(item, PointStamped)}
-    warmth = {item.stamp_ns: item.temperature for item in topics.get(WARMTH, ()) if isinstance(item, Temperature)}
-    states = [item for item in topics[POSE] if isinstance(item, JointState) and item.stamp_ns in probes]
+    pose, probe, thermometer = pose_topics()
+    probes = {item.stamp_ns: item.point for item in topics[probe] if isinstance(item, PointStamped)}
+    warmth = {item.stamp_ns: item.temperature for item in topics.get(thermometer, ()) if isinstance(item, Temperature)}
+    states = [item for item in topics[pose] if isinstance(item, JointState) and item.stamp_ns in probes]
     if len(states) < FEWEST_POSES:
         raise InputError(f"{origin}: {len(states)} poses with a probe of the same stamp; {FEWEST_POSES} are needed")
     positions, directions = [], []
     for state in states:
         missing = [letter for letter in machine.letters if letter not in state.names]
         if missing:
-            raise InputError(f"{origin}: {POSE} at {state.stamp_ns} ns has {state.names}, but no {', '.join(missing)}")
+            raise InputError(f"{origin}: {pose} at {state.stamp_ns} ns has {state.names}, but no {', '.join(missing)}")
         order = [state.names.index(letter) for letter in machine.letters]
         positions.append(state.position[order])
         directions.append(np.sign(state.velocity[order]) if len(state.velocity) else np.zeros(len(order)))
@@ -85,7 +84,7 @@ def record_poses(topics: Mapping[str, Sequence[Content]], machine: MachineDescri
         np.asarray(directions),
         np.asarray(temperature, np.float64),
         np.asarray([probes[state.stamp_ns] for state in states]),
-        _lost_poses(len(topics[POSE]), len(states)),
+        _lost_poses(len(topics[pose]), len(states)),
     )
     for name, values in (("position", recording.positions), ("probe", recording.probe)):
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.topics import topic_named
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Searched
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
@@ -20,7 +20,7 @@ from rotary_error_monitor.gap.slow_noise import Rivals, cosines, learn_slow_nois
 from rotary_error_monitor.gap.table import TableProblem, acting
 from rotary_error_monitor.kinds.machine.modulations import machine_departures
 from rotary_error_monitor.kinds.machine.smooth import SmoothMachine
-from rotary_error_monitor.kinds.machine.where import TOPIC, machine_advice, machine_where
+from rotary_error_monitor.kinds.machine.where import machine_advice, machine_where
 from rotary_error_monitor.machine.uncertainty import uncertain_shifts
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise
 from rotary_error_monitor.twin.finite import UnpredictableError
@@ -53,7 +53,6 @@ class MachineProblem(TableProblem[None]):
         probe_std: standard deviation of one component of the probe, m.
     """
 
-    names = MappingProxyType({component: f"{TOPIC}.{component}" for component in "xyz"})
     unit = ("µm", 1e6)
     step = 0.1
     """µm or µrad: the machine is linear in its errors to one part in 10^5."""
@@ -67,6 +66,7 @@ class MachineProblem(TableProblem[None]):
         effects: Sequence[MachineEffect],
         probe_std: float = PROBE_STD,
     ) -> None:
+        self.names = {component: f"{topic_named('tool_probe')}.{component}" for component in "xyz"}
         self.machine = machine
         self.recording = recording
         self.probe_std = probe_std

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotary_error_monitor.description.topics import topic_named
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
 from rotary_error_monitor.gap.problem import Array, Rows, Share
@@ -17,7 +18,6 @@ from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.machine.problem import MachineProblem
 
-TOPIC = "/machine/tool_probe"
 TELLING = 0.1
 POSES = 120
 
@@ -38,7 +38,7 @@ def machine_where(problem: MachineProblem, causes: Sequence[Cause], rest: Rows, 
         return []
     return [
         Share(
-            f"{TOPIC}.{problem.channels[i]}",
+            f"{topic_named('tool_probe')}.{problem.channels[i]}",
             float(powers[i]) / total,
             float(np.sqrt(powers[i])),
             noise,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import ClassVar
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,10 +60,12 @@ class MountProblem(TableProblem[MountGeometry]):
         kept: (n,) pointings that are no outliers.
     """
 
-    names: ClassVar[Mapping[str, str]] = {
-        "hour": "/mount/pointing.hour_angle",
-        "declination": "/mount/pointing.declination",
-    }
+    names = MappingProxyType(
+        {
+            "hour": "/mount/pointing.hour_angle",
+            "declination": "/mount/pointing.declination",
+        }
+    )
     unit = ("arcsec", ARCSEC)
     m_open = True
 

@@ -6,7 +6,7 @@ Without a reference of position the phase itself cannot be tested, but whatever 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import ClassVar
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class QuadratureProblem(TableProblem[float]):
         std: (1,) noise of the radius of one sample, counts.
     """
 
-    names: ClassVar[Mapping[str, str]] = {"radius": "/quadrature/signals.radius"}
+    names = MappingProxyType({"radius": "/quadrature/signals.radius"})
     unit = ("counts", 1.0)
     m_open = True
 

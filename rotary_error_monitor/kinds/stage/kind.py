@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import Kind, TwinFile, check_signal, opened_bag
 from rotary_error_monitor.sensors.library import absent_kinds
 from rotary_error_monitor.twin.document import stage_mapping
-from rotary_error_monitor.twin.recording import record_stage, stage_topic, streams_with
+from rotary_error_monitor.twin.recording import record_stage, streams_with
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -40,7 +41,7 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
 
         with opened_bag(recording) as reader:
             letters, without = sorted(twin.description.encoder.azimuths), absent_kinds(twin.description)
-            needed, optional = ([stage_topic(name) for name in names] for names in streams_with(letters, without))
+            needed, optional = ([samples_topic(name) for name in names] for names in streams_with(letters, without))
             reader.check_topics(needed)
             names = [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
             window = reader.window(names)

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role, Searched, among
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
@@ -42,7 +43,7 @@ from rotary_error_monitor.kinds.stage.where import stage_where
 from rotary_error_monitor.noise.stage_noise import StageNoise, noise_std
 from rotary_error_monitor.noise.whitening import side_by_side
 from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_of
-from rotary_error_monitor.twin.recording import StageRecording
+from rotary_error_monitor.twin.recording import StageRecording, fields_of
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
@@ -355,10 +356,10 @@ class StageProblem:
         found = []
         for channel in channels:
             topic, _, field = channel.partition(".")
-            stream = topic.removeprefix("/stage/").removesuffix("/samples")
+            stream = next(name for name in self.recording.streams if samples_topic(name) == topic)
+            axis = fields_of(stream).index(field)
             if stream == COMMAND:
                 stream = self.recording.heads[0]
-            axis = 1 if field.endswith("_y") else 0
             state, unit = self.twin.state(stream), sensor_of(stream).small_unit
             pair = 1e6 * before[stream][:, axis], 1e6 * after[stream][:, axis]
             found.append(View(channel, "rotation, °", np.degrees(np.mod(state.command, 2 * np.pi)), *pair, unit))

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD, RotorState
 from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
 from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Array, Share
 from rotary_error_monitor.sensors.library import COMMAND, kind_of
-from rotary_error_monitor.twin.recording import fields_of, stage_topic
+from rotary_error_monitor.twin.recording import fields_of
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -64,7 +65,7 @@ _Signals = Mapping[str, tuple[Array, float, Callable[[], RotorState]]]
 
 
 def _channel(stream: str, axis: int) -> str:
-    return f"{stage_topic(stream)}.{fields_of(stream)[axis]}"
+    return f"{samples_topic(stream)}.{fields_of(stream)[axis]}"
 
 
 def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:

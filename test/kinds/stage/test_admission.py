@@ -11,6 +11,7 @@ import pytest
 from rotary_error_monitor.cases.draws import draw_stage
 from rotary_error_monitor.cases.making import EPOCH_NS, make_stage_case
 from rotary_error_monitor.description.stage import Mirror, Spindle, load_stage
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
@@ -19,7 +20,7 @@ from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.another import check_stage, stage_statements
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
-from rotary_error_monitor.twin.recording import Stream, record_stage, stage_topic
+from rotary_error_monitor.twin.recording import Stream, record_stage
 from rotary_error_monitor.twin.stage import twin_of
 
 EFFECTS = load_effects(StageEffect)
@@ -29,7 +30,7 @@ def recorded(plant, length):
     topics = {}
     for stream in plant.streams:
         count = plant.index_at(stream, plant.epoch_ns + round(length * 1e9))
-        topics[stage_topic(stream)] = [plant.samples(stream, 0, count)]
+        topics[samples_topic(stream)] = [plant.samples(stream, 0, count)]
     return record_stage(topics, "abcd")
 
 
@@ -89,7 +90,7 @@ def test_twins_of_other_stages_are_refused_at_a_rate(cases):
 @pytest.mark.parametrize("effects", [["spindle_radial", "mirror_wobble"], ["disc_eccentricity", "spindle_tilt"]])
 def test_the_strongest_effects_do_not_pass_for_another_stage(effects):
     case = make_stage_case(8, "pair", effects, (2900.0, 3000.0), rough=True, duration=20.0)
-    topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
     check_stage(*compared(case.twin, record_stage(topics, "abcd")))
 
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.kinds.stage.gradual import SPANS, begun_before, moment_of, ramps
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import record_stage
 
 EFFECTS = load_effects(StageEffect)
 LOST = next(effect for effect in EFFECTS if effect.name == "head_missed_counts")
@@ -52,7 +53,7 @@ def test_counts_that_are_lost_little_by_little_are_told():
         departure = case.truth.departure
         if not departure.mechanism.startswith("lost little by little"):
             continue
-        blocks = {stage_topic(stream): list(found) for stream, found in case.blocks.items()}
+        blocks = {samples_topic(stream): list(found) for stream, found in case.blocks.items()}
         recording = record_stage(blocks, sorted(case.twin.encoder.azimuths))
         causes = diagnose(StageProblem(case.twin, recording, EFFECTS)).causes
         named.append([each.cause.effect.name for each in causes] == ["head_missed_counts"])

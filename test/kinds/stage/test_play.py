@@ -8,13 +8,14 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
 from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.play import RELEASES, TRAVELS, Play
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import record_stage
 from rotary_error_monitor.twin.stage import StageInputs
 
 EFFECTS = load_effects(StageEffect)
@@ -75,7 +76,7 @@ def test_what_stays_at_rest_creeps_back():
 
 def diagnosed(seed, name, rough):
     case = make_stage_case(seed, "variant", [name], rough=rough)
-    topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
     return diagnose(StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS))
 
 

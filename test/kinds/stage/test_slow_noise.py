@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -15,14 +16,14 @@ from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.plant.noise_forms import Wander
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import record_stage
 
 EFFECTS = load_effects(StageEffect)
 SEEDS = range(700, 708)
 
 
 def problem_of(case):
-    topics = {stage_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
+    topics = {samples_topic(stream): list(blocks) for stream, blocks in case.blocks.items()}
     return StageProblem(case.twin, record_stage(topics, sorted(case.twin.encoder.azimuths)), EFFECTS)
 
 

@@ -10,13 +10,14 @@ import pytest
 from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.twin.recording import record_stage, stage_topic
+from rotary_error_monitor.twin.recording import record_stage
 
 EFFECTS = load_effects(StageEffect)
 SEEN_BY_HEADS = ("disc_eccentricity", "encoder_latency", "head_offset", "spindle_radial", "following_error")
@@ -30,7 +31,7 @@ def blind(case):
 
 
 def diagnosed(case):
-    topics = {stage_topic(name): list(blocks) for name, blocks in case.blocks.items()}
+    topics = {samples_topic(name): list(blocks) for name, blocks in case.blocks.items()}
     recording = record_stage(topics, "abcd", without=("autocollimator",))
     assert "autocollimator" not in recording.sensors
     return diagnose(StageProblem(case.twin, recording, EFFECTS))
@@ -72,7 +73,7 @@ def test_from_file_to_file(tmp_path, capsys):
 
 def test_a_stage_with_an_autocollimator_still_needs_its_stream():
     case = make_stage_case(9300, "null")
-    topics = {stage_topic(name): list(blocks) for name, blocks in case.blocks.items() if name != "autocollimator"}
+    topics = {samples_topic(name): list(blocks) for name, blocks in case.blocks.items() if name != "autocollimator"}
     with pytest.raises(InputError, match="the recording lacks /stage/autocollimator/samples"):
         record_stage(topics, "abcd")
     assert np.isfinite(case.twin.tilt_instrument.noise)
