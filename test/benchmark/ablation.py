@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import compress
@@ -42,6 +42,12 @@ KINDS = (
 )
 """Kinds of departure; those of each axis and of each order, which are several to the method, are one here."""
 
+TOGETHER = {
+    "all conditions": ("temperature", "time", "direction", "speed", "load", "low speed"),
+    "all forms": ("orders", "harmonic", "size"),
+}
+"""Kinds that stand in for one another, so that one of them alone is hardly missed."""
+
 PROBLEMS = (stage.StageProblem, machine.MachineProblem)
 
 
@@ -50,14 +56,14 @@ def _no_departures(stack: ExitStack) -> None:
         stack.enter_context(patch.object(owner, "departures", lambda self, causes: ()))
 
 
-def _no_kind(kind: str, stack: ExitStack) -> None:
+def _no_kinds(kinds: Collection[str], stack: ExitStack) -> None:
     for owner in PROBLEMS:
-        stack.enter_context(patch.object(owner, "departures", _others(owner.departures, kind)))
+        stack.enter_context(patch.object(owner, "departures", _others(owner.departures, kinds)))
 
 
-def _others(departures: Callable, kind: str) -> Callable:
+def _others(departures: Callable, kinds: Collection[str]) -> Callable:
     def others(self, causes):
-        return tuple(_at(own, [kind_of(name) != kind for name in own.kinds]) for own in departures(self, causes))
+        return tuple(_at(own, [kind_of(name) not in kinds for name in own.kinds]) for own in departures(self, causes))
 
     return others
 
@@ -114,7 +120,8 @@ def _no_rivals(stack: ExitStack) -> None:
 PARTS: dict[str, Callable[[ExitStack], None]] = {
     WHOLE: lambda stack: None,
     "departures": _no_departures,
-    **{f"departures: {kind}": partial(_no_kind, kind) for kind in KINDS},
+    **{f"departures: {kind}": partial(_no_kinds, (kind,)) for kind in KINDS},
+    **{f"departures: {words}": partial(_no_kinds, kinds) for words, kinds in TOGETHER.items()},
     "price of departures": _no_price,
     "something unknown": _no_unknown,
     "learning of noise": _no_learning,

@@ -12,7 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 import bench_ablation
-from ablation import KINDS, PARTS, WHOLE, kind_of, without
+from ablation import KINDS, PARTS, TOGETHER, WHOLE, kind_of, without
 
 from rotary_error_monitor.blind_check.cases import draw_machine, write_case
 from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
@@ -58,6 +58,10 @@ def test_one_kind_of_departure_is_left_out_at_a_time(found):
     for kind in KINDS:
         with without(f"departures: {kind}"):
             assert kinds_of(*found) == [other for other in whole if other != kind]
+    for words, kinds in TOGETHER.items():
+        assert set(kinds) <= set(KINDS)
+        with without(f"departures: {words}"):
+            assert kinds_of(*found) == [other for other in whole if other not in kinds]
             assert posterior.with_departures(found[0], fit_causes(*found)) is not None
     with without("departures"):
         assert kinds_of(*found) == []
