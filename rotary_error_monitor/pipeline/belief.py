@@ -160,7 +160,7 @@ class Belief:
         self._explained: set[str] = set()
         self._began: dict[str, int] = {}
         self._heard: int | None = None
-        self._zero_open = False
+        self._zero_open, self._uncommanded = False, 0.0
         self.turns = 0
         self.verdict = self._conclude()
 
@@ -169,7 +169,7 @@ class Belief:
         for judge in (self.streams, self.heads, self.tilt, self.ring, self.command):
             judge.reset()
         self._pending = self._heard = None
-        self._zero_open = False
+        self._zero_open, self._uncommanded = False, 0.0
         self.verdict = self._conclude()
 
     def forget_time(self) -> None:
@@ -266,7 +266,7 @@ class Belief:
         """The heads count from a zero of their own: after a time in which none was heard, it may be another one."""
         if self._heard is not None and number > self._heard + 1 and not self._zero_open:
             self._zero_open = True
-            self.command.note_silence()
+            self.command.note_silence(number)
             self.verdict = self._conclude()
 
     def _settle_zero(self, window: Window) -> None:
@@ -277,9 +277,11 @@ class Belief:
             self._zero_open = True
         if not self._zero_open or not window.has("heads"):
             return
+        # Heads are often heard again some windows before the command is.
+        self._uncommanded = 0.0 if window.has("command") else self._uncommanded + window.duration
         if self.command.agrees(window):
             self._zero_open = False
-        elif self.command.doubt or not window.has("command"):
+        elif self.command.doubt or self._uncommanded > AGREEMENT:
             self._zero_open = False
             self.ring.figure.forget()
             self.tilt.figure.forget()

@@ -167,15 +167,14 @@ class CommandBelief:
         self._noise = math.hypot(stage.encoder.noise, stage.encoder.resolution)
         farthest = stage.limits.following_error + stage.limits.latency * stage.limits.speed
         self._anywhere = Reach(0.0, 0.0, farthest)
-        # Where no speed is known yet, the stage may turn as fast as it can.
-        self._fastest = stage.limits.speed * self._timing
         self.reset()
 
     def reset(self) -> None:
         """Believe the command again."""
         self.doubt = ""
         self.delay = self.shift = 0.0
-        self.lag = self._fastest
+        self._told: tuple[Window, float] | None = None
+        self.lag = self._limits.speed * self._timing
         self.reach = self._anywhere
         self._agreeing = 0.0
         self._size = 0.0
@@ -200,10 +199,10 @@ class CommandBelief:
         self._distances.clear()
         self._slope.forget()
 
-    def note_silence(self) -> None:
-        """The heads were silent: what is seen next is held against what was before, and its speed is another one."""
+    def note_silence(self, number: int) -> None:
+        """The heads were silent up to the window of that number: what comes is held against what was before."""
         self._zero.begin(sound=True)
-        self.lag = max(self.lag, self._fastest)
+        self.lag = max(self.lag, self._largest_speed(number) * self._timing)
 
     def agrees(self, window: Window) -> bool:
         """Whether the window that was judged last has shown that rotation and command belong together."""
@@ -215,12 +214,12 @@ class CommandBelief:
         self.reach = self._anywhere
         if not (window.has("command") and window.has("heads")) or last is None or window.number != last.number + 1:
             self._agreeing = 0.0
-            self.lag = max(self.lag, self._fastest)
+            self.lag = max(abs(self._speed_of(window, last)) * self._timing, self.shift)
             if not self._zero.open:
                 self._zero.begin(sound=False)
             return
         self._compared = window.number
-        speed = (window["theta"] - last["theta"]) / window.duration
+        speed = self._speed_of(window, last)
         step = self._step(window, last, speed) or self._moved_in_silence(window, last, speed)
         wrong = self._beyond(window, speed) or self._stuck(window, last) or step
         if not wrong:
@@ -242,6 +241,21 @@ class CommandBelief:
         faster = ACCELERATION * window.duration * self._limits.latency
         reach = STEADY * self._limits.following_error + faster + 6.0 * self.lag
         self.reach = Reach(window["ecc"], 0.0, reach)
+
+    def _speed_of(self, window: Window, last: Window | None) -> float:
+        """Speed in a window by that before it, rad/s; where the heads do not tell it the largest that it can be."""
+        if last is None or window.number != last.number + 1 or not (window.has("heads") and last.has("heads")):
+            return self._largest_speed(window.number)
+        speed = (window["theta"] - last["theta"]) / window.duration
+        self._told = window, speed
+        return speed
+
+    def _largest_speed(self, number: int) -> float:
+        """How fast the stage may turn in a window by its number, rad/s: it may have accelerated since it was told."""
+        if self._told is None:
+            return self._limits.speed
+        window, speed = self._told
+        return min(self._limits.speed, abs(speed) + ACCELERATION * (number - window.number) * window.duration)
 
     def _beyond(self, window: Window, speed: float) -> str:
         allowed = self._limits.following_error + self._limits.latency * abs(speed)

@@ -1,12 +1,16 @@
-"""At once after its begin an estimator knows no speed yet: what its stamps may be off by counts all the same."""
+"""At once after its begin, or after a silence, an estimator knows less: what may be off counts, and no longer."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from world import Options, make_recording, random_stage
 
 from faults.judging import judge
 from faults.recordings import MOST_WRONG
+from rotary_error_monitor.description.stage import stage_from_mapping
+from rotary_error_monitor.pipeline.belief import DOUBTS
+from rotary_error_monitor.pipeline.estimation import Estimator
 
 SEEDS = range(40)
 DURATION = 0.2
@@ -20,3 +24,27 @@ def test_the_first_tenths_of_a_second_are_as_right_as_any():
         recording = make_recording(seed, duration=DURATION, stage=random_stage(7000 + seed), options=options)
         wrong.append(judge(recording, recording.stage).worst)
     assert np.mean(wrong) <= MOST_WRONG, [(seed, part) for seed, part in zip(SEEDS, wrong, strict=True) if part]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("later", "told"), [(0.0, True), (0.06, True), (0.3, True), (0.9, False)])
+def test_heads_that_are_back_before_the_command_are_still_where_they_were(seed, later, told):
+    """After a network was away all come back within some tenths of a second: no turn has to show the zero again."""
+    drawn = (random_stage(number) for number in range(900 * seed, 900 * seed + 900))
+    section = next(each for each in drawn if len(each["encoder"]["heads"]) > 3 and "mirror" in each)
+    options = Options(motion="steady", odd_rates=False, peak_speed=3.0, clock_wander=0.0, lost_blocks=0.0)
+    recording = make_recording(seed, duration=8.0, stage=section, options=options)
+    estimator, blocks = Estimator(stage_from_mapping(section)), []
+    for _, topic, block in recording.timeline():
+        name = topic.split("/")[2]
+        at = (int(block.times_ns[-1]) - recording.start_ns) * 1e-9 if len(block.rows) else 5.0
+        away = 5.0 <= at < 6.0 + later * (name == "command")
+        if name in estimator.inputs and not away:
+            blocks += estimator.push(name, block)
+    at = (np.concatenate([block.times_ns for block in blocks]) - recording.start_ns) * 1e-9
+    doubts = np.concatenate([block.column("doubts") for block in blocks]).astype(int)
+    unverified = doubts >> DOUBTS.index("unverified") & 1 == 1
+    assert not unverified[(at > 4.5) & (at < 4.9)].any(), "it was verified before"
+    after = unverified[(at > 6.6 + later) & (at < 6.9 + later)]
+    assert len(after) > 100
+    assert not after.any() if told else after.all()
