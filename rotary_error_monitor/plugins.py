@@ -62,7 +62,7 @@ def load_plugin(entry: EntryPoint) -> object:
         logging.getLogger(entry.group).warning("%s: %s runs as code", origin_of(entry), entry.value)
     try:
         return entry.load()
-    except Exception as error:  # whatever a plug-in raises is reported with its name
+    except (Exception, SystemExit) as error:  # whatever a plug-in raises is reported with its name
         raise InputError(f"{origin_of(entry)}: cannot be loaded: {type(error).__name__}: {error}") from error
 
 

@@ -125,7 +125,8 @@ def calibrate_assembly(
         ring = estimate_ring_assembly(stage, recording)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
-    mirror, remark = None, "no autocollimator in the recording"
+    where = "in the recording" if stage.autocollimator is not None else "by the stage file"
+    mirror, remark = None, f"no autocollimator {where}"
     if recording.tilt is not None:
         try:
             mirror = doubt_mirror(estimate_mirror_assembly(stage, recording, delay), ring)

@@ -49,6 +49,20 @@ class Setting:
             kind = f"one of {', '.join(self.choices)}"
         return f"{self.meaning} ({kind})"
 
+    def check_itself(self) -> None:
+        """Hold what was declared against itself.
+
+        Raises:
+            InputError: the default is of no type that a parameter may have, or not within the bounds or choices.
+        """
+        where = f"setting '{self.name}'"
+        if type(self.default) not in _KINDS:
+            raise InputError(f"{where}: default {self.default!r}; expected {', '.join(_KINDS.values())}")
+        self.check(self.default, where)
+        inside = self.bounds is None or all(self.bounds[0] <= x <= self.bounds[1] for x in _all_numbers(self.default))
+        if not inside:
+            raise InputError(f"{where}: default {self.default!r}; expected: {self.expected}")
+
     def check(self, value: object, where: str) -> None:
         """Hold a value against choices and finiteness, which a descriptor of ROS cannot express.
 
@@ -58,6 +72,11 @@ class Setting:
         finite = all(math.isfinite(number) for number in _numbers(value))
         if not finite or (self.choices and value not in self.choices):
             raise InputError(f"{where}: parameter '{self.name}' is {value!r}; expected: {self.expected}")
+
+
+def _all_numbers(value: object) -> Iterable[float]:
+    values = value if isinstance(value, list | tuple) else [value]
+    return (number for number in values if isinstance(number, int | float))
 
 
 def _numbers(value: object) -> Iterable[float]:

@@ -37,12 +37,12 @@ class Role(enum.Enum):
 class Searched(enum.Enum):
     """What of an effect a search finds in a recording before the rest is fitted."""
 
-    MOMENT = frozenset({"time"})
-    """When it begins, once and for all: its parameter `time`."""
-    ORDER = frozenset({"order"})
+    MOMENT = enum.auto()
+    """When it begins, once and for all."""
+    ORDER = enum.auto()
     """Which whole order it has, up to the bound of its parameter."""
-    WAVE = frozenset({"order", "period"})
-    """Which wave it is: its `order` over the rotation, not whole, or its `period` over a position."""
+    WAVE = enum.auto()
+    """Which wave it is, over the rotation with an order that is not whole, or over a position."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,7 @@ class Effect(Generic[Description]):
         falling: whether lower orders are likelier, as in the shape of a part; else all are alike, as with gears.
         lowest: lowest order that has a meaning of its own.
         searched: what a search finds of it beforehand.
+        searchable: what a search can find of effects of this kind, and the parameter that it finds.
     """
 
     name: ClassVar[str] = ""
@@ -103,6 +104,7 @@ class Effect(Generic[Description]):
     falling: ClassVar[bool] = False
     lowest: ClassVar[int] = 1
     searched: ClassVar[Searched | None] = None
+    searchable: ClassVar[Mapping[Searched, str]] = {}
 
     @classmethod
     def is_concrete(cls) -> bool:

@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import TypeVar
 
 import rotary_error_monitor.effects as room
-from rotary_error_monitor.effects.effect import AnyEffect, Effect
+from rotary_error_monitor.effects.effect import AnyEffect, Effect, Searched
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.plugins import classes_in, modules_of
 
@@ -86,10 +86,21 @@ def _collect(found: dict[str, Kind], kind: type[Kind], module: ModuleType, origi
             raise InputError(f"{origin}: effect '{item.name}' is already known; choose another name")
         if not item.parameters:
             raise InputError(f"{origin}: effect '{item.name}' has no parameters; what shall be fitted?")
-        if item.searched is not None and not item.searched.value & {row.name for row in item.parameters}:
-            wanted = " or ".join(sorted(item.searched.value))
-            raise InputError(f"{origin}: effect '{item.name}' is searched by {item.searched.name}, but has no {wanted}")
+        _check_searched(item, origin)
         try:
             found[item.name] = item()
         except TypeError as error:
             raise InputError(f"{origin}: effect '{item.name}' is to be made without arguments: {error}") from error
+
+
+def _check_searched(item: type[AnyEffect], origin: str) -> None:
+    if item.searched is None:
+        return
+    known = ", ".join(f"Searched.{each.name}" for each in item.searchable)
+    if item.searched not in item.searchable:
+        raise InputError(f"{origin}: effect '{item.name}' is searched by {item.searched!r}; expected {known or 'none'}")
+    wanted = item.searchable[item.searched]
+    if wanted not in {row.name for row in item.parameters}:
+        raise InputError(f"{origin}: effect '{item.name}' is searched by {item.searched.name}, but has no {wanted}")
+    if item.searched is Searched.MOMENT and item.locations is Effect.locations:
+        raise InputError(f"{origin}: effect '{item.name}' begins at a moment of one head: list heads in 'locations'")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 
 from rotary_error_monitor.description.machine import Displacement, MachineDescription
-from rotary_error_monitor.effects.effect import Effect, Values
+from rotary_error_monitor.effects.effect import Effect, Searched, Values
 
 LINEAR = "linear"
 ROTARY = "rotary"
@@ -13,6 +16,8 @@ ROTARY = "rotary"
 
 class MachineEffect(Effect[MachineDescription]):
     """An effect of a machine: puts itself into the machine's description, whatever its tree of bodies."""
+
+    searchable: ClassVar[Mapping[Searched, str]] = {Searched.ORDER: "order", Searched.WAVE: "period"}
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """The description with the effect in it."""

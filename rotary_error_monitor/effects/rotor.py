@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
-from rotary_error_monitor.effects.effect import Effect, Values
+from rotary_error_monitor.effects.effect import Effect, Searched, Values
 
 Array = NDArray[np.float64]
 
@@ -175,6 +175,7 @@ class StageEffect(Effect[StageDescription]):
     acts_on: ClassVar[tuple[str, ...]] = (HEAD, AUTOCOLLIMATOR, LVDT)
     stands_out_in: ClassVar[tuple[str, ...]] = (HEAD, COMMAND, AUTOCOLLIMATOR, LVDT)
     rescales: ClassVar[bool] = False
+    searchable: ClassVar[Mapping[Searched, str]] = {Searched.MOMENT: "time", Searched.WAVE: "order"}
 
     @property
     def moves_rotor(self) -> bool:

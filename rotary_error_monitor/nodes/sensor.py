@@ -15,7 +15,7 @@ from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.qos import driver_profile
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
-from rotary_error_monitor.sources.device import POLL_RATE, Instrument
+from rotary_error_monitor.sources.device import POLL_RATE, Instrument, opened, told_of
 from rotary_error_monitor.sources.library import device_settings, load_devices
 from rotary_error_monitor.sources.source import Heard, Polled, Source
 
@@ -66,7 +66,8 @@ class BlockSender:
             self._sent_ns = due_ns - (self._period_ns if self._sent_ns == 0 else _LONGEST_CATCH_UP)
         while self._sent_ns < due_ns:
             since_ns, self._sent_ns = self._sent_ns, self._sent_ns + self._period_ns
-            block = self._source.take(since_ns, self._sent_ns)
+            with told_of(self._node.hardware):
+                block = self._source.take(since_ns, self._sent_ns)
             if block is not None:
                 self._publish(block)
 
@@ -100,7 +101,8 @@ class Driver:
                 self._source.drop()
                 raise InputError(self._node.publishers_of(self._topic))
             stamp_ns, now_ns = messages.measured_ns(message.header), self._node.now_ns()
-            self._source.add(stamp_ns, self._source.sample(message), now_ns)
+            with told_of(self._node.hardware):
+                self._source.add(stamp_ns, self._source.sample(message), now_ns)
         except InputError as error:
             self._watch.refuse(str(error))
             raise
@@ -169,17 +171,27 @@ class SensorNode(ManagedNode):
         self.hardware = self.setting("source")
         samples, people = (self.wire.topic(key, self.head()) for key in self.topics)
         instrument = Instrument(samples.frame, samples.columns, self.stage, self.setting, self.now_ns())
-        self._source = source = self._devices[self.hardware].open(instrument)
+        with told_of(self.hardware):
+            self._source = source = opened(self._devices[self.hardware], instrument)
         self._sender = BlockSender(self, samples, source, period_ns, (people, partial(messages.latest_message, people)))
         self._driver = Driver(self, source) if isinstance(source, Heard) else None
         if isinstance(source, Polled):
-            self.at_each(round(NANOSECONDS / self.setting(POLL_RATE.name)), lambda _: source.poll(self.now_ns()))
+            self.at_each(round(NANOSECONDS / self.setting(POLL_RATE.name)), lambda _: self._poll(source))
 
     def release(self) -> None:
         """Close the source."""
-        if self._source is not None:
-            self._source.close()
-            self._source = None
+        source, self._source = self._source, None
+        if source is None:
+            return
+        try:
+            with told_of(self.hardware):
+                source.close()
+        except InputError as error:  # what else there is shall be put away all the same
+            self.get_logger().error(f"not closed: {error}")
+
+    def _poll(self, source: Polled) -> None:
+        with told_of(self.hardware):
+            source.poll(self.now_ns())
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """The driver that is heard, if it is one, and the stream that goes out."""

@@ -37,6 +37,8 @@ class StageFollower(ManagedNode):
 
     def open(self) -> None:
         """Listen to the axis; the instruments speak from its first joint state on."""
+        if not self.setting("machine"):
+            raise InputError(f"{self.get_fully_qualified_name()}: parameter 'machine' is empty; name the machine")
         machine = load_machine(self.setting("machine"))
         if machine.monitored is None:
             raise InputError(f"machine {machine.name} has no monitored axis for the stage to follow")

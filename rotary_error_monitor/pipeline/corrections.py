@@ -256,7 +256,7 @@ class CorrectionMaker:
         if known > self._settings.uncertainty_limit and not described:
             self.doubt = (
                 f"the tool's position is uncertain by {known * 1e6:.3g} µm, more than "
-                f"{self._settings.uncertainty_limit * 1e6:.3g}"
+                f"uncertainty_limit of {self._settings.uncertainty_limit * 1e6:.3g} µm"
             )
 
     def _report(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.sources.source import Source
 
 
@@ -56,3 +58,30 @@ class Device:
 
 
 POLL_RATE = Setting("poll_rate", 500.0, "how often a device that shows its present value is read, Hz", (1.0, 5000.0))
+
+
+def opened(device: Device, instrument: Instrument) -> Source:
+    """What a device opens for an instrument.
+
+    Raises:
+        InputError: as `Device.open`, or it gives no source.
+    """
+    source: object = device.open(instrument)
+    if not isinstance(source, Source):
+        raise InputError(f"open gives {type(source).__name__}; expected a source")
+    return source
+
+
+@contextmanager
+def told_of(device: str) -> Iterator[None]:
+    """Say of which device an error is; whatever a device raises is an input that cannot be used.
+
+    Raises:
+        InputError: in place of any other exception.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:  # an unplugged device, or a mistake in a class of a user's own
+        raise InputError(f"device '{device}': {type(error).__name__}: {error}") from error

@@ -10,6 +10,8 @@ from rotary_error_monitor.sources.device import Device
 from rotary_error_monitor.sources.mock import MOCK
 
 ENTRY_POINTS = "rotary_error_monitor.devices"
+_TAKEN = {"source", "head", "stage", "machine", "autostart", "security", "block_period"}
+"""Parameters that the node of an instrument has in any case."""
 
 
 def load_devices(instrument: str) -> dict[str, Device]:
@@ -24,11 +26,11 @@ def load_devices(instrument: str) -> dict[str, Device]:
     found: dict[str, Device] = {}
     for module, origin in modules_of(room, ENTRY_POINTS):
         for kind in classes_in(module, Device):
-            if not kind.name or instrument not in kind.serves:
+            if not kind.name or instrument not in _served(kind, origin):
                 continue
             if kind.name in found:
                 raise InputError(f"{origin}: device '{kind.name}' is already known; choose another name")
-            found[kind.name] = kind()
+            found[kind.name] = _made(kind, origin)
     return dict(sorted(found.items(), key=lambda item: (item[0] != MOCK, item[0])))
 
 
@@ -46,3 +48,29 @@ def device_settings(devices: dict[str, Device]) -> tuple[Setting, ...]:
                 raise InputError(f"devices '{owner}' and '{device.name}' both have a setting '{setting.name}'")
     source = Setting("source", next(iter(devices)), "where the samples come from", choices=tuple(devices))
     return (source, *(setting for setting, _ in found.values()))
+
+
+def _served(kind: type[Device], origin: str) -> tuple[str, ...]:
+    serves: object = kind.serves
+    if not isinstance(serves, tuple):
+        raise InputError(f"{origin}: device '{kind.name}' serves {serves!r}; expected a tuple of names")
+    return kind.serves
+
+
+def _made(kind: type[Device], origin: str) -> Device:
+    """The device of a class.
+
+    Raises:
+        InputError: the class is not as it should be.
+    """
+    try:
+        device = kind()
+        for setting in device.settings:
+            if not isinstance(setting, Setting):
+                raise InputError(f"settings hold {setting!r}; expected objects of the class Setting")
+            if setting.name in _TAKEN:
+                raise InputError(f"setting '{setting.name}' is the node's own; choose another name")
+            setting.check_itself()
+    except (InputError, TypeError) as error:
+        raise InputError(f"{origin}: device '{kind.name}': {error}") from error
+    return device

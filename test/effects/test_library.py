@@ -58,12 +58,23 @@ def test_a_file_without_effects_is_an_error(tmp_path, content, message):
         load_effects(StageEffect, [file])
 
 
-@pytest.mark.parametrize(("searched", "wanted"), [("MOMENT", "time"), ("ORDER", "order"), ("WAVE", "order or period")])
-def test_an_effect_has_the_parameter_that_is_searched(tmp_path, searched, wanted):
+@pytest.mark.parametrize(
+    ("searched", "parameter", "problem"),
+    [
+        ("Searched.MOMENT", "offset", "is searched by MOMENT, but has no time"),
+        ("Searched.MOMENT", "time", "begins at a moment of one head: list heads in 'locations'"),
+        ("Searched.WAVE", "offset", "is searched by WAVE, but has no order"),
+        ("Searched.WAVE", "period", "is searched by WAVE, but has no order"),
+        ("Searched.ORDER", "order", "is searched by <Searched.ORDER: .*; expected Searched.MOMENT, Searched.WAVE"),
+        ("'moment'", "time", "is searched by 'moment'; expected Searched.MOMENT, Searched.WAVE"),
+    ],
+)
+def test_an_effect_has_the_parameter_that_is_searched(tmp_path, searched, parameter, problem):
     file = tmp_path / "mine.py"
     content = OWN.format(name="head_offset").replace("import Parameter", "import Parameter, Searched")
-    file.write_text(content.replace('acts_on = ("head",)', f"searched = Searched.{searched}"))
-    with pytest.raises(InputError, match=f"effect 'head_offset' is searched by {searched}, but has no {wanted}"):
+    content = content.replace('"offset"', f'"{parameter}"')
+    file.write_text(content.replace('acts_on = ("head",)', f"searched = {searched}"))
+    with pytest.raises(InputError, match=f"effect 'head_offset' {problem}"):
         load_effects(StageEffect, [file])
 
 

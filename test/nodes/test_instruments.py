@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import struct
 import time
@@ -244,3 +245,84 @@ def test_a_device_of_another_package_serves_a_node_and_is_put_away_with_it(cell,
     head.trigger_configure()
     head.trigger_activate()
     cell.wait_until(send, "readings after a new start")
+
+
+FAILING = """
+from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.sources.device import POLL_RATE, Device
+from rotary_error_monitor.sources.source import Polled
+
+
+class Failing(Device):
+    name = "failing"
+    serves = ("encoder_head",)
+    settings = (POLL_RATE, Setting("failing.where", "", "what fails", choices=("open", "read", "take", "close")))
+
+    def open(self, instrument):
+        where = instrument.setting("failing.where")
+        if where == "open":
+            raise ValueError("it is off")
+        return Reading(instrument.fields, where)
+
+
+class Reading(Polled):
+    def __init__(self, fields, where):
+        super().__init__(fields, self)
+        self.where, self.count = where, 0
+
+    def read(self):
+        self.count += 1
+        if self.where == "read" and self.count < 200:
+            raise OSError(5, "unplugged")
+        return (0.001 * self.count,)
+
+    def take(self, since_ns, until_ns):
+        if self.where == "take" and self.count < 200:
+            raise KeyError("buffer")
+        return super().take(since_ns, until_ns)
+
+    def close(self):
+        if self.where == "close":
+            raise RuntimeError("it hangs")
+"""
+
+
+@pytest.fixture
+def failing(install, tmp_path):
+    package = tmp_path / "failing_device"
+    package.mkdir()
+    (package / "__init__.py").write_text(FAILING.replace('choices=("', 'choices=("", "'))
+    install(package, {"rotary_error_monitor.devices": {"failing": "failing_device"}})
+
+
+@pytest.mark.parametrize(("where", "words"), [("read", "OSError: .*unplugged"), ("take", "KeyError: 'buffer'")])
+def test_a_device_that_fails_is_told_and_asked_again(cell, failing, where, words):
+    blocks = cell.collect(cell.wire.topic("head_samples", "a"))
+    cell.run(EncoderHead, "encoder_head_a", source="failing", failing__where=where)
+    cell.wait_until(
+        lambda: (
+            re.search(f"device 'failing': {words}", cell.status("encoder_head_a: refused failing").message)
+            if cell.has_status("encoder_head_a: refused failing", "")
+            else False
+        ),
+        "a word of the device",
+    )
+    cell.wait_until(lambda: len(blocks) > 1, "samples of the device that is well again")
+
+
+def test_a_device_that_cannot_be_opened_is_told(cell, failing):
+    with pytest.raises(InputError, match="device 'failing': ValueError: it is off"):
+        cell.run(EncoderHead, "encoder_head_a", source="failing", failing__where="open")
+
+
+def test_a_device_that_cannot_be_closed_leaves_nothing_behind(cell, failing, capfd):
+    head = cell.run(EncoderHead, "encoder_head_a", source="failing", failing__where="close")
+    topic = cell.wire.topic("head_samples", "a")
+    head.trigger_deactivate()
+    head.trigger_cleanup()
+    assert "not closed: device 'failing': RuntimeError: it hangs" in capfd.readouterr().err
+    head.trigger_configure()
+    head.trigger_activate()
+    blocks = cell.collect(topic)
+    cell.wait_until(lambda: len(blocks) > 1, "samples")
+    assert len(cell.node.get_publishers_info_by_topic(topic.name)) == 1

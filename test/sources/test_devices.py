@@ -15,7 +15,7 @@ import pytest
 
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.sources.device import POLL_RATE, Device, Instrument
+from rotary_error_monitor.sources.device import POLL_RATE, Device, Instrument, opened, told_of
 from rotary_error_monitor.sources.joint_state import joint_position
 from rotary_error_monitor.sources.library import ENTRY_POINTS, device_settings, load_devices
 from rotary_error_monitor.sources.source import Heard, Polled, Source
@@ -98,6 +98,53 @@ def test_one_parameter_with_two_meanings_is_refused(install_mine):
     devices = load_devices("encoder_head")
     with pytest.raises(InputError, match="devices 'counter' and 'mine' both have a setting 'poll_rate'"):
         device_settings(devices)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "problem"),
+    [
+        (
+            '500.0, "how often, Hz"',
+            '5, "how", (10, 20)',
+            "setting 'mine.rate': default 5; expected: how",
+        ),
+        ('500.0, "how often, Hz"', 'None, "how"', "setting 'mine.rate': default None; expected true or"),
+        ('500.0, "how often, Hz"', '"x", "how", choices=("a", "b")', "parameter 'mine.rate' is 'x'; expected: how"),
+        ('"mine.rate"', '"stage"', "device 'mine': setting 'stage' is the node's own; choose another name"),
+        (
+            '(Setting("mine.rate", 500.0, "how often, Hz"),)',
+            '("mine.rate",)',
+            "hold 'mine.rate'; expected obj",
+        ),
+        ('("encoder_head",)', '"encoder_head"', "device 'mine' serves 'encoder_head'; expected a tuple of names"),
+        (
+            '    name = "mine"',
+            '    name = "mine"\n    def __init__(self, port): pass',
+            "device 'mine': .*missing 1 required",
+        ),
+        ("class Mine", "raise SystemExit(3)\nclass Mine", "cannot be loaded: SystemExit: 3"),
+    ],
+)
+def test_a_mistake_in_a_class_is_told_with_its_name(install, tmp_path, before, after, problem):
+    package = tmp_path / "mistaken"
+    package.mkdir()
+    content = MINE.format(name="mine", setting="mine.rate", meaning="how often, Hz")
+    assert before in content
+    (package / "__init__.py").write_text(content.replace(before, after))
+    install(package, {ENTRY_POINTS: {"mine": "mistaken"}})
+    with pytest.raises(InputError, match=f"entry point 'mine' of mistaken: .*{problem}"):
+        load_devices("encoder_head")
+
+
+def test_whatever_a_device_raises_is_told_with_its_name():
+    with pytest.raises(InputError, match=r"device 'usb': OSError: .*unplugged"), told_of("usb"):
+        raise OSError(5, "unplugged")
+    with pytest.raises(InputError, match=r"^as it is$"), told_of("usb"):
+        raise InputError("as it is")
+    devices = load_devices("encoder_head")
+    gives_text = SimpleNamespace(open=lambda instrument: "text")
+    with pytest.raises(InputError, match="open gives str; expected a source"):
+        opened(gives_text, instrument(devices))
 
 
 def test_what_is_registered_is_a_module(install, tmp_path):
