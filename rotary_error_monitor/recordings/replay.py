@@ -82,9 +82,12 @@ def replay_bag(
     collected.note_doubts(estimator)
     if compensator is not None:
         collected.add_compensation(compensator, last=True)
-    lacking = {f"samples of {name}": np.concatenate(ticks) for name, ticks in estimator.unrepeated.items()}
+    lacking = {}
+    for name, ticks in estimator.unrepeated.items():
+        why = "that the bag lacks" if name in estimator.inputs else "which this stage's description does not have"
+        lacking[f"samples of {name} {why}"] = np.concatenate(ticks)
     if compensator is not None and compensator.unrepeated:
-        lacking["joint states"] = np.concatenate(compensator.unrepeated)
+        lacking["joint states that the bag lacks"] = np.concatenate(compensator.unrepeated)
     return collected.result(
         estimator.status,
         reader,

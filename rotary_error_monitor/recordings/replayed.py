@@ -273,8 +273,8 @@ def _unrepeated_remarks(lacking: Mapping[str, NDArray[np.int64]], stamps: NDArra
         begin = int(min(ticks.min(), stamps[0])) if len(stamps) else int(ticks.min())
         since, until = (int(ticks.min()) - begin) * 1e-9, (int(ticks.max()) - begin) * 1e-9
         yield (
-            f"{len(ticks)} ticks from {since:.3f} to {until:.3f} s cannot be repeated: the live run used {what} that "
-            "the bag lacks; they follow from what it has"
+            f"{len(ticks)} ticks from {since:.3f} to {until:.3f} s cannot be repeated: the live run used {what}; "
+            "they follow from what it has"
         )
 
 

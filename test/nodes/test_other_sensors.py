@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,23 @@ def test_error_motion_and_corrections_from_five_heads_alone(five, settings, stag
     assert len(shared) > 0.9 * len(published)
     for stamp in shared:
         np.testing.assert_array_equal(published[stamp], again[stamp])
+
+
+def test_a_recording_with_an_autocollimator_that_the_description_does_not_have(cell, tmp_path):
+    """Live it was used: the replay says that it cannot be, not that the bag lacks it."""
+    estimates = cell.collect(cell.wire.topic("error_motion_samples"))
+    recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
+    for head in "abcd":
+        cell.run(EncoderHead, f"encoder_head_{head}")
+    cell.run(Autocollimator, "autocollimator")
+    cell.run(MockController, "mock_controller")
+    cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
+    cell.wait_until(lambda: len(estimates) > 10, "estimates", 60)
+    cell.remove(recorder)
+    replayed = replay_bag(tmp_path / "bag", replace(load_stage(), autocollimator=None))
+    (said,) = [remark for remark in replayed.remarks if "cannot be repeated" in remark]
+    assert "used samples of autocollimator which this stage's description does not have; they follow" in said
+    assert np.isnan(replayed.error_motion[:, 3:5]).all()
 
 
 def stamped(message):
