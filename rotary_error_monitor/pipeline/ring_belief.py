@@ -202,7 +202,7 @@ class CommandBelief:
     def note_silence(self, number: int) -> None:
         """The heads were silent up to the window of that number: what comes is held against what was before."""
         self._zero.begin(sound=True)
-        self.lag = max(self.lag, self._largest_speed(number) * self._timing)
+        self.lag = max(self.lag, self._largest_speed(number) * math.hypot(self.delay, self._timing))
 
     def agrees(self, window: Window) -> bool:
         """Whether the window that was judged last has shown that rotation and command belong together."""
@@ -214,7 +214,7 @@ class CommandBelief:
         self.reach = self._anywhere
         if not (window.has("command") and window.has("heads")) or last is None or window.number != last.number + 1:
             self._agreeing = 0.0
-            self.lag = max(abs(self._speed_of(window, last)) * self._timing, self.shift)
+            self.lag = self._lag_at(self._speed_of(window, last), window)
             if not self._zero.open:
                 self._zero.begin(sound=False)
             return
@@ -237,7 +237,7 @@ class CommandBelief:
                 self.doubt = ""
                 self._zero.begin(sound=False)
         self._speed = speed
-        self.lag = math.hypot(speed * math.hypot(self.delay, self._timing), self._scatter(window), self.shift)
+        self.lag = self._lag_at(speed, window)
         faster = ACCELERATION * window.duration * self._limits.latency
         reach = STEADY * self._limits.following_error + faster + 6.0 * self.lag
         self.reach = Reach(window["ecc"], 0.0, reach)
@@ -249,6 +249,9 @@ class CommandBelief:
         speed = (window["theta"] - last["theta"]) / window.duration
         self._told = window, speed
         return speed
+
+    def _lag_at(self, speed: float, window: Window) -> float:
+        return math.hypot(speed * math.hypot(self.delay, self._timing), self._scatter(window), self.shift)
 
     def _largest_speed(self, number: int) -> float:
         """How fast the stage may turn in a window by its number, rad/s: it may have accelerated since it was told."""

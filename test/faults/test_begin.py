@@ -11,8 +11,10 @@ from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.signals.blocks import block_from_samples
 
 SEEDS = range(40)
+LATE_NS = 20_000
 DURATION = 0.2
 
 
@@ -48,3 +50,33 @@ def test_heads_that_are_back_before_the_command_are_still_where_they_were(seed, 
     after = unverified[(at > 6.6 + later) & (at < 6.9 + later)]
     assert len(after) > 100
     assert not after.any() if told else after.all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_command_that_is_away_for_a_moment_is_as_late_as_before(seed):
+    """What is known of the delay still counts in the window after a gap."""
+    drawn = (random_stage(number) for number in range(900 * seed, 900 * seed + 900))
+    section = next(each for each in drawn if len(each["encoder"]["heads"]) > 3 and "mirror" in each)
+    options = Options(motion="both_directions", odd_rates=False, peak_speed=3.0, clock_wander=0.0, lost_blocks=0.0)
+    recording = make_recording(seed, duration=16.0, stage=section, options=options)
+    estimator, blocks = Estimator(stage_from_mapping(section)), []
+    for _, topic, block in recording.timeline():
+        name = topic.split("/")[2]
+        if name not in estimator.inputs or len(block.rows) == 0:
+            continue
+        at = (int(block.times_ns[-1]) - recording.start_ns) * 1e-9
+        if name == "command":
+            block = block_from_samples(block.times_ns + LATE_NS, block.names[1:], block.rows[:, 1:])
+        if name != "command" or at % 0.4 > 0.08:
+            blocks += estimator.push(name, block)
+    delay = abs(estimator.belief.command.delay)
+    assert delay == pytest.approx(LATE_NS * 1e-9, rel=0.3), "it was measured"
+    assert not dict(estimator.belief.reasons)
+    theta, lag = (np.concatenate([block.column(name) for block in blocks]) for name in ("theta", "lag"))
+    stamps = np.concatenate([block.times_ns for block in blocks])
+    speed = np.abs(np.gradient(theta, stamps * 1e-9))
+    late = (stamps - recording.start_ns) * 1e-9 > 12.0
+    told = np.concatenate([block.column("observable") for block in blocks]).astype(int) >> 5 & 1 == 1
+    fast = told & late & (speed > 0.5 * np.median(speed[late])) & (np.abs(np.gradient(speed)) < 0.01)
+    assert np.count_nonzero(fast) > 500
+    assert (lag[fast] > 0.7 * delay * speed[fast]).mean() > 0.998
