@@ -10,13 +10,11 @@ import pkgutil
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 from types import ModuleType
-from typing import TypeVar
+from typing import Any
 
 from rotary_error_monitor.errors import InputError
 
 _PACKAGE = __name__.partition(".")[0]
-
-Base = TypeVar("Base")
 
 
 def modules_in(room: ModuleType) -> Iterator[ModuleType]:
@@ -40,7 +38,7 @@ def modules_of(room: ModuleType, group: str) -> Iterator[tuple[ModuleType, str]]
         yield plugged, origin_of(entry)
 
 
-def classes_in(module: ModuleType, base: type[Base]) -> Iterator[type[Base]]:
+def classes_in(module: ModuleType, base: type[Any]) -> Iterator[type[Any]]:
     """Classes derived from `base` that a module defines, not those that it imports."""
     for item in vars(module).values():
         if inspect.isclass(item) and issubclass(item, base) and item.__module__ == module.__name__:

@@ -59,7 +59,7 @@ class Setting:
         if type(self.default) not in _KINDS:
             raise InputError(f"{where}: default {self.default!r}; expected {', '.join(_KINDS.values())}")
         self.check(self.default, where)
-        inside = self.bounds is None or all(self.bounds[0] <= x <= self.bounds[1] for x in _all_numbers(self.default))
+        inside = self.bounds is None or all(self.bounds[0] <= x <= self.bounds[1] for x in _numbers(self.default))
         if not inside:
             raise InputError(f"{where}: default {self.default!r}; expected: {self.expected}")
 
@@ -74,11 +74,6 @@ class Setting:
             raise InputError(f"{where}: parameter '{self.name}' is {value!r}; expected: {self.expected}")
 
 
-def _all_numbers(value: object) -> Iterable[float]:
-    values = value if isinstance(value, list | tuple) else [value]
-    return (number for number in values if isinstance(number, int | float))
-
-
 def _numbers(value: object) -> Iterable[float]:
     values = value if isinstance(value, list | tuple | array) else [value]  # rclpy makes arrays of lists of numbers
-    return (number for number in values if isinstance(number, float))
+    return (number for number in values if isinstance(number, int | float))

@@ -13,7 +13,6 @@ class Autocollimator(Sensor):
     """Tilt of the mirror about x and y."""
 
     kind = AUTOCOLLIMATOR
-    title = "autocollimator"
     section = "autocollimator"
     fields = ("tilt_x", "tilt_y")
     unit = "rad"

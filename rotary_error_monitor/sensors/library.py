@@ -18,7 +18,7 @@ COMMAND = "command"
 @cache
 def sensor_kinds() -> Mapping[str, Sensor]:
     """Kinds of sensor by the first word of the names of their streams: those that this room defines."""
-    found = (item() for module in modules_in(room) for item in classes_in(module, Sensor) if item.kind)
+    found: list[Sensor] = [item() for module in modules_in(room) for item in classes_in(module, Sensor) if item.kind]
     return MappingProxyType({sensor.kind: sensor for sensor in found})
 
 

@@ -13,7 +13,6 @@ class TwoAxisLvdt(Sensor):
     """Displacement of the artefact along x and y."""
 
     kind = LVDT
-    title = "LVDT"
     section = "lvdt"
     fields = ("radial_x", "radial_y")
     unit = "m"

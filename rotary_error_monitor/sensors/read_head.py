@@ -19,7 +19,6 @@ class ReadHead(Sensor):
     """One stream a head."""
 
     kind = HEAD
-    title = "read head"
     section = "encoder"
     fields = ("angle",)
     unit = "rad"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
@@ -30,12 +31,11 @@ class Pose(Protocol):
         ...
 
 
-class Sensor:
+class Sensor(ABC):
     """Base of all kinds of sensor; one object stands for all sensors of a kind.
 
     Attributes:
         kind: first word of the names of its streams: `head` of `head_a`.
-        title: as people call it.
         section: of the stage's description that states it.
         fields: of a sample, as `msg_defs/` names them.
         unit: SI unit of the fields.
@@ -44,7 +44,6 @@ class Sensor:
     """
 
     kind: ClassVar[str] = ""
-    title: ClassVar[str] = ""
     section: ClassVar[str] = ""
     fields: ClassVar[tuple[str, ...]] = ()
     unit: ClassVar[str] = ""
@@ -56,21 +55,21 @@ class Sensor:
         """Unit in which people read what it shows: millionths of the SI unit."""
         return f"µ{self.unit}"
 
+    @abstractmethod
     def streams(self, stage: StageDescription) -> tuple[str, ...]:
         """Names of the streams that a stage has of this kind."""
-        return (self.kind,)
 
+    @abstractmethod
     def noise(self, stage: StageDescription) -> float:
         """Standard deviation of one sample, rounding included; 0 where the stage has no such sensor."""
-        raise NotImplementedError(f"{type(self).__name__} does not say how noisy it is")
 
     def turbulence(self, stage: StageDescription) -> Turbulence | None:
         """Slow part of its noise; None where it has none."""
         return None
 
+    @abstractmethod
     def shown(self, stream: str, pose: Pose) -> Array:
         """What a sensor without fault shows of the rotor, (n,) or (n, fields)."""
-        raise NotImplementedError(f"{type(self).__name__} does not say what it shows")
 
     def within_range(self, stage: StageDescription, shown: Array) -> Array:
         """What an instrument says that would show this; what lies beyond its range stays at its end."""

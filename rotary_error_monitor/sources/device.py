@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -32,7 +33,7 @@ class Instrument:
     now_ns: int
 
 
-class Device:
+class Device(ABC):
     """Base of all devices. A concrete one has a `name`; a class without one is an abstract base.
 
     Attributes:
@@ -45,6 +46,7 @@ class Device:
     serves: ClassVar[tuple[str, ...]] = ()
     settings: ClassVar[tuple[Setting, ...]] = ()
 
+    @abstractmethod
     def open(self, instrument: Instrument) -> Source:
         """The source of the instrument's samples.
 
@@ -54,7 +56,6 @@ class Device:
         Raises:
             InputError: a setting is wrong, or the device is not there.
         """
-        raise NotImplementedError(f"{type(self).__name__} does not say how it is opened")
 
 
 POLL_RATE = Setting("poll_rate", 500.0, "how often a device that shows its present value is read, Hz", (1.0, 5000.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -13,18 +14,18 @@ from rotary_error_monitor.signals.admission import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 
-class Source:
+class Source(ABC):
     """Gives the samples of one signal, block by block."""
 
+    @abstractmethod
     def take(self, since_ns: int, until_ns: int) -> SampleBlock | None:
         """Block of the samples from `since_ns` to before `until_ns`, timestamps (ns); None where there are none.
 
         Raises:
             InputError: what the device says cannot be used.
         """
-        raise NotImplementedError(f"{type(self).__name__} gives no samples")
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 (most have nothing to put away)
         """Put away what was opened for it; nothing is taken any more."""
 
 

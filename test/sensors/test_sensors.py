@@ -68,7 +68,6 @@ def test_the_wire_has_the_fields_and_the_unit_of_each_stream(kind):
         assert {field.unit for field in topic.fields} == {sensor.unit}
         assert topic.frame == stream
     assert sensor.small_unit == f"µ{sensor.unit}"
-    assert sensor.title
 
 
 def test_a_head_sees_where_its_sight_line_cuts_the_ring(pose):
@@ -126,8 +125,12 @@ def test_noise_is_that_of_one_sample_with_its_rounding():
     }
 
 
-def test_a_bare_sensor_says_what_it_lacks(pose):
-    with pytest.raises(NotImplementedError, match="Sensor does not say how noisy it is"):
-        Sensor().noise(STAGE)
-    with pytest.raises(NotImplementedError, match="Sensor does not say what it shows"):
-        Sensor().shown("x", pose(STAGE))
+def test_a_kind_that_does_not_say_what_it_shows_cannot_be_made():
+    class Half(Sensor):
+        kind = "half"
+
+        def streams(self, stage):
+            return ("half",)
+
+    with pytest.raises(TypeError, match="abstract methods noise, shown"):
+        Half()

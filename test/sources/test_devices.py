@@ -32,6 +32,9 @@ class Mine(Device):
     name = "{name}"
     serves = ("encoder_head",)
     settings = (Setting("{setting}", 500.0, "{meaning}"),)
+
+    def open(self, instrument):
+        return "nothing"
 """
 
 
@@ -83,8 +86,8 @@ def test_a_device_of_another_package_is_one_more_source(install_mine):
     assert list(devices) == ["mock", "counter", "joint_state", "mine"]
     assert "mine.rate" in [setting.name for setting in device_settings(devices)]
     assert "mine" not in load_devices("autocollimator")
-    with pytest.raises(NotImplementedError, match="Mine does not say how it is opened"):
-        devices["mine"].open(instrument(devices))
+    with pytest.raises(InputError, match="open gives str; expected a source"):
+        opened(devices["mine"], instrument(devices))
 
 
 def test_a_name_that_is_taken_is_refused(install_mine):
@@ -122,6 +125,7 @@ def test_one_parameter_with_two_meanings_is_refused(install_mine):
             '    name = "mine"\n    def __init__(self, port): pass',
             "device 'mine': .*missing 1 required",
         ),
+        ("    def open", "    def shut", "device 'mine': .*abstract method open"),
         ("class Mine", "raise SystemExit(3)\nclass Mine", "cannot be loaded: SystemExit: 3"),
     ],
 )
@@ -141,10 +145,6 @@ def test_whatever_a_device_raises_is_told_with_its_name():
         raise OSError(5, "unplugged")
     with pytest.raises(InputError, match=r"^as it is$"), told_of("usb"):
         raise InputError("as it is")
-    devices = load_devices("encoder_head")
-    gives_text = SimpleNamespace(open=lambda instrument: "text")
-    with pytest.raises(InputError, match="open gives str; expected a source"):
-        opened(gives_text, instrument(devices))
 
 
 def test_what_is_registered_is_a_module(install, tmp_path):
@@ -184,9 +184,9 @@ def test_the_only_joint_needs_no_name():
     assert joint_position(SimpleNamespace(name=["spindle"], position=[0.5]), "") == 0.5
 
 
-def test_a_bare_source_says_that_it_gives_nothing():
-    with pytest.raises(NotImplementedError, match="Source gives no samples"):
-        Source().take(0, 1)
+def test_a_source_that_gives_no_samples_cannot_be_made():
+    with pytest.raises(TypeError, match="abstract method take"):
+        Source()
 
 
 # The document and its example.
