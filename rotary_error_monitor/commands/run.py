@@ -24,9 +24,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("--duration", type=float, default=30.0, help="of the recording, s (default 30)")
     parser.add_argument("--machine", default="xyzac_trt", help="machine YAML, or the name of one that ships")
-    parser.add_argument(
-        "--stage", type=Path, help="stage YAML, with all sensors (default: config/stage.yaml)"
-    )
+    parser.add_argument("--stage", type=Path, help="stage YAML, with all sensors (default: config/stage.yaml)")
     parser.add_argument("--seed", type=int, default=1, help="of the mock stage")
     parser.add_argument("--rate", type=float, default=10_000.0, help="samples a second of heads and autocollimator")
     parser.add_argument("--folder", type=Path, help="new folder for the recording (default: runs/<date>_<time>)")
