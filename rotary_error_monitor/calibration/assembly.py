@@ -15,7 +15,7 @@ from rotary_error_monitor.calibration.assembly_doubts import Centres, doubt_asse
 from rotary_error_monitor.calibration.yaml_document import Provenance, YamlDocument, hash_source, number
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.mirror_assembly import (
     DELAY_STD,
@@ -69,7 +69,7 @@ def read_shaft_recording(path: Path | str, stage: StageDescription, remarks: lis
     Raises:
         InputError: the bag cannot be read, holds fewer than two heads, or its streams hardly overlap.
     """
-    wire = load_wire(tuple(stage.encoder.azimuths))
+    wire = wire_of(stage)
     reader = BagReader(path)
     topics = {letter: wire.topic("head_samples", letter).name for letter in stage.encoder.azimuths}
     heads = tuple(letter for letter, name in topics.items() if name in reader.topics and reader.topics[name].count)

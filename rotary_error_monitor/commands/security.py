@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rotary_error_monitor.description.stage import load_stage
-from rotary_error_monitor.description.wire import load_services, load_wire
+from rotary_error_monitor.description.wire import load_services, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.security.access import Access, cell_accesses
 from rotary_error_monitor.security.documents import policy_xml
@@ -69,7 +69,7 @@ def run_keys(arguments: argparse.Namespace) -> int:
 
 def _accesses(arguments: argparse.Namespace) -> tuple[Access, ...]:
     stage = load_stage(arguments.stage)
-    return cell_accesses(load_wire(tuple(stage.encoder.azimuths)), load_services(), _listened(arguments.listen))
+    return cell_accesses(wire_of(stage), load_services(), _listened(arguments.listen))
 
 
 def _listened(pairs: Sequence[str]) -> Mapping[str, list[str]]:

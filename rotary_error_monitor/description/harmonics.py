@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AngularHarmonic:
-    """One order of a graduation error: `cos * cos(order * psi) + sin * sin(order * psi)` in rad."""
+    """One order of an error over an angle: `cos * cos(order * psi) + sin * sin(order * psi)` in rad or m."""
 
     order: int
     cos: float

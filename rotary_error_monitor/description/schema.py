@@ -60,9 +60,44 @@ def locate(path: Path | str, place: list[str | int]) -> str:
     return f"{path}:{_line(read_yaml(Path(path)).node, place)}: {'.'.join(map(str, place))}"
 
 
+def schema_content(schema: str) -> dict[str, Any]:
+    """A schema as it stands in `config/schema/`, with the kinds of sensor that have a file of their own there."""
+    path = config(f"schema/{schema}.yaml")
+    content: dict[str, Any] = read_yaml(path).content
+    if "sensor" in content.get("$defs", {}):
+        content["$defs"]["sensor"] = _of_kinds(content["$defs"]["sensor"], path.parent / "sensors")
+    return content
+
+
 @functools.cache
 def _validator(schema: str) -> Draft202012Validator:
-    return Draft202012Validator(read_yaml(config(f"schema/{schema}.yaml")).content)
+    return Draft202012Validator(schema_content(schema))
+
+
+def _of_kinds(common: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Schema of a sensor of any kind that has a file in a folder: what all state, and what its own file says."""
+    kinds = {path.stem: read_yaml(path).content for path in sorted(folder.glob("*.yaml"))}
+    known = {"enum": list(kinds), "description": f"one of {', '.join(kinds)}"}
+    choices = [
+        {
+            "if": {"properties": {"kind": {"const": kind}}},
+            "then": {
+                "type": "object",
+                "additionalProperties": False,
+                "required": ["kind", *common["required"], *own["required"]],
+                "properties": {"kind": {"const": kind}, **common["properties"], **own["properties"]},
+            },
+        }
+        for kind, own in kinds.items()
+    ]
+    # without its kind nothing else of a sensor can be judged
+    return {
+        "type": "object",
+        "required": ["kind"],
+        "properties": {"kind": known},
+        "if": {"properties": {"kind": known}, "required": ["kind"]},
+        "then": {"allOf": choices},
+    }
 
 
 def _message(error: ValidationError, origin: str, node: yaml.Node | None) -> str:

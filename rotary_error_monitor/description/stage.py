@@ -1,4 +1,4 @@
-"""The rotary stage as it is described: ring and read heads, mirror and autocollimator, spindle, LVDT."""
+"""The rotary stage as it is described: ring and read heads, mirror and autocollimator, spindle, further sensors."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import Any
 from rotary_error_monitor.description import schema
 from rotary_error_monitor.description.harmonics import AngularHarmonic as AngularHarmonic
 from rotary_error_monitor.description.harmonics import PlanarHarmonic as PlanarHarmonic
+from rotary_error_monitor.description.listed_sensors import ListedSensor as ListedSensor
+from rotary_error_monitor.description.listed_sensors import listed_sensors
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
@@ -77,13 +79,17 @@ class Autocollimator:
 
 @dataclass(frozen=True)
 class Spindle:
-    """Known error motion of the axis: radial at the ring (m), tilt (rad), compliances (m/N, rad/N), drift (m/K)."""
+    """Known error motion: radial at the ring and axial (m), tilt (rad), compliances (m/N, rad/N), drift (m/K).
+
+    The rows of `axial` are `cos * cos(order * theta) + sin * sin(order * theta)`.
+    """
 
     radial: tuple[PlanarHarmonic, ...] = ()
     tilt: tuple[PlanarHarmonic, ...] = ()
     radial_compliance: float = 0.0
     tilt_compliance: float = 0.0
     radial_thermal: tuple[float, float] = (0.0, 0.0)
+    axial: tuple[AngularHarmonic, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -102,6 +108,7 @@ class StageDescription:
     Attributes:
         autocollimator: that measures the tilt; a stage without one has tilt error motion as described.
         lvdt: that measures the radial error motion at a height, to compare with.
+        sensors: further ones by the name of their stream, such as `axial_probe_top`.
         stated_limits: limits by name, as in the file; empty where it states none.
         uncertainty: standard uncertainty of parameters by dotted name, as in the file or its calibration. A twin is
             exact in what is not named; live, eccentricity and tilt of the mirror are then as uncertain as the stage
@@ -113,6 +120,7 @@ class StageDescription:
     mirror: Mirror = field(default_factory=Mirror)
     spindle: Spindle = field(default_factory=Spindle)
     lvdt: Lvdt | None = None
+    sensors: Mapping[str, ListedSensor] = field(default_factory=dict)
     reference_temperature: float = 20.0
     stated_limits: Mapping[str, float] = field(default_factory=dict)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
@@ -142,6 +150,7 @@ class StageDescription:
             spindle.radial_compliance,
             spindle.tilt_compliance,
             spindle.radial_thermal,
+            spindle.axial,
         )
         return derived.stated(self.stated_limits)
 
@@ -168,10 +177,7 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
             noise=float(encoder["noise"]),
             azimuths={name: float(head["azimuth"]) for name, head in encoder["heads"].items()},
             eccentricity=_pair(encoder.get("eccentricity", (0.0, 0.0))),
-            graduation=tuple(
-                AngularHarmonic(row["order"], float(row["cos"]), float(row["sin"]))
-                for row in encoder.get("graduation", ())
-            ),
+            graduation=_angular(encoder.get("graduation", ())),
         ),
         autocollimator=_autocollimator(stage["autocollimator"]) if "autocollimator" in stage else None,
         mirror=Mirror(_pair(mirror.get("tilt", (0.0, 0.0))), _planar(mirror.get("flatness", ()))),
@@ -181,10 +187,12 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
             radial_compliance=float(spindle.get("radial_compliance", 0.0)),
             tilt_compliance=float(spindle.get("tilt_compliance", 0.0)),
             radial_thermal=_pair(spindle.get("radial_thermal", (0.0, 0.0))),
+            axial=_angular(spindle.get("axial", ())),
         ),
         lvdt=None
         if lvdt is None
         else Lvdt(float(lvdt["height"]), float(lvdt["noise"]), _pair(lvdt.get("artefact_eccentricity", (0.0, 0.0)))),
+        sensors=listed_sensors(stage.get("sensors", {})),
         reference_temperature=float(stage.get("environment", {}).get("reference_temperature", 20.0)),
         stated_limits={name: float(value) for name, value in stage.get("limits", {}).items()},
         uncertainty=_calibrated(stage) | {name: float(value) for name, value in stage.get("uncertainty", {}).items()},
@@ -214,6 +222,10 @@ def _calibrated(stage: Mapping[str, Any]) -> dict[str, float]:
 def _pair(values: Iterable[float]) -> tuple[float, float]:
     x, y = values
     return float(x), float(y)
+
+
+def _angular(rows: Iterable[Mapping[str, Any]]) -> tuple[AngularHarmonic, ...]:
+    return tuple(AngularHarmonic(row["order"], float(row["cos"]), float(row["sin"])) for row in rows)
 
 
 def _planar(rows: Iterable[Mapping[str, Any]]) -> tuple[PlanarHarmonic, ...]:

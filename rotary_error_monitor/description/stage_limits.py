@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from rotary_error_monitor.description.harmonics import PlanarHarmonic
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 
 HAND = 200.0
 """Force, N, by which a person pushes at a shaft (Lou et al. 2019, Figure 15: pushes by hand, up to some 200 N)."""
@@ -28,8 +28,10 @@ class StageLimits:
     Attributes:
         speed: fastest rotation, rad/s.
         radial: largest radial error motion at the ring, m.
+        axial: largest axial error motion, m.
         tilt: largest tilt error motion, rad.
         radial_rate: how fast what the description does not predict of the radial error motion may change, m/s.
+        axial_rate: the same of the axial error motion, m/s.
         tilt_rate: the same of the tilt error motion, rad/s.
         following_error: how far the rotation may be from its command at rest, rad.
         latency: how far the stamps of command and heads may be apart, and how long the drive may lag, s.
@@ -42,6 +44,8 @@ class StageLimits:
     tilt_rate: float = 3e-3
     following_error: float = 5e-4
     latency: float = 3e-4
+    axial: float = 5e-5
+    axial_rate: float = 5e-4
 
     def stated(self, section: Mapping[str, float]) -> StageLimits:
         """The same with what a section `limits` states."""
@@ -54,6 +58,7 @@ def derive_limits(
     radial_compliance: float,
     tilt_compliance: float,
     radial_thermal: tuple[float, float],
+    axial: Iterable[AngularHarmonic] = (),
 ) -> StageLimits:
     """Limits of a stage whose file states none, from the error motion that it describes.
 
@@ -70,6 +75,10 @@ def derive_limits(
     if described > 0.0:
         largest = SPREAD * described + tilted
         limits = replace(limits, tilt=largest, tilt_rate=_rate(largest, tilted))
+    described = sum(math.hypot(row.cos, row.sin) for row in axial)
+    if described > 0.0:
+        largest = SPREAD * described
+        limits = replace(limits, axial=largest, axial_rate=_rate(largest, 0.0))
     return limits
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from functools import cache
 
-from rotary_error_monitor.description.wire import HEAD, Wire, load_wire
+from rotary_error_monitor.description.wire import HEAD, SENSOR, Wire, load_wire
 from rotary_error_monitor.errors import InputError
 
 
 def topic_named(key: str) -> str:
-    """Name of the topic with that key, which is not one of several heads.
+    """Name of the topic with that key, which is not one of several heads or sensors.
 
     Raises:
         InputError: the contract has no such key.
@@ -33,13 +33,14 @@ def samples_topic(stream: str) -> str:
     if stream in names:
         return names[stream]
     for frame, name in names.items():
-        beginning, several, end = frame.partition(HEAD)
-        if several and stream.startswith(beginning) and stream.endswith(end):
-            return name.replace(HEAD, stream[len(beginning) : len(stream) - len(end)])
+        for several in (HEAD, SENSOR):
+            beginning, found, _ = frame.partition(several)
+            if found and stream.startswith(beginning):
+                return name.replace(several, stream.removeprefix(beginning))
     raise InputError(f"the wire contract has no samples of '{stream}'; it has those of {', '.join(sorted(names))}")
 
 
 @cache
 def _contract() -> Wire:
-    """The contract as in a table, with `{head}` in the names."""
+    """The contract as in a table, with `{head}` and `{sensor}` in the names."""
     return load_wire(None)

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.description import schema
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import share
 
-HEAD = "{head}"
+HEAD, SENSOR = "{head}", "{sensor}"
 SAMPLE_BLOCK = "sensor_msgs/msg/PointCloud2"
 TIME_COLUMN = "t"
 _EVERYONES = ("diagnostics",)
@@ -27,12 +28,14 @@ class Field:
         name: name of the field, dotted where it is nested, or of a column of a sample block.
         unit: SI unit or °C; '1' for a plain number, '-' for text.
         bits: names of the bits of a mask, the lowest first; empty for every other value.
+        of_sensors: whether only a stage that lists sensors has it.
     """
 
     name: str
     unit: str
     meaning: str
     bits: tuple[str, ...] = ()
+    of_sensors: bool = False
 
     def mask(self, names: Iterable[str]) -> int:
         """Bit mask with the bits of `names` set.
@@ -72,8 +75,8 @@ class Topic:
     """One topic of the contract.
 
     Attributes:
-        key: what code calls it; topics of one kind for several heads share a key.
-        head: letter of the read head, None where the topic is not one of several.
+        key: what code calls it; topics of one kind for several heads or sensors share a key.
+        head: letter of the read head, or name of the listed sensor; None where the topic is not one of several.
         type: message type such as `sensor_msgs/msg/JointState`.
         frame: `header.frame_id`, empty where there is none.
         publishers: nodes that publish it, or `external`.
@@ -138,7 +141,7 @@ class Service:
 
 @dataclass(frozen=True)
 class Wire:
-    """Every topic of the contract, for the read heads of one stage."""
+    """Every topic of the contract, for the read heads and listed sensors of one stage."""
 
     topics: tuple[Topic, ...]
 
@@ -190,13 +193,25 @@ class Wire:
         return tuple(topic for topic in self.topics if node in topic.subscribers)
 
 
-def load_wire(heads: Sequence[str] | None = ("a", "b", "c", "d"), folder: Path | None = None) -> Wire:
-    """The contract for a stage with these read heads.
+def wire_of(stage: StageDescription) -> Wire:
+    """The contract for a stage.
+
+    Raises:
+        InputError: a file breaks the schema, or a head's letter makes no topic name.
+    """
+    return load_wire(tuple(stage.encoder.azimuths), sensors=tuple(stage.sensors))
+
+
+def load_wire(
+    heads: Sequence[str] | None = ("a", "b", "c", "d"), folder: Path | None = None, sensors: Sequence[str] = ()
+) -> Wire:
+    """The contract for a stage with these read heads and listed sensors.
 
     Args:
-        heads: letters of the read heads, as in the stage description; with None, `{head}` stays in the names, as in a
-            table for people.
+        heads: letters of the read heads, as in the stage description; with None, `{head}` and `{sensor}` stay in the
+            names, as in a table for people.
         folder: folder of the definitions, by default the package's `msg_defs/`.
+        sensors: streams of the sensors that the stage lists, such as `axial_probe_top`.
 
     Raises:
         InputError: a file breaks the schema, two topics share a key or a name, or a head's letter makes no topic name.
@@ -215,7 +230,10 @@ def load_wire(heads: Sequence[str] | None = ("a", "b", "c", "d"), folder: Path |
             templates[key] = _template(key, content), path
     if not templates:
         raise InputError(f"{folder}: no wire contract (*.yaml) in this folder")
-    topics = tuple(topic for template, _ in templates.values() for topic in _expand(template, heads))
+    found = (template for template, _ in templates.values())
+    if heads is None:
+        return Wire(tuple(found))
+    topics = tuple(topic for template in found for topic in _expand(template, heads, sensors))
     names = [topic.name for topic in topics]
     for name in names:
         if names.count(name) > 1:
@@ -274,7 +292,8 @@ def markdown_table(wire: Iterable[Topic]) -> str:
 def _unit(field: Field) -> str:
     if field.bits:
         return " (bits " + ", ".join(field.bits) + ")"
-    return f" {field.unit}" if field.unit not in ("-", "1") else ""
+    unit = f" {field.unit}" if field.unit not in ("-", "1") else ""
+    return f"{unit} (with listed sensors)" if field.of_sensors else unit
 
 
 def _template(key: str, content: Mapping[str, Any]) -> Topic:
@@ -290,32 +309,39 @@ def _template(key: str, content: Mapping[str, Any]) -> Topic:
         qos=Qos(qos["reliability"], qos["durability"], qos["depth"]),
         meaning=content["meaning"],
         fields=tuple(
-            Field(row["name"], row["unit"], row["meaning"], tuple(row.get("bits", ())))
+            Field(row["name"], row["unit"], row["meaning"], tuple(row.get("bits", ())), row.get("of_sensors", False))
             for row in content.get("columns", content.get("fields"))
         ),
         subscribers=tuple(content.get("subscribers", ())),
     )
 
 
-def _expand(template: Topic, heads: Sequence[str] | None) -> Iterator[Topic]:
-    """The topic itself, or where its name holds `{head}` one for each head."""
-    if heads is None:
+def _expand(template: Topic, heads: Sequence[str], sensors: Sequence[str]) -> Iterator[Topic]:
+    """The topic itself, or where its name holds `{head}` or `{sensor}` one for each."""
+    kept = (field for field in template.fields if sensors or not field.of_sensors)
+    fields = tuple(replace(f, bits=tuple(n for bit in f.bits for n in _names(bit, heads, sensors))) for f in kept)
+    template = replace(template, fields=fields)
+    several = next((mark for mark in (HEAD, SENSOR) if mark in template.frame), None)
+    if several is None:
         yield template
         return
-    template = replace(template, fields=tuple(replace(f, bits=_expand_bits(f.bits, heads)) for f in template.fields))
-    if HEAD not in template.name:
-        yield template
-        return
-    for head in heads:
+    for frame in _names(template.frame, heads, sensors):
+        name = frame.removeprefix(template.frame.removesuffix(several))
         yield replace(
             template,
-            head=head,
-            name=template.name.replace(HEAD, head),
-            frame=template.frame.replace(HEAD, head),
-            meaning=template.meaning.replace(HEAD, head),
-            fields=tuple(replace(field, meaning=field.meaning.replace(HEAD, head)) for field in template.fields),
+            head=name,
+            name=template.name.replace(several, name),
+            frame=frame,
+            meaning=template.meaning.replace(several, name),
+            fields=tuple(replace(f, meaning=f.meaning.replace(several, name)) for f in template.fields),
         )
 
 
-def _expand_bits(bits: tuple[str, ...], heads: Sequence[str]) -> tuple[str, ...]:
-    return tuple(name for bit in bits for name in ([bit.replace(HEAD, h) for h in heads] if HEAD in bit else [bit]))
+def _names(pattern: str, heads: Sequence[str], sensors: Sequence[str]) -> Iterator[str]:
+    """What a name with `{head}` or `{sensor}` at its end stands for: sensors are those that begin like it."""
+    if HEAD in pattern:
+        yield from (pattern.replace(HEAD, head) for head in heads)
+    elif SENSOR in pattern:
+        yield from (stream for stream in sensors if stream.startswith(pattern.removesuffix(SENSOR)))
+    else:
+        yield pattern

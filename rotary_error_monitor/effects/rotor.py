@@ -163,7 +163,7 @@ class StageEffect(Effect[StageDescription]):
     """An effect of the rotary stage: overrides the hooks that it needs, the others leave everything as it is.
 
     The twin evaluates, for the samples of each stream: `delay`, then `rotation`, then `amend` of the description, then
-    `radial` and `tilt` error motion, then `measured` for what the sensor makes of it.
+    `radial`, `axial` and `tilt` error motion, then `measured` for what the sensor makes of it.
 
     Attributes:
         acts_on: streams that it can move, `head` standing for all heads; a location `head_I` narrows it to that head.
@@ -203,6 +203,10 @@ class StageEffect(Effect[StageDescription]):
 
     def radial(self, values: Values, state: RotorState) -> Array | None:
         """(n, 2) part of the radial error motion at the ring, m."""
+        return None
+
+    def axial(self, values: Values, state: RotorState) -> Array | None:
+        """(n,) part of the axial error motion, m."""
         return None
 
     def tilt(self, values: Values, state: RotorState) -> Array | None:

@@ -13,7 +13,7 @@ from rotary_error_monitor.codec.contents import JointState
 from rotary_error_monitor.codec.messages import Decoder
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.wire import Topic, Wire, load_wire
+from rotary_error_monitor.description.wire import Topic, Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compare_with_lvdt
@@ -99,7 +99,7 @@ def figures(cell: MockCell, recording: Recording, stage: StageDescription, machi
         InputError: the bag lacks a topic that every cell has.
     """
     reader = BagReader(recording.bag)
-    wire = load_wire(tuple(stage.encoder.azimuths))
+    wire = wire_of(stage)
     replayed = replay_bag(recording.bag, stage, machine)
     plant = mock_stage(stage, MockSettings(cell.seed, recording.epoch_ns, SPEEDS, True, cell.rate, FORCE_CYCLE))
     comparisons = dict(lvdt_comparisons(recording, reader, wire, stage, replayed))

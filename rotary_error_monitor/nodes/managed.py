@@ -28,7 +28,7 @@ from rclpy.task import Future
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.description.wire import Topic, Wire, load_wire
+from rotary_error_monitor.description.wire import Topic, Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages, parameters
 from rotary_error_monitor.nodes.diagnostics import ClockWatch, Condition, Level, diagnostic_array
@@ -280,7 +280,7 @@ class ManagedNode(LifecycleNode):
         self._simulated = bool(self.setting(_SIM_TIME))
         try:
             self.stage = load_stage(self.setting("stage") or None)
-            self.contract = load_wire(tuple(self.stage.encoder.azimuths))
+            self.contract = wire_of(self.stage)
             self.wire = self.contract.within(self.get_namespace())
             self._open_diagnostics()
             self.open()

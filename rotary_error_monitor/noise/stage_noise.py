@@ -68,7 +68,8 @@ class Jitter:
 
 def noise_std(stage: StageDescription) -> dict[str, float]:
     """Standard deviation of one sample of each kind of sensor as the stage states it, rounding included, rad or m."""
-    return {kind: sensor.noise(stage) for kind, sensor in sensor_kinds().items()}
+    streams = {kind: sensor.streams(stage) for kind, sensor in sensor_kinds().items()}
+    return {kind: sensor_kinds()[kind].noise(stage, names[0]) if names else 0.0 for kind, names in streams.items()}
 
 
 class StageNoise:

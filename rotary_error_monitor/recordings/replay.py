@@ -12,7 +12,7 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import JointState, Temperature
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.wire import Wire, load_wire
+from rotary_error_monitor.description.wire import Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
 from rotary_error_monitor.pipeline.estimation import (
@@ -51,7 +51,7 @@ def replay_bag(
             nothing but these, where it has no monitored axis). Messages that are broken are left out, and said.
     """
     reader = BagReader(bag)
-    wire = load_wire(tuple(stage.encoder.azimuths))
+    wire = wire_of(stage)
     if machine is not None and machine.monitored is None:
         return _replay_described(reader, wire, machine, compensation_settings)
     inputs = input_topics(reader, wire, stage)

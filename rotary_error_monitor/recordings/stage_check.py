@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.recordings.replay import input_topics
@@ -75,7 +75,7 @@ def check_stage(bag: Path | str, stage: StageDescription) -> StageCheck:
         InputError: there is no such bag, it lacks two heads, or nothing can be estimated from it.
     """
     reader = BagReader(bag)
-    inputs = input_topics(reader, load_wire(tuple(stage.encoder.azimuths)), stage)
+    inputs = input_topics(reader, wire_of(stage), stage)
     estimator = Estimator(stage, EstimatorSettings())
     log, ahead = _Log(), Counter[tuple[str, str]]()
     window = reader.window(list(inputs))

@@ -22,10 +22,10 @@ class Autocollimator(Sensor):
         """One, if the stage has an autocollimator."""
         return () if stage.autocollimator is None else (AUTOCOLLIMATOR,)
 
-    def noise(self, stage: StageDescription) -> float:
+    def noise(self, stage: StageDescription, stream: str) -> float:
         """Of one component, rad."""
-        instrument = stage.autocollimator
-        return 0.0 if instrument is None else float(np.hypot(instrument.noise, instrument.resolution / np.sqrt(12)))
+        instrument = stage.tilt_instrument
+        return float(np.hypot(instrument.noise, instrument.resolution / np.sqrt(12)))
 
     def turbulence(self, stage: StageDescription) -> Turbulence | None:
         """Of the air on the way to the mirror."""
@@ -36,6 +36,6 @@ class Autocollimator(Sensor):
         mirror, state = pose.stage.mirror, pose.state
         return state.turned(mirror.tilt) + pose.tilt() + state.harmonics(mirror.flatness)
 
-    def within_range(self, stage: StageDescription, shown: Array) -> Array:
+    def within_range(self, stage: StageDescription, stream: str, shown: Array) -> Array:
         """The tilt, which the detector does not see beyond its range."""
         return np.clip(shown, -stage.tilt_instrument.range, stage.tilt_instrument.range)

@@ -7,8 +7,10 @@ from functools import cache
 from types import MappingProxyType
 
 import rotary_error_monitor.sensors as room
-from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage import ListedSensor, StageDescription
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plugins import classes_in, modules_in
+from rotary_error_monitor.sensors.listed import ListedKind
 from rotary_error_monitor.sensors.sensor import Sensor
 
 COMMAND = "command"
@@ -22,9 +24,24 @@ def sensor_kinds() -> Mapping[str, Sensor]:
     return MappingProxyType({sensor.kind: sensor for sensor in found})
 
 
+@cache
 def kind_of(channel: str) -> str:
-    """Kind of sensor of a channel: `head_a` is a `head`, `lvdt.x` is of the `lvdt`."""
-    return channel.partition(".")[0].partition("_")[0]
+    """Kind of sensor of a channel: `head_a` is a `head`, `lvdt.x` an `lvdt`, `axial_probe_top` an `axial_probe`."""
+    stream = channel.partition(".")[0]
+    kinds = (kind for kind in sensor_kinds() if stream == kind or stream.startswith(f"{kind}_"))
+    return max(kinds, key=len, default=stream)
+
+
+def listed_kind(sensor: ListedSensor) -> ListedKind:
+    """The kind of a sensor that a stage lists.
+
+    Raises:
+        InputError: no class is of that kind, though a schema is.
+    """
+    found = sensor_kinds().get(sensor.kind)
+    if not isinstance(found, ListedKind):
+        raise InputError(f"sensor kind '{sensor.kind}' has a schema, but no class in {room.__name__}")
+    return found
 
 
 def absent_kinds(stage: StageDescription) -> tuple[str, ...]:

@@ -23,9 +23,10 @@ class TwoAxisLvdt(Sensor):
         """One, if the stage has an LVDT."""
         return () if stage.lvdt is None else (LVDT,)
 
-    def noise(self, stage: StageDescription) -> float:
+    def noise(self, stage: StageDescription, stream: str) -> float:
         """Of one component, m."""
-        return 0.0 if stage.lvdt is None else stage.lvdt.noise
+        assert stage.lvdt is not None  # there is no such stream otherwise
+        return stage.lvdt.noise
 
     def shown(self, stream: str, pose: Pose) -> Array:
         """(n, 2) displacement of the artefact, m."""

@@ -28,7 +28,7 @@ class ReadHead(Sensor):
         """One for each letter."""
         return tuple(f"{HEAD}_{letter}" for letter in sorted(stage.encoder.azimuths))
 
-    def noise(self, stage: StageDescription) -> float:
+    def noise(self, stage: StageDescription, stream: str) -> float:
         """Of a reading, rad."""
         return float(np.hypot(stage.encoder.noise, stage.encoder.resolution / np.sqrt(12)))
 

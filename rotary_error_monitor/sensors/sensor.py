@@ -26,6 +26,10 @@ class Pose(Protocol):
         """(n, 2) radial error motion at the ring, m."""
         ...
 
+    def axial(self) -> Array:
+        """(n,) axial error motion, m."""
+        ...
+
     def tilt(self) -> Array:
         """(n, 2) tilt error motion, a rotation vector in rad."""
         ...
@@ -60,8 +64,8 @@ class Sensor(ABC):
         """Names of the streams that a stage has of this kind."""
 
     @abstractmethod
-    def noise(self, stage: StageDescription) -> float:
-        """Standard deviation of one sample, rounding included; 0 where the stage has no such sensor."""
+    def noise(self, stage: StageDescription, stream: str) -> float:
+        """Standard deviation of one sample, rounding included."""
 
     def turbulence(self, stage: StageDescription) -> Turbulence | None:
         """Slow part of its noise; None where it has none."""
@@ -71,6 +75,6 @@ class Sensor(ABC):
     def shown(self, stream: str, pose: Pose) -> Array:
         """What a sensor without fault shows of the rotor, (n,) or (n, fields)."""
 
-    def within_range(self, stage: StageDescription, shown: Array) -> Array:
+    def within_range(self, stage: StageDescription, stream: str, shown: Array) -> Array:
         """What an instrument says that would show this; what lies beyond its range stays at its end."""
         return shown

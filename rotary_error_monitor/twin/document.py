@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from rotary_error_monitor.description.listed_sensors import sensors_section
 from rotary_error_monitor.description.machine_section import machine_mapping as machine_mapping
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
@@ -37,6 +38,7 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
             "radial_compliance": spindle.radial_compliance,
             "tilt_compliance": spindle.tilt_compliance,
             "radial_thermal": list(spindle.radial_thermal),
+            "axial": [{"order": row.order, "cos": row.cos, "sin": row.sin} for row in spindle.axial],
         },
         "environment": {"reference_temperature": stage.reference_temperature},
     }
@@ -50,6 +52,8 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
             "noise": stage.lvdt.noise,
             "artefact_eccentricity": list(stage.lvdt.artefact_eccentricity),
         }
+    if stage.sensors:
+        content["sensors"] = sensors_section(stage.sensors)
     if stage.stated_limits:
         content["limits"] = dict(stage.stated_limits)
     if stage.uncertainty:

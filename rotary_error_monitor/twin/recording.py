@@ -12,6 +12,7 @@ from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_kinds
+from rotary_error_monitor.sensors.listed import ListedKind
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
 from rotary_error_monitor.twin.rates import MOST_RATE
@@ -79,15 +80,18 @@ def fields_of(stream: str) -> tuple[str, ...]:
     return _INPUTS[stream] if sensor is None else sensor.fields
 
 
-def streams_with(heads: Sequence[str], without: Collection[str] = ()) -> tuple[list[str], list[str]]:
+def streams_with(
+    heads: Sequence[str], without: Collection[str] = (), listed: Sequence[str] = ()
+) -> tuple[list[str], list[str]]:
     """Names of the streams without which there is no recording of a stage with these heads, and of those that help.
 
-    `without` names kinds of sensor that the stage does not have.
+    `without` names kinds of sensor that the stage does not have, `listed` the streams of those that it lists.
     """
-    others = [sensor for sensor in sensor_kinds().values() if sensor.kind not in (HEAD, *without)]
+    kinds = [sensor for sensor in sensor_kinds().values() if not isinstance(sensor, ListedKind)]
+    others = [sensor for sensor in kinds if sensor.kind not in (HEAD, *without)]
     needed = [*(f"{HEAD}_{letter}" for letter in heads), *(each.kind for each in others if each.is_needed), COMMAND]
     helpful = [each.kind for each in others if not each.is_needed]
-    return needed, [*helpful, *(name for name in _INPUTS if name != COMMAND)]
+    return needed, [*helpful, *listed, *(name for name in _INPUTS if name != COMMAND)]
 
 
 def record_stage(
@@ -95,6 +99,7 @@ def record_stage(
     heads: Sequence[str],
     most_rate: float = MOST_RATE,
     without: Collection[str] = (),
+    listed: Sequence[str] = (),
 ) -> StageRecording:
     """Recording from the sample blocks of each topic.
 
@@ -105,11 +110,12 @@ def record_stage(
         heads: letters of the heads that the twin has.
         most_rate: samples a second (Hz) of one sensor that are used; of one that is faster every so-manieth is.
         without: kinds of sensor that the stage does not have.
+        listed: streams of the sensors that the stage lists.
 
     Raises:
         InputError: topics are missing (all are named), too short, not finite, or their clocks do not overlap.
     """
-    needed, optional = streams_with(heads, without)
+    needed, optional = streams_with(heads, without, listed)
     missing = [samples_topic(name) for name in needed if not topics.get(samples_topic(name))]
     if missing:
         raise InputError(

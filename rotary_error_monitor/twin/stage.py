@@ -19,6 +19,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
+from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.sensors.library import sensor_of
 from rotary_error_monitor.twin.finite import check_finite
 from rotary_error_monitor.twin.recording import StageRecording, Stream
@@ -226,7 +227,7 @@ class StageTwin:
         for cause, effect in acting:
             ideal = effect.measured(cause.values, cause.location, state, ideal)
         check_finite(name, ideal, causes)
-        ideal = sensor.within_range(stage, ideal)
+        ideal = sensor.within_range(stage, name, ideal)
         return ideal[:, None] if ideal.ndim == 1 else ideal
 
 
@@ -263,6 +264,14 @@ class RotorPose:
         total = state.keep("radial", spindle, own)
         for cause, effect in self.acting:
             part = effect.radial(cause.values, state)
+            total = total if part is None else total + part
+        return total
+
+    def axial(self) -> Array:
+        """(n,) axial error motion, m: as described, and what effects add."""
+        total = angular_sum(self.stage.spindle.axial, self.state.theta)
+        for cause, effect in self.acting:
+            part = effect.axial(cause.values, self.state)
             total = total if part is None else total + part
         return total
 

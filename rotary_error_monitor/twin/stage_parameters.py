@@ -51,7 +51,8 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
             raise InputError(f"uncertainty: no parameter is called '{name}'; name one such as encoder.eccentricity")
         for path in _paths(value):
             label = name + "".join(f"[{step}]" for step in path)
-            seen_by = tuple(sensor.kind for sensor in sensor_kinds().values() if name.startswith(sensor.moved_by))
+            kinds = (sensor for sensor in sensor_kinds().values() if sensor.streams(stage))
+            seen_by = tuple(sensor.kind for sensor in kinds if name.startswith(sensor.moved_by))
             found.append(UncertainParameter(label, uncertainty, seen_by, _shifter(section_name, attribute, path)))
     return tuple(found)
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import yaml
 from hypothesis import strategies as st
 
-from rotary_error_monitor.resources import config
+from rotary_error_monitor.description.schema import schema_content
 
 Schema = dict[str, Any]
 
 
 def load(name: str) -> Schema:
-    return dict(yaml.safe_load(config(f"schema/{name}.yaml").read_text(encoding="utf-8")))
+    return schema_content(name)
 
 
 def contents(schema: Schema, root: Schema | None = None) -> st.SearchStrategy[Any]:
@@ -26,6 +25,8 @@ def contents(schema: Schema, root: Schema | None = None) -> st.SearchStrategy[An
         return st.deferred(lambda: contents(_resolved(schema["$ref"], root), root))
     if "if" in schema:
         then, other = (schema.get(word, {}) for word in ("then", "else"))
+        if "allOf" in then:  # a sensor of one of several kinds
+            return st.one_of([contents(case["then"], root) for case in then["allOf"]])
         if "$ref" in then:
             return contents(then, root) | contents(other, root)
         return _by_type(schema, root)  # a topic: of sample blocks and of others

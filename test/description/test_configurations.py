@@ -24,7 +24,7 @@ from rotary_error_monitor.kinds.mount.description import load_mount, mount_machi
 from rotary_error_monitor.kinds.quadrature.description import load_quadrature
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.estimation import Estimator, stream_limits
 from rotary_error_monitor.signals.blocks import block_from_samples
 from rotary_error_monitor.twin.document import stage_mapping
 
@@ -81,7 +81,7 @@ def test_every_stage_that_the_schema_allows_can_be_used(content: Any, folder: Pa
         return
     times = START + np.arange(20) * 1_000_000
     for name in estimator.inputs:
-        fields = ("tilt_x", "tilt_y") if name == "autocollimator" else ("angle",)
+        fields = stream_limits(stage)[name][0]
         estimator.push(name, block_from_samples(times, fields, np.zeros((20, len(fields)))))
     for block in estimator.finish():
         assert np.isfinite(block.rows).all()

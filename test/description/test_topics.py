@@ -27,7 +27,7 @@ def test_poses_have_their_topics_by_key():
 
 @pytest.mark.parametrize("stream", ["hygrometer", "", "head"])
 def test_what_the_contract_does_not_have_is_named(stream):
-    with pytest.raises(InputError, match=f"no samples of '{stream}'; it has those of autocollimator, command"):
+    with pytest.raises(InputError, match=f"no samples of '{stream}'; it has those of autocollimator, axial_probe_"):
         samples_topic(stream)
     with pytest.raises(InputError, match="no topic 'humidity'"):
         topic_named("humidity")

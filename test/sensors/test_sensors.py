@@ -54,7 +54,7 @@ def turned(vector, theta):
 
 
 def test_kinds_are_those_of_the_room():
-    assert set(sensor_kinds()) == {"head", "autocollimator", "lvdt"}
+    assert set(sensor_kinds()) == {"head", "autocollimator", "lvdt", "axial_probe", "radial_probe"}
     assert kind_of("head_a") == "head" and kind_of("lvdt.x") == "lvdt"
     assert sensor_of("head_c") is sensor_kinds()["head"]
 
@@ -91,7 +91,7 @@ def test_an_autocollimator_sees_tilt_of_rotor_and_mirror_within_its_range(pose):
     expected = posed.leaning + np.stack([tx + [1e-5, 2e-5] @ wave, ty + [-3e-5, 4e-5] @ wave], axis=1)
     shown = sensor_of("autocollimator").shown("autocollimator", posed)
     np.testing.assert_allclose(shown, expected, rtol=0, atol=1e-15)
-    held = sensor_of("autocollimator").within_range(stage, shown)
+    held = sensor_of("autocollimator").within_range(stage, "autocollimator", shown)
     limit = stage.autocollimator.range
     assert np.abs(held).max() == limit < np.abs(shown).max()
     np.testing.assert_array_equal(held[np.abs(shown) < limit], shown[np.abs(shown) < limit])
@@ -114,11 +114,12 @@ def test_noise_is_that_of_one_sample_with_its_rounding():
         "autocollimator": np.sqrt(collimator.noise**2 + collimator.resolution**2 / 12),
         "lvdt": STAGE.lvdt.noise,
     }
-    assert {kind: sensor.noise(STAGE) for kind, sensor in sensor_kinds().items()} == pytest.approx(expected)
-    assert sensor_of("lvdt").noise(replace(STAGE, lvdt=None)) == 0.0
+    assert {
+        kind: sensor.noise(STAGE, stream) for kind, sensor in sensor_kinds().items() for stream in sensor.streams(STAGE)
+    } == pytest.approx(expected)
     slow = Turbulence(1e-6, 2.0)
     airy = replace(STAGE, autocollimator=replace(collimator, turbulence=slow))
-    assert {kind: sensor.turbulence(airy) for kind, sensor in sensor_kinds().items()} == {
+    assert {kind: sensor.turbulence(airy) for kind, sensor in sensor_kinds().items() if sensor.streams(airy)} == {
         "head": None,
         "autocollimator": slow,
         "lvdt": None,

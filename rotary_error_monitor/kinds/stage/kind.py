@@ -41,7 +41,9 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
 
         with opened_bag(recording) as reader:
             letters, without = sorted(twin.description.encoder.azimuths), absent_kinds(twin.description)
-            needed, optional = ([samples_topic(name) for name in names] for names in streams_with(letters, without))
+            listed = tuple(twin.description.sensors)
+            streams = streams_with(letters, without, listed)
+            needed, optional = ([samples_topic(name) for name in names] for names in streams)
             reader.check_topics(needed)
             names = [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
             window = reader.window(names)
@@ -50,10 +52,10 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
             if elsewhere and window is not None:
                 lost = f"{', '.join(elsewhere)} and the others do not overlap in time: {window.remark}"
                 raise InputError(f"{reader.path}: {lost}")
-            streams = record_stage(blocks, letters, most_rate, without)
+            recorded = record_stage(blocks, letters, most_rate, without, listed)
             overlap = (window.remark,) if window is not None and window.remark else ()
-            streams = replace(streams, remarks=(*reader.remarks, *overlap, *streams.remarks))
-            return stage_problem(twin.description, streams, twin.effects, twin.known)
+            recorded = replace(recorded, remarks=(*reader.remarks, *overlap, *recorded.remarks))
+            return stage_problem(twin.description, recorded, twin.effects, twin.known)
 
     def attempt(self, problem: StageProblem, cause: Cause) -> None:
         """Every signal of the recording with the effect keeps its shape and is finite."""
