@@ -166,6 +166,18 @@ class Wire:
             raise InputError(f"the wire contract has no topic '{key}' for head {head!r}; it has the {have}")
         return found
 
+    def of_stream(self, stream: str) -> Topic:
+        """Topic of the samples of a stream: of the sensor that its frame is called after, such as `head_a`.
+
+        Raises:
+            InputError: the contract has none.
+        """
+        found = next((topic for topic in self if topic.is_sample_block and topic.frame == stream), None)
+        if found is None:
+            frames = sorted({topic.frame for topic in self if topic.is_sample_block})
+            raise InputError(f"the wire contract has no samples of '{stream}'; it has those of {', '.join(frames)}")
+        return found
+
     def named(self, name: str) -> Topic:
         """Topic by its name on the wire.
 

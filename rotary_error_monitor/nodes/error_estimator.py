@@ -1,4 +1,4 @@
-"""The estimator: samples of heads, autocollimator and command in, the error motion of the stage out.
+"""The estimator: samples of heads, autocollimator, listed sensors and command in, the stage's error motion out.
 
 ros2 run rotary_error_monitor error_estimator --ros-args -p stage:=my_stage.yaml
 """
@@ -105,9 +105,8 @@ class ErrorEstimator(ManagedNode):
         return [*(watch.report(now_ns) for watch in self._inputs.values()), self._estimate_condition(now_ns)]
 
     def _topic(self, stream: str) -> Topic:
-        """Topic of a stream by the estimator's name for it: `head_a`, `autocollimator`, `command`."""
-        head = stream.removeprefix("head_")
-        return self.wire.topic("head_samples", head) if head != stream else self.wire.topic(f"{stream}_samples")
+        """Topic of a stream by the estimator's name for it: `head_a`, `autocollimator`, `axial_probe_top`."""
+        return self.wire.of_stream(stream)
 
     def _receiver(self, stream: str) -> Callable[[bytes, int], None]:
         watch, topic = self._inputs[stream], self._topic(stream).name
@@ -142,7 +141,7 @@ class ErrorEstimator(ManagedNode):
 
     def _say_doubts(self) -> None:
         """Log what begins or ceases to be doubted."""
-        doubts = dict(self._estimator.belief.reasons)
+        doubts = dict(self._estimator.reasons)
         for what in doubts.keys() - self._said.keys():
             self.get_logger().warning(f"{what} is not used: {doubts[what]}")
         for what in self._said.keys() - doubts.keys():
@@ -150,7 +149,7 @@ class ErrorEstimator(ManagedNode):
         self._said = doubts
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        doubts = ", ".join(what for what, _ in self._estimator.belief.reasons)
+        doubts = ", ".join(what for what, _ in self._estimator.reasons)
         self._estimator.reset()
         self._said.clear()  # what is doubted again is said again
         response.success = True
@@ -187,7 +186,7 @@ class ErrorEstimator(ManagedNode):
             (Level.ERROR, f"{withheld} estimates withheld: the heads contradict one another" if withheld else ""),
             (Level.ERROR, f"{unobservable} estimates impossible: {self._lacking()}" if unobservable else ""),
             (Level.ERROR, f"no estimate: {flow.message}" if flow.level == Level.ERROR else ""),
-            (Level.WARN, f"{saturated} autocollimator samples at the end of its range" if saturated else ""),
+            (Level.WARN, f"{saturated} samples at the end of an instrument's range" if saturated else ""),
             *self._doubts(flow.level == Level.ERROR),
         ):
             if reason:
@@ -209,12 +208,12 @@ class ErrorEstimator(ManagedNode):
     def _doubts(self, silent: bool) -> Iterator[tuple[Level, str]]:
         """What is missing or doubted while there are estimates."""
         status, belief = self._estimator.status, self._estimator.belief
-        for what, why in belief.reasons:
+        for what, why in self._estimator.reasons:
             yield (Level.ERROR if what in ("heads", "ring") else Level.WARN), f"{what}: {why}"
         yield Level.WARN, f"without {', '.join(status.absent)}" if status.absent else ""
         # What the stage has no sensor for is no fault: the topic's bit mask says it.
-        absent = {"ezc", *(("eac", "ebc") if self.stage.autocollimator is None else ())}
-        hidden = [name for bit, name in enumerate(COMPONENTS) if name not in absent and not self._components >> bit & 1]
+        possible = self._estimator.components
+        hidden = [name for bit, name in enumerate(COMPONENTS) if name in possible and not self._components >> bit & 1]
         yield Level.WARN, f"not observable: {', '.join(hidden)}" if hidden and not silent else ""
         if belief.heads.lost:
             yield Level.WARN, "redundancy is lost: a further fault of a head would show only as a step"

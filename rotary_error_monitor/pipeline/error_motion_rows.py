@@ -38,6 +38,27 @@ COLUMNS = (
 )
 """Columns of a block of error motion after `t`; `observable`, `streams` and `doubts` are bit masks."""
 
+COVARIANCES = {
+    (0, 0): "var_exc",
+    (1, 1): "var_eyc",
+    (0, 1): "cov_exc_eyc",
+    (3, 3): "var_eac",
+    (4, 4): "var_ebc",
+    (5, 5): "var_ecc",
+    (0, 5): "cov_exc_ecc",
+    (1, 5): "cov_eyc_ecc",
+}
+"""Names of the covariances of two components that heads and autocollimator make."""
+
+MORE_COVARIANCES = {
+    (i, j): f"var_{motion.COMPONENTS[i]}" if i == j else f"cov_{motion.COMPONENTS[i]}_{motion.COMPONENTS[j]}"
+    for i, j in ((2, 2), (0, 2), (0, 3), (0, 4), (1, 2), (1, 3), (1, 4), (2, 3), (2, 4), (2, 5), (3, 4), (3, 5), (4, 5))
+}
+"""Those that listed sensors make beside."""
+
+SENSOR_COLUMNS = (*MORE_COVARIANCES.values(), "sensor_scale")
+"""Columns that follow on `COLUMNS` where the stage lists sensors."""
+
 COLUMN = {name: place for place, name in enumerate(COLUMNS)}
 AUTOCOLLIMATOR, COMMAND = "autocollimator", "command"
 TURN = 2 * np.pi
@@ -211,25 +232,20 @@ class RowMaker:
 
 
 def error_motion_from_block(block: SampleBlock) -> motion.ErrorMotion:
-    """Error motion with its (m, 6, 6) covariance from a block with the columns `COLUMNS`.
+    """Error motion with its (m, 6, 6) covariance from a block with the columns `COLUMNS`, and `SENSOR_COLUMNS` or not.
 
     Raises:
         InputError: the block lacks one of the columns.
     """
-    column = {name: block.column(name) for name in COLUMNS}
     covariance = np.zeros((len(block.rows), 6, 6))
-    for (i, j), name in {
-        (0, 0): "var_exc",
-        (1, 1): "var_eyc",
-        (0, 1): "cov_exc_eyc",
-        (3, 3): "var_eac",
-        (4, 4): "var_ebc",
-        (5, 5): "var_ecc",
-        (0, 5): "cov_exc_ecc",
-        (1, 5): "cov_eyc_ecc",
-    }.items():
-        covariance[:, i, j] = covariance[:, j, i] = column[name]
-    bits = column["observable"].astype(np.int64)
-    observable = (bits[:, None] >> np.arange(6)) & 1 == 1
-    components = np.stack([column[name] for name in motion.COMPONENTS], axis=1)
-    return motion.ErrorMotion(column["theta"], components, observable, covariance)
+    more = {key: name for key, name in MORE_COVARIANCES.items() if name in block.names}
+    for (i, j), name in (COVARIANCES | more).items():
+        covariance[:, i, j] = covariance[:, j, i] = block.column(name)
+    bits = block.column("observable").astype(np.int64)
+    components = np.stack([block.column(name) for name in motion.COMPONENTS], axis=1)
+    return motion.ErrorMotion(block.column("theta"), components, observable_of(bits), covariance)
+
+
+def observable_of(bits: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(m, 6) which components the bit masks (m,) of a column `observable` name."""
+    return np.asarray((bits[:, None] >> np.arange(6)) & 1 == 1)

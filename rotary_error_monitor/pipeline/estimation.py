@@ -1,4 +1,4 @@
-"""The estimator: sample blocks of heads, autocollimator and command in, blocks of error motion out.
+"""The estimator: sample blocks of heads, autocollimator, command and listed sensors in, error motion out.
 
 The same class runs live and in replay. Estimates stand on a grid of ticks fixed in absolute time. A tick is computed
 as soon as every stream that is present has the samples for it; a stream that stays behind the others by more than
@@ -11,7 +11,7 @@ believed, a replay repeats the decision.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,18 +19,22 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
+from rotary_error_monitor.metrology.error_motion import COMPONENTS
+from rotary_error_monitor.metrology.rigid_motion import observable_components
 from rotary_error_monitor.metrology.tilt import check_saturation
 from rotary_error_monitor.pipeline.belief import Belief
 from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR as AUTOCOLLIMATOR
 from rotary_error_monitor.pipeline.error_motion_rows import COLUMNS as COLUMNS
 from rotary_error_monitor.pipeline.error_motion_rows import COMMAND as COMMAND
-from rotary_error_monitor.pipeline.error_motion_rows import RowMaker
+from rotary_error_monitor.pipeline.error_motion_rows import SENSOR_COLUMNS, RowMaker
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings as EstimatorSettings
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus as EstimatorStatus
 from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
 from rotary_error_monitor.pipeline.evidence import WINDOW_NS, Evidence
+from rotary_error_monitor.pipeline.listed_sensors import ListedSensors
 from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication, redundancy_of
 from rotary_error_monitor.pipeline.repetition import Repetition
+from rotary_error_monitor.sensors.library import listed_kind
 from rotary_error_monitor.signals.admission import LARGEST_ANGLE, ArrivalCheck, SampleLimits
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 from rotary_error_monitor.signals.resampling import Resampled, count_decided, resample_all, tick_times
@@ -76,7 +80,8 @@ class Estimator:
         }
         self._arrivals = {name: ArrivalCheck(self._settings.max_age_ns) for name in self._streams}
         # As the wire contract numbers them, also for a stage without autocollimator.
-        self._bits = {name: 1 << i for i, name in enumerate((*self._heads, AUTOCOLLIMATOR, COMMAND))}
+        names = (*self._heads, AUTOCOLLIMATOR, COMMAND, *stage.sensors)
+        self._bits = {name: 1 << i for i, name in enumerate(names)}
         self._head_bits = sum(self._bits[name] for name in self._heads)
         self._repetition = None if decisions is None else Repetition(decisions, self._bits)
         self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
@@ -86,6 +91,8 @@ class Estimator:
         self.belief = Belief(
             stage, self._heads, self._bits, self._streams, period_ns, limit, self._settings.check_turns
         )
+        self._listed = ListedSensors(stage, self._bits, period_ns) if stage.sensors else None
+        self._columns = COLUMNS if self._listed is None else (*COLUMNS, *SENSOR_COLUMNS)
         self.status = EstimatorStatus(streams=self._streams)
         self._begin()
 
@@ -103,12 +110,30 @@ class Estimator:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the streams that are taken: `head_<letter>`, `autocollimator`, `command`."""
+        """Names of the streams that are taken: `head_<letter>`, `autocollimator`, `command`, listed sensors."""
         return tuple(self._streams)
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Components of error motion that the sensors of the stage can determine together."""
+        tilt = self._stage.autocollimator is not None
+        known = np.array([True, True, False, tilt, tilt, True])
+        if self._listed is not None:
+            known = observable_components(known, self._listed.sensitivity)
+        return tuple(name for name, seen in zip(COMPONENTS, known.tolist(), strict=True) if seen)
+
+    @property
+    def reasons(self) -> Iterator[tuple[str, str]]:
+        """What is doubted, and why."""
+        yield from self.belief.reasons
+        if self._listed is not None:
+            yield from self._listed.reasons
 
     def reset(self) -> None:
         """Believe all inputs again, until they are contradicted anew."""
         self.belief.reset()
+        if self._listed is not None:
+            self._listed.reset()
 
     def push(self, name: str, block: SampleBlock, arrival_ns: int | None = None) -> list[SampleBlock]:
         """Take in a block of stream `name`; give the blocks of error motion that are complete now, columns `COLUMNS`.
@@ -137,8 +162,7 @@ class Estimator:
             raise InputError(f"no stream '{name}' in this stage; it has {', '.join(self._streams)}")
         until_ns = None if arrival_ns is None else self._check_arrival(name, block, arrival_ns, recorded)
         stream = self._streams[name]
-        if name == AUTOCOLLIMATOR:
-            block = self._without_saturated(block)
+        block = self._without_saturated(name, block)
         if stream.push(block, until_ns) == 0:
             return
         newest = stream.newest_ns
@@ -188,6 +212,8 @@ class Estimator:
                 stream.clear()
             self._begin()
             self.belief.forget_time()
+            if self._listed is not None:
+                self._listed.forget_time()
             self.status.restarts += 1
         return arrival_ns + check.ahead_ns
 
@@ -198,8 +224,16 @@ class Estimator:
             for stream in self._streams.values():
                 stream.patience_ns = self._settings.patience_ns + duration_ns
 
-    def _without_saturated(self, block: SampleBlock) -> SampleBlock:
-        saturated = check_saturation(block.columns(("tilt_x", "tilt_y")), self._stage.tilt_instrument)
+    def _without_saturated(self, name: str, block: SampleBlock) -> SampleBlock:
+        """A block without the samples at the end of the instrument's range, where they say nothing."""
+        if name == AUTOCOLLIMATOR:
+            saturated = check_saturation(block.columns(("tilt_x", "tilt_y")), self._stage.tilt_instrument)
+        elif name in self._stage.sensors:
+            sensor = self._stage.sensors[name]
+            readings = block.columns(listed_kind(sensor).fields)[:, 0]
+            saturated = np.abs(readings) >= sensor.range - 0.5 * sensor.resolution
+        else:
+            return block
         if not saturated.any():
             return block
         self.status.saturated += int(saturated.sum())
@@ -304,7 +338,8 @@ class Estimator:
         used, decided = (own, {}) if self._repetition is None else self._repetition.choose(ticks, there, own)
         for place, decision in decided.items():  # a head that the live run did not wait for yet was not there for it
             there[place] &= decision.streams | self.belief.left_out | ~self._head_bits
-        rows, evidence, disagreement, redundancy = self._make_rows(sampled, there, used, first)
+        rates = {name: stream.rate for name, stream in self._streams.items()}
+        rows, evidence, disagreement, redundancy = self._make_rows(sampled, there, used, first, rates)
         verdicts, done = self.belief.assess(evidence)
         believed = Believed(done)
         for where, verdict in verdicts:
@@ -317,6 +352,10 @@ class Estimator:
             rows, evidence.values[:done], used, disagreement[:done], redundancy[:done], believed
         )
         seen = evidence.values[:done, EVIDENCE["heads"]] > 0.0
+        if self._listed is not None:
+            known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
+            said = {place: decision.sensor_scale for place, decision in decided.items() if place < done}
+            rows = self._listed.complete(first, rows, publish & seen, known, rates, said, evidence.values[:done])
         if self._repetition is None:
             self.status.unobservable += int((~seen).sum())
         else:
@@ -326,17 +365,21 @@ class Estimator:
         publish &= seen
         self.status.estimates += int(publish.sum())
         self.status.disagreement = float(disagreement[done - 1])
-        return [block_from_samples(ticks[:done][publish], COLUMNS, rows[publish])] if publish.any() else [], done
+        return [block_from_samples(ticks[:done][publish], self._columns, rows[publish])] if publish.any() else [], done
 
     def _make_rows(
-        self, sampled: Mapping[str, Resampled], there: NDArray[np.int64], used: NDArray[np.int64], first: int
+        self,
+        sampled: Mapping[str, Resampled],
+        there: NDArray[np.int64],
+        used: NDArray[np.int64],
+        first: int,
+        rates: Mapping[str, float],
     ) -> tuple[NDArray[np.float64], Evidence, NDArray[np.float64], NDArray[np.int64]]:
         """Rows of all ticks, what they say of the streams, contradiction of the heads, and their redundancy."""
         count = len(there)
         rows, values = np.zeros((count, len(COLUMNS))), np.zeros((count, len(EVIDENCE)))
         parity, disagreement = np.zeros((count, len(self._heads))), np.zeros(count)
         redundancy = np.zeros(count, np.int64)
-        rates = {name: stream.rate for name, stream in self._streams.items()}
         for both in set(zip(there.tolist(), used.tolist(), strict=True)):
             chosen = np.flatnonzero((there == both[0]) & (used == both[1]))
             part = sampled if len(chosen) == count else {name: each.at(chosen) for name, each in sampled.items()}
@@ -369,4 +412,7 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
         tilts = SampleLimits(2.0 * instrument.range, noise=math.hypot(instrument.noise, instrument.resolution))
         found[AUTOCOLLIMATOR] = ("tilt_x", "tilt_y"), tilts
     found[COMMAND] = ("angle",), angles
+    for name, sensor in stage.sensors.items():
+        step = math.hypot(sensor.noise, sensor.resolution)
+        found[name] = listed_kind(sensor).fields, SampleLimits(2.0 * sensor.range, noise=step)
     return found

@@ -49,7 +49,7 @@ class EstimatorStatus:
         estimates: ticks published.
         withheld: ticks not published because the heads contradict one another.
         unobservable: ticks not published because too few heads were there to tell the rotation.
-        saturated: autocollimator samples at the end of the measuring range.
+        saturated: samples of autocollimator and listed sensors at the end of the measuring range.
         restarts: how often everything began anew because the clock was set back.
         turns: whole turns that were taken out of the heads, to count as the command does.
         absent: streams that nobody waits for now.

@@ -30,6 +30,7 @@ class Decision:
         streams: bit mask of the streams that were used.
         doubts, head_scale, tilt_scale, lag, unresolved, unresolved_tilt: as in `Verdict`; none where a run of an
             earlier version did not say.
+        sensor_scale: by which standard deviations of the listed sensors were multiplied.
     """
 
     streams: int
@@ -39,6 +40,7 @@ class Decision:
     lag: float = 0.0
     unresolved: float = 0.0
     unresolved_tilt: float = 0.0
+    sensor_scale: float = 1.0
 
 
 Decisions: TypeAlias = Mapping[int, Decision]
@@ -55,7 +57,8 @@ def decisions_from_block(block: SampleBlock) -> dict[int, Decision]:
     times = block.times_ns.tolist()
     if "doubts" not in block.names:
         return {time: Decision(mask) for time, mask in zip(times, streams, strict=True)}
-    said = block.columns(("streams", "doubts", *_UNCERTAIN)).tolist()
+    scale = ("sensor_scale",) if "sensor_scale" in block.names else ()
+    said = block.columns(("streams", "doubts", *_UNCERTAIN, *scale)).tolist()
     return {time: Decision(int(row[0]), int(row[1]), *row[2:]) for time, row in zip(times, said, strict=True)}
 
 
@@ -109,7 +112,8 @@ class Publication:
         """Publication for `stage`, with the `bits` of its streams."""
         self._radius, self._most = stage.encoder.disc_radius, stage.limits.radial
         self._bits = bits
-        self._heads = sum(bit for name, bit in bits.items() if name not in (AUTOCOLLIMATOR, COMMAND))
+        others = (AUTOCOLLIMATOR, COMMAND, *stage.sensors)
+        self._heads = sum(bit for name, bit in bits.items() if name not in others)
         self._assembly = _assembly_variance(stage)
         # The smallest fault that shows is the internal reliability of geodesy (Baarda 1968): without redundancy a step
         # of one head shows only where no bearing makes it within a window. Its distribution is taken as rectangular,

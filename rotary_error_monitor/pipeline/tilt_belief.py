@@ -53,7 +53,7 @@ class TiltBelief:
         """Judge of the autocollimator of a stage."""
         self._instrument, self._limits = stage.autocollimator or ABSENT, stage.limits
         self._anywhere = Reach(0.0, 0.0, 2.0 * stage.limits.tilt)
-        self._equal_run = run_by_chance(self._instrument)
+        self._equal_run = run_by_chance(self._instrument.noise, self._instrument.resolution, components=2)
         noise = math.hypot(self._instrument.noise, self._instrument.resolution / math.sqrt(12.0))
         stated = stage.uncertainty.get("mirror.tilt")
         claim = None if stated is None else Claim(stated, departure(stage.spindle.tilt))
@@ -259,16 +259,16 @@ def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
 _MISREAD = "it does not fit its description"
 
 
-def run_by_chance(instrument: Autocollimator) -> float:
-    """Readings of both components in a row that chance makes equal less often than `SURE`, at most a million.
+def run_by_chance(noise: float, resolution: float, components: int = 1) -> float:
+    """Readings of all components in a row that chance makes equal less often than `SURE`, at most a million.
 
     A reading repeats where the noise stays within half a step, at best with `erf(resolution / (2 sqrt(2) noise))`.
     """
-    if instrument.resolution == 0.0:
-        return 2.0 if instrument.noise > 0.0 else 1e6
-    if instrument.noise == 0.0:
+    if resolution == 0.0:
+        return 2.0 if noise > 0.0 else 1e6
+    if noise == 0.0:
         return 1e6
-    equal = math.erf(instrument.resolution / (2.0 * math.sqrt(2.0) * instrument.noise)) ** 2
+    equal = math.erf(resolution / (2.0 * math.sqrt(2.0) * noise)) ** components
     if equal == 0.0:  # a step that is next to none
         return 2.0
     return min(1e6, 1.0 + math.log(SURE) / math.log(equal)) if equal < 1.0 else 1e6

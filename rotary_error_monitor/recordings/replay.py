@@ -145,8 +145,8 @@ def input_topics(reader: BagReader, wire: Wire, stage: StageDescription) -> dict
     present = [name for name in heads if name in reader.topics and reader.topics[name].count]
     if len(present) < 2:
         reader.check_topics([name for name in heads if name not in present])
-    tilt = {} if stage.autocollimator is None else {wire.topic("autocollimator_samples").name: AUTOCOLLIMATOR}
-    return heads | tilt | {wire.topic("command_samples").name: COMMAND}
+    tilt = () if stage.autocollimator is None else (AUTOCOLLIMATOR,)
+    return heads | {wire.of_stream(stream).name: stream for stream in (*tilt, COMMAND, *stage.sensors)}
 
 
 def _machine_topics(reader: BagReader, wire: Wire) -> tuple[str, str]:

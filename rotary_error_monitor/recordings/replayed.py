@@ -188,7 +188,7 @@ class Collected:
 
     def note_doubts(self, estimator: Estimator) -> None:
         """Take note of what the estimator does not believe, with the first reason for each, and of samples refused."""
-        for what, why in estimator.belief.reasons:
+        for what, why in estimator.reasons:
             self.doubted.setdefault(what, why)
         for name, stream in estimator.status.streams.items():
             if stream.admission.refused:

@@ -159,6 +159,6 @@ class _Log:
     def note(self, estimator: Estimator) -> None:
         """What the estimator doubts now lasted since the last time that it was asked."""
         passed, self._before = self.duration - self._before, self.duration
-        for what, why in estimator.belief.reasons:
+        for what, why in estimator.reasons:
             doubt = self.doubts.setdefault(what, Doubt(what, why, self.duration))
             doubt.duration += passed

@@ -1,0 +1,105 @@
+"""Error motion of a rigid rotor from any sensors that see linear combinations of it: weighted least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
+
+LEVER = 0.1
+"""Length, m, by which angles are made comparable with displacements: the size of a stage."""
+
+_SCALE = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
+
+_SEEN = 1e-6
+"""Part of a component's direction that may lie outside of what the sensors see: an Abbe arm of 0.1 µm."""
+
+LEAST_VARIANCE = 1e-24
+"""Variance, m², below which nothing counts as known, so that what is known exactly has a weight: a picometre."""
+
+
+def observable_components(known: NDArray[np.bool_], sensitivity: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(6,) which components are determined by what is known of them (6,) and by sensors.
+
+    Args:
+        known: components that are determined without the sensors.
+        sensitivity: (p, 6) what each sensor sees of exc eyc ezc eac ebc ecc.
+    """
+    _, outside = _seen(known, sensitivity)
+    return np.asarray(np.abs(outside).max(axis=1, initial=0.0) < _SEEN)
+
+
+def redundancy_numbers(
+    motion: ErrorMotion, sensitivity: NDArray[np.float64], variance: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(m, p) part of a fault of each sensor that would show in its residual (Baarda 1968), 0 to 1.
+
+    Args:
+        motion: what is known without the sensors, at m times of one `observable`.
+        sensitivity: (p, 6).
+        variance: (m, p) of the sensors' readings, m².
+    """
+    joined = combine(motion, sensitivity, np.zeros_like(variance), variance)
+    fitted = np.einsum("pi,mij,pj->mp", sensitivity, joined.covariance, sensitivity)
+    determined = _is_determined(motion.observable[0], sensitivity)
+    return np.where(determined, np.clip(1.0 - fitted / variance, 0.0, 1.0), 0.0)
+
+
+def combine(
+    motion: ErrorMotion,
+    sensitivity: NDArray[np.float64],
+    displacement: NDArray[np.float64],
+    variance: NDArray[np.float64],
+) -> ErrorMotion:
+    """The error motion that agrees best with what is known of it and with what sensors see.
+
+    Generalised least squares with what is known as one observation of its own covariance; without sensors it comes
+    out as it went in.
+
+    Args:
+        motion: what is known without the sensors, at m times with the same `observable`.
+        sensitivity: (p, 6) what each sensor sees of exc eyc ezc (1) eac ebc ecc (m).
+        displacement: (m, p) what each sees, m.
+        variance: (m, p) of that, m², above 0.
+    """
+    known = motion.observable[0]
+    basis, outside = _seen(known, sensitivity)
+    count = len(motion.theta)
+    information, vector = np.zeros((count, 6, 6)), np.zeros((count, 6))
+    # one after another, and each time by itself: the bits of a time do not depend on how many there are
+    for place, row in enumerate(sensitivity / _SCALE):
+        information += np.outer(row, row) / variance[:, place, None, None]
+        vector += row * (displacement[:, place] / variance[:, place])[:, None]
+    if known.any():
+        at, scale = np.ix_(np.arange(count), known, known), _SCALE[known]
+        least = LEAST_VARIANCE * np.eye(len(scale))
+        inverse = np.linalg.inv(motion.covariance[at] * np.outer(scale, scale) + least)
+        information[at] += inverse
+        vector[:, known] += (inverse @ (motion.components[:, known] * scale)[:, :, None])[:, :, 0]
+    covariance = basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T
+    components = (covariance @ vector[:, :, None])[:, :, 0] / _SCALE
+    covariance /= np.outer(_SCALE, _SCALE)
+    observable = np.abs(outside).max(axis=1, initial=0.0) < _SEEN
+    components[:, ~observable] = 0.0
+    covariance[:, ~observable, :] = covariance[:, :, ~observable] = 0.0
+    return ErrorMotion(motion.theta, components, np.tile(observable, (len(motion.theta), 1)), covariance)
+
+
+def _seen(
+    known: NDArray[np.bool_], sensitivity: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(6, r) basis of the directions that are determined, (6, 6 - r) of the others, angles times `LEVER`."""
+    rows = np.vstack([np.eye(len(COMPONENTS))[known], sensitivity / _SCALE])
+    _, sizes, vectors = np.linalg.svd(rows, full_matrices=True)
+    rank = int(np.count_nonzero(sizes > _SEEN))
+    return vectors[:rank].T, vectors[rank:].T
+
+
+def _is_determined(known: NDArray[np.bool_], sensitivity: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(p,) whether what each sensor sees is determined by what is known and by the other sensors."""
+    found = []
+    for place, row in enumerate(sensitivity / _SCALE):
+        _, outside = _seen(known, np.delete(sensitivity, place, axis=0))
+        found.append(bool(np.abs(row @ outside).max(initial=0.0) < _SEEN))
+    return np.array(found, np.bool_)

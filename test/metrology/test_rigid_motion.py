@@ -1,0 +1,145 @@
+"""Error motion by weighted least squares, held against closed forms and against what chance makes of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.metrology.rigid_motion import combine, observable_components, redundancy_numbers
+
+AXIAL = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+
+
+def radial(azimuth: float, height: float) -> list[float]:
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    return [cos, sin, 0.0, -height * sin, height * cos, 0.0]
+
+
+def face(azimuth: float, radius: float) -> list[float]:
+    return [0.0, 0.0, 1.0, radius * np.sin(azimuth), -radius * np.cos(azimuth), 0.0]
+
+
+def known(count: int, **components: tuple[float, float]) -> ErrorMotion:
+    """Value and standard deviation of some components, the same at all times."""
+    names = ("exc", "eyc", "ezc", "eac", "ebc", "ecc")
+    values, covariance, observable = np.zeros((count, 6)), np.zeros((count, 6, 6)), np.zeros((count, 6), bool)
+    for name, (value, std) in components.items():
+        place = names.index(name)
+        values[:, place], covariance[:, place, place], observable[:, place] = value, std**2, True
+    return ErrorMotion(np.zeros(count), values, observable, covariance)
+
+
+def test_an_axial_probe_alone_is_the_axial_error_motion():
+    found = combine(known(1, exc=(1e-6, 1e-8)), np.array([AXIAL]), np.array([[3e-7]]), np.array([[4e-16]]))
+    assert found.observable[0].tolist() == [True, False, True, False, False, False]
+    np.testing.assert_allclose(found.components[0], [1e-6, 0, 3e-7, 0, 0, 0], rtol=1e-9, atol=0)
+    np.testing.assert_allclose(np.diag(found.covariance[0]), [1e-16, 0, 4e-16, 0, 0, 0], rtol=1e-7)
+
+
+def test_two_readings_of_one_thing_are_weighed_by_their_variances():
+    motion = known(1, exc=(2e-6, 2e-8))
+    found = combine(motion, np.array([radial(0.0, 0.0)]), np.array([[1e-6]]), np.array([[1e-16]]))
+    np.testing.assert_allclose(found.components[0, 0], (2e-6 / 4 + 1e-6) / (1 / 4 + 1), rtol=1e-7)
+    np.testing.assert_allclose(found.covariance[0, 0, 0], 1 / (1 / 4e-16 + 1 / 1e-16), rtol=1e-7)
+
+
+def test_two_heights_show_the_tilt_as_their_difference_over_the_distance():
+    """Abbe: beside a radial error motion that is not known otherwise."""
+    low, high, noise = 0.05, 0.25, 1e-8
+    rows = np.array([radial(0.0, low), radial(0.0, high), radial(np.pi / 2, low), radial(np.pi / 2, high)])
+    shown = np.array([[1e-6, 5e-6, 2e-6, -3e-6]])
+    found = combine(known(1), rows, shown, np.full((1, 4), noise**2))
+    ebc, eac = (5e-6 - 1e-6) / (high - low), -(-3e-6 - 2e-6) / (high - low)
+    assert found.observable[0].tolist() == [True, True, False, True, True, False]
+    np.testing.assert_allclose(found.components[0, [3, 4]], [eac, ebc], rtol=1e-9)
+    np.testing.assert_allclose(found.components[0, :2], [1e-6 - low * ebc, 2e-6 + low * eac], rtol=1e-8, atol=1e-18)
+    np.testing.assert_allclose(np.sqrt(found.covariance[0, 4, 4]), np.sqrt(2) * noise / (high - low), rtol=1e-7)
+    # displacement at the ring and tilt go against one another: both are extrapolated from the same readings
+    assert found.covariance[0, 0, 4] < 0
+
+
+def test_three_probes_on_a_face_show_its_tilt_and_the_axial_error_motion():
+    radius, azimuths = 0.08, 2 * np.pi / 3 * np.arange(3)
+    truth = np.array([0.0, 0.0, 4e-7, 3e-6, -2e-6, 0.0])
+    rows = np.array([face(each, radius) for each in azimuths])
+    found = combine(known(1), rows, (rows @ truth)[None], np.full((1, 3), 1e-16))
+    assert found.observable[0].tolist() == [False, False, True, True, True, False]
+    np.testing.assert_allclose(found.components[0], truth, rtol=1e-9, atol=1e-18)
+    # three equal weights: the axial one is the mean, each tilt has two thirds of the readings' information
+    np.testing.assert_allclose(
+        np.diag(found.covariance[0])[2:5], 1e-16 * np.array([1 / 3, 2 / 3 / radius**2, 2 / 3 / radius**2]), rtol=1e-7
+    )
+
+
+def test_what_a_single_radial_probe_mixes_is_not_called_determined():
+    motion = known(1, exc=(1e-6, 1e-8))
+    found = combine(motion, np.array([radial(np.pi / 4, 0.1)]), np.array([[2e-6]]), np.array([[1e-16]]))
+    assert found.observable[0].tolist() == [True, False, False, False, False, False]
+    np.testing.assert_allclose(found.components[0, 0], 1e-6, rtol=1e-9)
+    np.testing.assert_allclose(found.covariance[0, 0, 0], 1e-16, rtol=1e-7)
+    assert not observable_components(motion.observable[0], np.array([radial(np.pi / 4, 0.1)]))[1:].any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_estimates_scatter_as_their_covariance_says(seed):
+    """Over 4000 draws: numpy's least squares on whitened rows, and chi-square of the truth."""
+    draw, count = np.random.default_rng(seed), 4000
+    rows = np.array([
+        radial(*draw.uniform([0, -0.1], [6, 0.3])) if kind else face(*draw.uniform([0, 0], [6, 0.1]))
+        for kind in [0, 0, 1, 1, 1, 1]
+    ])  # fmt: skip
+    truth = draw.normal(size=6) * [1e-6, 1e-6, 1e-6, 1e-5, 1e-5, 1e-5]
+    mixing = draw.normal(size=(3, 3)) * 1e-8
+    prior = mixing @ mixing.T + 1e-17 * np.eye(3)
+    at = [0, 1, 5]
+    observable, covariance, components = np.zeros((count, 6), bool), np.zeros((count, 6, 6)), np.zeros((count, 6))
+    observable[:, at] = True
+    covariance[np.ix_(range(count), at, at)] = prior
+    components[:, at] = truth[at] + draw.multivariate_normal(np.zeros(3), prior, count)
+    std = draw.uniform(1e-8, 5e-8, len(rows))
+    shown = rows @ truth + draw.normal(size=(count, len(rows))) * std
+    found = combine(
+        ErrorMotion(np.zeros(count), components, observable, covariance), rows, shown, np.tile(std**2, (count, 1))
+    )
+    assert found.observable.all()
+    whitener = np.linalg.inv(np.linalg.cholesky(prior))
+    design = np.vstack([whitener @ np.eye(6)[at], rows / std[:, None]])
+    for k in range(3):
+        data = np.concatenate([whitener @ components[k, at], shown[k] / std])
+        np.testing.assert_allclose(
+            found.components[k], np.linalg.lstsq(design, data, rcond=None)[0], rtol=1e-6, atol=1e-13
+        )
+    np.testing.assert_allclose(found.covariance[0], np.linalg.inv(design.T @ design), rtol=1e-5, atol=1e-20)
+    off = found.components - truth
+    squares = np.einsum("mi,mij,mj->m", off, np.linalg.inv(found.covariance), off)
+    assert squares.mean() == pytest.approx(6.0, abs=5 * np.sqrt(12 / count))
+
+
+def test_what_is_exact_already_stays():
+    found = combine(known(1, exc=(1e-6, 0.0)), np.array([radial(0.0, 0.0)]), np.array([[2e-6]]), np.array([[1e-16]]))
+    np.testing.assert_allclose(found.components[0, 0], 1e-6, rtol=1e-6)
+
+
+def test_redundancy_says_which_fault_would_show():
+    motion = known(1, exc=(0.0, 1e-8), eyc=(0.0, 1e-8))
+    rows = np.array([AXIAL, radial(0.0, 0.0)])
+    assert redundancy_numbers(motion, rows, np.full((1, 2), 1e-16))[0] == pytest.approx([0.0, 0.5], rel=1e-6)
+    twice = np.array([AXIAL, AXIAL, AXIAL])
+    assert redundancy_numbers(motion, twice, np.full((1, 3), 1e-16))[0] == pytest.approx([2 / 3] * 3, rel=1e-6)
+    # numbers of redundancy sum up to the degrees of freedom
+    three = np.array([face(a, 0.08) for a in (0.0, 2.0, 4.0)] + [AXIAL])
+    assert redundancy_numbers(motion, three, np.full((1, 4), 1e-16)).sum() == pytest.approx(1.0, rel=1e-6)
+
+
+def test_the_bits_of_a_time_do_not_depend_on_how_many_there_are():
+    draw = np.random.default_rng(3)
+    rows = np.array([face(1.0, 0.08), radial(2.0, 0.1), radial(0.3, 0.2)])
+    shown, variance = draw.normal(size=(40, 3)) * 1e-6, draw.uniform(1e-17, 1e-15, (40, 3))
+    motion = known(40, exc=(1e-6, 1e-8), eac=(1e-6, 1e-7))
+    whole = combine(motion, rows, shown, variance)
+    for part in (slice(0, 1), slice(7, 12), slice(12, 40)):
+        index = np.arange(40)[part]
+        alone = combine(motion.at(index), rows, shown[part], variance[part])
+        assert (alone.components == whole.components[part]).all()
+        assert (alone.covariance == whole.covariance[part]).all()

@@ -1,0 +1,306 @@
+"""Listed sensors joined to the estimate: right within the stated covariance, judged beside it, the same bits again."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pipeline.test_estimation import NAMES, SPEED, STAGE, START, in_order, joined, true_motion, values
+
+from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor
+from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.metrology.error_motion import COMPONENTS
+from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
+from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.publication import decisions_from_block
+from rotary_error_monitor.signals.blocks import block_from_samples
+
+NOISE, STEP = 2e-8, 1e-8
+STAMPS = {"encoder.timing": 1e-9, "command.timing": 1e-9}
+FORM = (AngularHarmonic(1, 3e-6, -1e-6), AngularHarmonic(3, 2e-7, 1e-7))
+
+
+def probe(kind: str, gain: float = 1.0, zero: float = 0.0, **place: float) -> ListedSensor:
+    return ListedSensor(kind, NOISE, STEP, 5e-5, 1e-8, zero, gain, place, FORM)
+
+
+AXIAL = {"axial_probe_top": probe("axial_probe", radius=0.0, zero=4e-6)}
+RADIAL = {
+    f"radial_probe_{name}": probe("radial_probe", azimuth=azimuth, height=height, gain=gain)
+    for name, azimuth, height, gain in (
+        ("x1", 0.0, 0.05, 1.0),
+        ("x2", 0.0, 0.25, -1.0),
+        ("y1", np.pi / 2, 0.05, 1.0),
+        ("y2", np.pi / 2, 0.25, 2.0),
+    )
+}
+FACE = {f"axial_probe_f{k}": probe("axial_probe", azimuth=2.0 * k, radius=0.08) for k in range(3)}
+
+
+def truth(t: np.ndarray) -> np.ndarray:
+    """(n, 6)"""
+    theta, exc, eyc, eac, ebc = true_motion(t)
+    return np.stack([exc, eyc, 4e-7 * np.cos(2 * theta) + 1e-7 * np.sin(5 * t), eac, ebc, theta - SPEED * t], 1)
+
+
+def displacement(name: str, sensor: ListedSensor, t: np.ndarray) -> np.ndarray:
+    """By the geometry of a rigid body, without noise."""
+    theta = true_motion(t)[0]
+    exc, eyc, ezc, eac, ebc, _ = truth(t).T
+    phi = sensor.place.get("azimuth", 0.0)
+    if name.startswith("axial"):
+        x, y = sensor.place["radius"] * np.cos(phi), sensor.place["radius"] * np.sin(phi)
+        moved = ezc + y * eac - x * ebc
+    else:
+        height = sensor.place["height"]
+        moved = (exc + height * ebc) * np.cos(phi) + (eyc - height * eac) * np.sin(phi)
+    psi = phi - theta
+    form = 3e-6 * np.cos(psi) - 1e-6 * np.sin(psi) + 2e-7 * np.cos(3 * psi) + 1e-7 * np.sin(3 * psi)
+    return sensor.zero + sensor.gain * (moved + form)
+
+
+def recorded(sensors, seed=0, duration=4.0, fault=None, tilt=True, rate=1000.0):
+    """Pairs of stream and block with noise and steps, in the order of their ends; `fault(name, t, readings)` spoils."""
+    draw, made = np.random.default_rng(seed), {}
+    for number, name in enumerate((*(n for n in NAMES if tilt or n != "autocollimator"), *sensors)):
+        times = np.arange(round(duration * rate)) * round(1e9 / rate) + 9000 * number
+        t = times * 1e-9
+        if name in sensors:
+            own = sensors[name]
+            readings = displacement(name, own, t) + abs(own.gain) * draw.normal(size=len(t)) * NOISE
+            readings = np.round(readings / STEP)[:, None] * STEP
+            fields = ("displacement",)
+        else:
+            fields = ("tilt_x", "tilt_y") if name == "autocollimator" else ("angle",)
+            readings = values(name, t)
+            if name != "command":
+                readings = readings + draw.normal(size=readings.shape) * (5e-7 if len(fields) == 2 else 3e-7)
+                step = 5e-7 if len(fields) == 2 else 2 * np.pi / 3148800
+                readings = np.round(readings / step) * step
+        if fault is not None:
+            readings = fault(name, t, readings, draw)
+        made[name] = [
+            block_from_samples(START + times[i : i + 20], fields, readings[i : i + 20]) for i in range(0, len(t), 20)
+        ]
+    return in_order(made)
+
+
+def described(sensors, tilt=True, **changes):
+    limits = {"axial": 5e-6, "axial_rate": 5e-5, "radial": 1.5e-5, "radial_rate": 4e-5, "tilt": 1e-4, "tilt_rate": 1e-4}
+    stage = dataclasses.replace(STAGE, sensors=sensors, stated_limits=limits, uncertainty=STAMPS, **changes)
+    return stage if tilt else dataclasses.replace(stage, autocollimator=None)
+
+
+def run(pairs, stage, **options):
+    estimator = Estimator(stage, EstimatorSettings(), **options)
+    doubted, out = {}, []
+    for name, block in pairs:
+        out += estimator.push(name, block)
+        doubted |= {what: why for what, why in estimator.reasons if what not in doubted}
+    return estimator, joined([*out, *estimator.finish()]), doubted
+
+
+def off(result):
+    """(m, 6) in stated standard deviations, nan where not observable; times (m,) in s."""
+    t = (result.times_ns - START) * 1e-9
+    motion = error_motion_from_block(result)
+    std = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(motion.observable, (motion.components - truth(t)) / std, np.nan), t
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("sensors", "tilt", "gained"),
+    [
+        (AXIAL, True, {"ezc"}),
+        (RADIAL, False, {"eac", "ebc"}),
+        (FACE, False, {"ezc", "eac", "ebc"}),
+        (AXIAL | RADIAL | FACE, True, {"ezc"}),
+    ],
+)
+def test_what_sensors_add_is_right_within_its_covariance(seed, sensors, tilt, gained):
+    pairs = recorded(sensors, seed, tilt=tilt)
+    estimator, result, doubted = run(pairs, described(sensors, tilt))
+    assert not doubted
+    found, t = off(result)
+    late = t > 2.5  # after the first turn, from which on the description is verified
+    assert {name for name, seen in zip(COMPONENTS, np.isfinite(found[late]).all(axis=0), strict=True) if seen} >= gained
+    assert np.nanmax(np.abs(found)) < 6.0
+    places = [COMPONENTS.index(name) for name in gained]
+    spread = np.sqrt(np.mean(found[late][:, places] ** 2, axis=0))
+    assert (spread < 1.3).all(), spread
+    assert set(estimator.inputs) >= set(sensors)
+
+
+def test_the_standard_deviation_is_that_of_the_probe():
+    """On the axis a probe shows the axial error motion alone: its noise, a step, what is stated of its form."""
+    _, result, _ = run(recorded(AXIAL), described(AXIAL))
+    late = (result.times_ns - START) > 2.5e9
+    std = np.sqrt(result.column("var_ezc")[late])
+    expected = np.sqrt(NOISE**2 + STEP**2 / 12 + 1e-8**2)
+    assert 0.7 * expected < np.median(std) < 1.2 * expected
+
+
+def test_heads_and_autocollimator_stay_what_they_are():
+    """An axial probe on the axis has nothing to say of the other components."""
+    pairs = recorded(AXIAL)
+    _, alone, _ = run([pair for pair in pairs if pair[0] not in AXIAL], described({}))
+    _, beside, _ = run(pairs, described(AXIAL))
+    assert (alone.times_ns == beside.times_ns).all()
+    for name in alone.names[1:]:
+        before, after = alone.column(name), beside.column(name)
+        if name not in ("ezc", "observable", "streams"):
+            np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-22, err_msg=name)
+    assert (beside.column("observable") - alone.column("observable") == 0b100).all()
+
+
+def test_more_sensors_make_what_both_see_more_certain():
+    _, alone, _ = run(recorded(AXIAL), described(AXIAL))
+    _, beside, _ = run(recorded(RADIAL), described(RADIAL))
+    assert np.median(beside.column("var_eac")) < 0.5 * np.median(alone.column("var_eac"))
+
+
+def test_columns_are_those_of_the_contract():
+    _, result, _ = run(recorded(AXIAL, duration=0.3), described(AXIAL))
+    topic = load_wire(sensors=tuple(AXIAL)).topic("error_motion_samples")
+    assert result.names[1:] == topic.columns
+    assert topic.field("streams").bits == (*NAMES, *AXIAL)
+    assert topic.field("streams").names_in(result.column("streams")[-1]) == (*NAMES, *AXIAL)
+    assert load_wire().topic("error_motion_samples").columns == topic.columns[: len(topic.columns) - 14]
+
+
+def in_blocks(pairs, draw):
+    """The same blocks, several handed over before each reckoning."""
+    return np.split(np.arange(len(pairs)), np.unique(draw.integers(1, len(pairs), 60)))
+
+
+def test_a_replay_gives_the_same_bits_however_blocks_come():
+    sensors = AXIAL | RADIAL
+    stage = described(sensors)
+    pairs = recorded(sensors, seed=5, duration=1.5, fault=jumping("radial_probe_x2", 0.6, 5e-6))
+    _, live, doubted = run(pairs, stage)
+    assert set(doubted) == {"radial_probe_x2"}
+    estimator, out = Estimator(stage, EstimatorSettings(), decisions_from_block(live)), []
+    for chosen in in_blocks(pairs, np.random.default_rng(1)):
+        for i in chosen:
+            estimator.accept(*pairs[i])
+        out += estimator.advance()
+    again = joined([*out, *estimator.finish()])
+    assert again.names == live.names and (again.rows == live.rows).all()
+
+
+def jumping(which, when, by):
+    return lambda name, t, readings, draw: readings + by * (t > when)[:, None] if name == which else readings
+
+
+def stuck(which, when):
+    def spoil(name, t, readings, draw):
+        if name == which:
+            readings = readings.copy()
+            readings[t > when] = readings[np.searchsorted(t, when)]
+        return readings
+
+    return spoil
+
+
+def drifting(which, when, speed):
+    return lambda name, t, readings, draw: (
+        readings + speed * np.maximum(t - when, 0.0)[:, None] if name == which else readings
+    )
+
+
+def noisy(which, when, std):
+    return lambda name, t, readings, draw: (
+        readings + std * draw.normal(size=readings.shape) * (t > when)[:, None] if name == which else readings
+    )
+
+
+def scaled(which, by):
+    return lambda name, t, readings, draw: readings * by if name == which else readings
+
+
+def spoilt(which, when, value):
+    return lambda name, t, readings, draw: np.where(t[:, None] > when, value, readings) if name == which else readings
+
+
+FAULTS = {
+    "a step of 5 µm": lambda which, when: jumping(which, when, 5e-6),
+    "a step back of 1 µm": lambda which, when: jumping(which, when, -1e-6),
+    "stuck": stuck,
+    "ten times the noise": lambda which, when: noisy(which, when, 10 * NOISE),
+    "a hundred times the noise": lambda which, when: noisy(which, when, 100 * NOISE),
+    "in millimetres": lambda which, when: scaled(which, 1e3),
+    "not a number": lambda which, when: spoilt(which, when, np.nan),
+    "infinite": lambda which, when: spoilt(which, when, np.inf),
+    "at the end of its range": lambda which, when: spoilt(which, when, 5e-5),
+    "huge": lambda which, when: spoilt(which, when, 1e30),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("which", ["axial_probe_top", "radial_probe_x1", "radial_probe_y2"])
+def test_a_sensor_that_fails_makes_nothing_wrong(fault, which):
+    """From 100 ms after it begins at most 0.2 % of what is published is beyond six stated standard deviations."""
+    sensors = AXIAL | RADIAL
+    wrong = total = 0
+    for seed in range(3):
+        when = 2.4 + 0.37 * seed
+        pairs = recorded(sensors, seed, duration=when + 1.0, fault=FAULTS[fault](which, when))
+        _, result, doubted = run(pairs, described(sensors))
+        found, t = off(result)
+        after = t > when + 0.1
+        beyond = np.abs(found[after]) > 6.0
+        wrong, total = wrong + int(beyond.any(axis=1).sum()), total + int(after.sum())
+        assert set(doubted) <= {which}, doubted
+    assert total > 2000
+    assert wrong <= 0.002 * total
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drift_of_one_of_several_is_told(seed):
+    """1 µm/s on a probe beside heads that see the same: what is said and left out once it is beyond what is stated."""
+    sensors = RADIAL
+    pairs = recorded(sensors, seed, duration=4.0, fault=drifting("radial_probe_x2", 2.4, 1e-6))
+    _, result, doubted = run(pairs, described(sensors))
+    assert set(doubted) == {"radial_probe_x2"}
+    found, t = off(result)
+    assert (np.abs(found[t > 2.5]) > 6.0).any(axis=1).mean() <= 0.002
+
+
+def test_a_sensor_mounted_the_other_way_is_told():
+    """Gain of the opposite sign: the ring contradicts it within the first turn."""
+    sensors = dict(RADIAL)
+    wrong = described({**sensors, "radial_probe_x1": dataclasses.replace(sensors["radial_probe_x1"], gain=-1.0)})
+    _, result, doubted = run(recorded(sensors), wrong)
+    assert "radial_probe_x1" in doubted
+    found, t = off(result)
+    assert (np.abs(found[t > 2.5]) > 6.0).any(axis=1).mean() <= 0.002
+
+
+def test_a_sensor_that_comes_back_is_believed_again():
+    def spoil(name, t, readings, draw):
+        return readings + 5e-6 * ((t > 2.4) & (t < 2.7))[:, None] if name == "axial_probe_top" else readings
+
+    estimator, result, doubted = run(recorded(AXIAL, fault=spoil), described(AXIAL))
+    assert set(doubted) == {"axial_probe_top"} and not dict(estimator.reasons)
+    seen = result.column("observable").astype(int) & 0b100 > 0
+    t = (result.times_ns - START) * 1e-9
+    assert not seen[(t > 2.45) & (t < 2.69)].any()
+    assert seen[t > 3.7].all()
+
+
+def test_reset_believes_again():
+    estimator, _, doubted = run(recorded(AXIAL, fault=stuck("axial_probe_top", 2.4)), described(AXIAL))
+    assert dict(estimator.reasons).keys() == {"axial_probe_top"} == set(doubted)
+    estimator.reset()
+    assert not dict(estimator.reasons)
+
+
+def test_a_sensor_that_is_silent_is_done_without():
+    pairs = [(name, block) for name, block in recorded(AXIAL) if name != "axial_probe_top"]
+    estimator, result, doubted = run(pairs, described(AXIAL))
+    assert estimator.status.absent == ("axial_probe_top",) and not doubted
+    assert not (result.column("observable").astype(int) & 0b100).any()
+    assert len(result.rows) > 3800
