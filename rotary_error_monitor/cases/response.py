@@ -14,7 +14,7 @@ from rotary_error_monitor.cases.departures.departure import AnyFault, acting
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic, topic_named
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses
-from rotary_error_monitor.plant.stage import FIELDS, HEAD, HEAD_FIELDS, Fault, StagePlant
+from rotary_error_monitor.plant.stage import Fault, StagePlant, fields_of
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 Array = NDArray[np.float64]
@@ -64,14 +64,13 @@ class StageResponse(Response):
     scattered: bool = False
 
     def channels(self, faults: Sequence[AnyFault]) -> Mapping[str, Array]:
-        """Heads, autocollimator and LVDT, topic + `.` + field."""
+        """Heads, autocollimator, LVDT and listed sensors, topic + `.` + field."""
         parts = tuple(part for part in acting(faults) if isinstance(part, Fault))
         plant = replace(self.plain, faults=(*self.plain.faults, *parts))
         found: dict[str, Array] = {}
         for stream, (time, base) in self._bases.items():
             moved = (plant.signal(stream, time) - base) * (np.sqrt(self.every) / noise_of(self.plain.stage, stream))
-            names = HEAD_FIELDS if HEAD in stream else FIELDS[stream]
-            for name, column in zip(names, moved.T, strict=True):
+            for name, column in zip(fields_of(stream), moved.T, strict=True):
                 found[f"{samples_topic(stream)}.{name}"] = column
         return found
 
@@ -128,5 +127,5 @@ def noise_of(stage: StageDescription, stream: str) -> float:
     """Standard deviation of noise and rounding of one sample of a stream."""
     if stream == "lvdt":
         return stage.lvdt.noise if stage.lvdt else np.inf
-    instrument = stage.tilt_instrument if stream == "autocollimator" else stage.encoder
+    instrument = stage.tilt_instrument if stream == "autocollimator" else stage.sensors.get(stream, stage.encoder)
     return float(np.hypot(instrument.noise, instrument.resolution / np.sqrt(12)))

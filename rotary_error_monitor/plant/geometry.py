@@ -64,13 +64,19 @@ class Tilting:
 
 
 def cut_ring(
-    rotor: Plane, azimuth: float, radius: float, eccentricity: Plane | complex, radial: Plane, tilt: Plane
+    rotor: Plane,
+    azimuth: float,
+    radius: float,
+    eccentricity: Plane | complex,
+    radial: Plane,
+    axial: NDArray[np.float64],
+    tilt: Plane,
 ) -> Plane:
     """Where the sight line of a read head cuts the graduated ring.
 
     The sight line starts on the nominal axis, at the height of the ring, towards `azimuth`, fixed in the base. The ring
     is a cylinder of `radius` about an axis parallel to the rotor's, off by `eccentricity`; the rotor is turned, tilted
-    by `tilt` and displaced by `radial`.
+    by `tilt` and displaced by `radial` and `axial`.
 
     Args:
         rotor: (n,) `exp(1j * theta)` of the rotation.
@@ -78,6 +84,7 @@ def cut_ring(
         radius: of the ring, m.
         eccentricity: ring centre in the rotor, m.
         radial: (n,) displacement of the rotor in the base, m.
+        axial: (n,) the same along z, m.
         tilt: (n,) tilt of the rotor in the base, rad.
 
     Returns:
@@ -86,13 +93,58 @@ def cut_ring(
     """
     untilt = Tilting(-tilt)
     towards = complex(np.cos(azimuth), np.sin(azimuth))
-    start = untilt.in_plane(-radial) - eccentricity * rotor
+    start = untilt.in_space(-radial, -axial)[0] - eccentricity * rotor
     sight = untilt.in_plane(np.full_like(rotor, towards))
-    # |start + distance * sight| = radius in the plane of the ring; the farther of two cuts is the head's
+    return (start + _way_out(start, sight, radius) * sight) * (towards.conjugate() / radius)
+
+
+def _way_out(start: Plane, sight: Plane, radius: float) -> NDArray[np.float64]:
+    """(n,) how many times `sight` it is from `start` to the farther of the two cuts with a circle about the origin."""
     square = sight.real**2 + sight.imag**2
     along = (sight.conj() * start).real
-    distance = (np.sqrt(along * along - square * (start.real**2 + start.imag**2 - radius**2)) - along) / square
-    return (start + distance * sight) * (towards.conjugate() / radius)
+    return np.asarray(
+        (np.sqrt(along * along - square * (start.real**2 + start.imag**2 - radius**2)) - along) / square, np.float64
+    )
+
+
+def cut_artefact(
+    azimuth: float, height: float, radius: float, radial: Plane, axial: NDArray[np.float64], tilt: Plane
+) -> tuple[NDArray[np.float64], Plane]:
+    """Where the line of a radial probe leaves a round artefact.
+
+    The line starts on the nominal axis at `height` above the ring, towards `azimuth`, fixed in the base. The artefact
+    is a cylinder of `radius` about the rotor's axis, which is tilted and displaced as for `cut_ring`.
+
+    Returns:
+        (n,) distance from the start to the cut, m, and the cut (n,) from the rotor's axis, m, before its tilt.
+    """
+    untilt = Tilting(-tilt)
+    start, _ = untilt.in_space(-radial, height - axial)
+    sight = untilt.in_plane(np.full_like(tilt, complex(np.cos(azimuth), np.sin(azimuth))))
+    distance = _way_out(start, sight, radius)
+    return distance, start + distance * sight
+
+
+def pierce_face(
+    place: complex, radial: Plane, axial: NDArray[np.float64], tilt: Plane
+) -> tuple[NDArray[np.float64], Plane]:
+    """Where a line along z pierces the face of the rotor, the plane at the height of the ring.
+
+    Args:
+        place: of the line in the base, m.
+        radial: (n,) displacement of the rotor in the base, m.
+        axial: (n,) the same along z, m.
+        tilt: (n,) tilt of the rotor in the base, rad.
+
+    Returns:
+        (n,) height of the cut above the ring of a perfect stage, m, and the cut (n,) from the rotor's axis, m, before
+        its tilt.
+    """
+    normal, upwards = Tilting(tilt).in_space(np.zeros_like(tilt), np.ones(len(tilt)))
+    away = place - radial
+    rise = -(normal.conj() * away).real / upwards  # what lies in the face is at right angles to its normal
+    cut, _ = Tilting(-tilt).in_space(away, rise)
+    return axial + rise, cut
 
 
 def reflect(rotor: Plane, mirror: Plane | complex, tilt: Plane, flatness: Plane) -> Plane:

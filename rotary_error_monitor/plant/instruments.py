@@ -1,0 +1,128 @@
+"""What the instruments of the true stage see: each looks at a scene with exact geometry, before its own noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, PlanarHarmonic
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plant import geometry
+from rotary_error_monitor.plant.clocks import HEAD
+from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
+from rotary_error_monitor.plant.scene import Fault, Scene
+
+Reals = NDArray[np.float64]
+
+ARTEFACT_RADIUS = 0.02
+"""Radius, m, of the round artefact before radial probes: an artefact of usual size; no description tells it."""
+
+
+def seen(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
+    """(n, fields) what an instrument without noise, limits and resolution shows of a scene.
+
+    Args:
+        stream: `head_<letter>`, `autocollimator`, `lvdt`, or a sensor that the stage lists.
+        scene: with the true stage in it.
+        faults: of the stage, whose hooks for the instruments are asked.
+
+    Raises:
+        InputError: the listed sensor is of a kind whose geometry the plant does not know.
+    """
+    if stream.startswith(HEAD):
+        return _angle(stream, scene, faults)[:, None]
+    if stream == "autocollimator":
+        return as_columns(_tilt(scene, faults))
+    if stream == "lvdt":
+        return as_columns(_touched(scene, faults))
+    return _listed(stream, scene, faults)[:, None]
+
+
+def planar(rows: Sequence[PlanarHarmonic], turns: Turns) -> Plane:
+    """(n,) sum over the rows of the ellipses that their coefficients of cos and sin in x and y describe."""
+    total = np.zeros_like(turns.once)
+    for row in rows:
+        cosine, sine = complex(row.x[0], row.y[0]), complex(row.x[1], row.y[1])
+        phase = turns(row.order)
+        total += cosine * phase.real + sine * phase.imag
+    return total
+
+
+def waves(rows: Sequence[AngularHarmonic], turns: Turns) -> Reals:
+    """(n,) sum over the rows of the waves that their coefficients of cos and sin describe."""
+    total = np.zeros(len(turns.once))
+    for row in rows:
+        total += (complex(row.cos, -row.sin) * turns(row.order)).real
+    return total
+
+
+def _angle(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
+    encoder = scene.stage.encoder
+    azimuth = encoder.azimuths[stream.removeprefix(HEAD)]
+    centre = np.array([complex(*encoder.eccentricity)])
+    for fault in faults:
+        centre = fault.centre(centre, scene)
+    rotor, radius = scene.turns.once, encoder.disc_radius
+    cut = geometry.cut_ring(rotor, azimuth, radius, centre, scene.radial, scene.axial, scene.tilt)
+    shift = np.arctan2(cut.imag, cut.real)
+    place = azimuth - scene.theta + shift
+    error = waves(encoder.graduation, Turns(rotor.conj() * cut * complex(np.cos(azimuth), np.sin(azimuth))))
+    for fault in faults:
+        error = fault.graduate(error, place, scene)
+    angle = scene.theta - shift + error
+    for fault in faults:
+        angle = fault.read(angle, stream, scene)
+    return angle
+
+
+def _tilt(scene: Scene, faults: Sequence[Fault]) -> Plane:
+    mirror = scene.stage.mirror
+    flatness = planar(mirror.flatness, scene.turns)
+    tilt = geometry.reflect(scene.turns.once, complex(*mirror.tilt), scene.tilt, flatness)
+    for fault in faults:
+        tilt = fault.look(tilt, scene)
+    return tilt
+
+
+def _touched(scene: Scene, faults: Sequence[Fault]) -> Plane:
+    lvdt = scene.stage.lvdt
+    assert lvdt is not None  # there is no such stream otherwise
+    centre = complex(*lvdt.artefact_eccentricity)
+    radial = geometry.place_point(scene.turns.once, centre, lvdt.height, scene.radial, scene.tilt)
+    for fault in faults:
+        radial = fault.touch(radial, scene)
+    return radial
+
+
+def _listed(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
+    sensor = scene.stage.sensors[stream]
+    if sensor.kind == "axial_probe":
+        moved, target = _face(sensor, scene)
+    elif sensor.kind == "radial_probe":
+        moved, target = _artefact(sensor, scene)
+    else:
+        raise InputError(f"{stream}: the plant has no geometry of kind '{sensor.kind}', but axial_probe, radial_probe")
+    form = waves(sensor.form, Turns(target * scene.turns.once.conj()))
+    reading = sensor.zero + sensor.gain * (moved + form)
+    for fault in faults:
+        reading = fault.sense(reading, stream, scene)
+    return np.asarray(reading, dtype=np.float64)
+
+
+def _face(sensor: ListedSensor, scene: Scene) -> tuple[Reals, Plane]:
+    """Height (n,) m of the face before the probe, and the direction (n,) from the axis to the place that it sees."""
+    azimuth, radius = sensor.place.get("azimuth", 0.0), sensor.place["radius"]
+    towards = complex(np.cos(azimuth), np.sin(azimuth))
+    height, place = geometry.pierce_face(radius * towards, scene.radial, scene.axial, scene.tilt)
+    if radius == 0:  # about the axis the way that the rotor strays has no direction that would tell of the form
+        return height, np.full_like(place, towards)
+    return height, place / np.abs(place)
+
+
+def _artefact(sensor: ListedSensor, scene: Scene) -> tuple[Reals, Plane]:
+    """Displacement (n,) m of the surface before the probe, and the direction (n,) from the axis to it."""
+    azimuth, height = sensor.place["azimuth"], sensor.place["height"]
+    distance, cut = geometry.cut_artefact(azimuth, height, ARTEFACT_RADIUS, scene.radial, scene.axial, scene.tilt)
+    return distance - ARTEFACT_RADIUS, cut / ARTEFACT_RADIUS
