@@ -10,6 +10,7 @@ NODES = [
     "encoder_head",
     "autocollimator",
     "lvdt",
+    "listed_sensor",
     "mock_controller",
     "error_estimator",
     "compensation",

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.sensor import SensorNode
 
@@ -20,7 +21,10 @@ class Autocollimator(SensorNode):
     """Publishes the tilt of the mirror as sample blocks, and as a vector for people."""
 
     kind = NAME
-    topics = ("autocollimator_samples", "autocollimator_tilt")
+
+    def topics(self) -> tuple[Topic, Topic]:
+        """Those of the one that a stage has."""
+        return self.wire.topic("autocollimator_samples"), self.wire.topic("autocollimator_tilt")
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.sensor import SensorNode
@@ -21,7 +22,6 @@ class EncoderHead(SensorNode):
     """Publishes the readings of one head as sample blocks, and as a joint state for people."""
 
     kind = NAME
-    topics = ("head_samples", "head_joint_states")
     settings = (
         Setting(
             "head",
@@ -30,8 +30,17 @@ class EncoderHead(SensorNode):
         ),
     )
 
+    def topics(self) -> tuple[Topic, Topic]:
+        """Those of this head."""
+        head = self.head()
+        return self.wire.topic("head_samples", head), self.wire.topic("head_joint_states", head)
+
     def head(self) -> str:
-        """Letter of this head, by its parameter or by the name of the node."""
+        """Letter of this head, by its parameter or by the name of the node.
+
+        Raises:
+            InputError: the stage has no such head.
+        """
         head = str(self.setting("head") or self.get_name().removeprefix(f"{NAME}_"))
         if head not in self.stage.encoder.azimuths:
             raise InputError(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.sensor import SensorNode
 
@@ -19,7 +20,10 @@ class Lvdt(SensorNode):
     """Publishes the displacement of the artefact as sample blocks, and as a vector for people."""
 
     kind = NAME
-    topics = ("lvdt_samples", "lvdt_radial")
+
+    def topics(self) -> tuple[Topic, Topic]:
+        """Those of the one that a stage has."""
+        return self.wire.topic("lvdt_samples"), self.wire.topic("lvdt_radial")
 
 
 def main(args: Sequence[str] | None = None) -> int:

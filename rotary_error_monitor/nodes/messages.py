@@ -157,8 +157,8 @@ def measured_ns(stamped: Header) -> int:
     return stamp_ns
 
 
-def vector_message(stamp_ns: int, frame: str, x: float, y: float, z: float = 0.0) -> Vector3Stamped:
-    """Vector with a stamp, in m or rad."""
+def vector_message(stamp_ns: int, frame: str, x: float, y: float = 0.0, z: float = 0.0) -> Vector3Stamped:
+    """Vector with a stamp, in m or rad; 0 in the directions that an instrument does not see."""
     message = Vector3Stamped(header=header(stamp_ns, frame))
     message.vector.x, message.vector.y, message.vector.z = float(x), float(y), float(z)
     return message

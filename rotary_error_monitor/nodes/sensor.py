@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -140,11 +141,9 @@ class SensorNode(ManagedNode):
 
     Attributes:
         kind: of the instrument, as devices name what they serve.
-        topics: keys in the wire contract of its blocks and of the message for people.
     """
 
     kind: ClassVar[str]
-    topics: ClassVar[tuple[str, str]]
 
     def __init__(self, name: str, **how: Any) -> None:  # noqa: ANN401 (as `ManagedNode`)
         """As `ManagedNode`; parameters are those of the devices as well.
@@ -157,19 +156,19 @@ class SensorNode(ManagedNode):
         self.settings = (*self.settings, *cell_settings("block_period"), *device_settings(self._devices))
         super().__init__(name, **how)
 
-    def head(self) -> str | None:
-        """Letter of the head that the instrument is; None where it is no head.
+    @abstractmethod
+    def topics(self) -> tuple[Topic, Topic]:
+        """The contract's topics of the instrument's blocks and of its message for people; the stage is known by then.
 
         Raises:
-            InputError: the stage has no such head.
+            InputError: the stage has no such instrument.
         """
-        return None
 
     def open(self) -> None:
         """Open the source and begin to send."""
         period_ns = round(self.setting("block_period") * NANOSECONDS)
         self.hardware = self.setting("source")
-        samples, people = (self.wire.topic(key, self.head()) for key in self.topics)
+        samples, people = self.topics()
         instrument = Instrument(samples.frame, samples.columns, self.stage, self.setting, self.now_ns())
         with told_of(self.hardware):
             self._source = source = opened(self._devices[self.hardware], instrument)

@@ -12,7 +12,8 @@ OPERATOR = "operator"
 """Who stands for a person: hears every topic and calls what the contract lets an operator call."""
 
 _EXTERNAL = "external"
-_ENCODER_HEAD = "encoder_head"
+_ONE_EACH = ("encoder_head", "listed_sensor")
+"""Executables of which a node runs for each head or each listed sensor."""
 
 MANAGED_TOPICS = ("/parameter_events", "/rosout", "~/transition_event")
 """What every managed node of ROS 2 Jazzy publishes of itself."""
@@ -34,7 +35,7 @@ MANAGED_SERVICES = (
 """What every managed node of ROS 2 Jazzy answers."""
 
 Nodes = dict[str, tuple[str, str | None]]
-"""Executable and head's letter of each node, by its name."""
+"""Executable of each node by its name, and letter of the head or name of the listed sensor that it speaks for."""
 
 _TOOL_SERVICE = "/_ros2cli_*/get_type_description"
 """What the nodes that `ros2` commands start answer; an operator's tools cannot start without it."""
@@ -67,22 +68,22 @@ class Access:
 def cell_accesses(
     wire: Wire, services: Sequence[Service], listen: Mapping[str, Sequence[str]] | None = None
 ) -> tuple[Access, ...]:
-    """Access of every node that the contract names, a head a node, and of the operator, in the order of their names.
+    """Access of every node that the contract names, one for each head and listed sensor, and of the operator.
 
     Args:
-        wire: topics, for the heads of one stage.
+        wire: topics, for the heads and listed sensors of one stage.
         services: what nodes answer beside what every managed node answers.
         listen: topics outside the contract by node, such as that of a driver that `encoder_head_a` listens to.
 
     Raises:
         InputError: `listen` names a node that is none, or a topic that is not absolute.
     """
-    heads = sorted({topic.head for topic in wire if topic.head is not None})
     executables = {name for topic in wire for name in (*topic.publishers, *topic.subscribers)}
     executables |= {name for service in services for name in service.servers}
     nodes: Nodes = {}
     for executable in sorted(executables - {_EXTERNAL}):
-        if executable == _ENCODER_HEAD:
+        if executable in _ONE_EACH:
+            heads = sorted({topic.head for topic in wire.published_by(executable) if topic.head is not None})
             nodes |= {f"{executable}_{head}": (executable, head) for head in heads}
         else:
             nodes[executable] = executable, None
@@ -105,7 +106,7 @@ def _of_node(node: str, nodes: Nodes, wire: Wire, services: Sequence[Service], h
     executable, head = nodes[node]
 
     def own(topics: Sequence[Topic]) -> Iterator[str]:
-        """A head's node speaks for its head alone."""
+        """The node of a head or a listed sensor speaks for that alone."""
         return (topic.name for topic in topics if head is None or topic.head in (None, head))
 
     answered = (*MANAGED_SERVICES, *(service.name for service in services if executable in service.servers))

@@ -1,4 +1,4 @@
-"""Quadrant voltages of an autocollimator on the Linux industrial I/O subsystem, read through sysfs.
+"""Voltages of instruments on the Linux industrial I/O subsystem, read through sysfs.
 
 By the kernel's ABI (Documentation/ABI/testing/sysfs-bus-iio) a channel's voltage in mV is `(raw + offset) * scale`,
 with `in_voltageN_raw` and, for the channel or for all voltages of the device, `_offset` (0 where missing) and `_scale`.
@@ -46,6 +46,51 @@ class QuadrantDevice(Device):
                 Path(setting("iio.device")), setting("iio.channels"), setting("iio.sensitivity"), setting("iio.dark")
             ),
         )
+
+
+class VoltageDevice(Device):
+    """A displacement probe whose amplifier gives out a voltage."""
+
+    name = "iio"
+    serves = ("listed_sensor",)
+    settings = (
+        POLL_RATE,
+        Setting("iio.device", "/sys/bus/iio/devices/iio:device0", "folder of the probe's converter in sysfs"),
+        Setting("iio.channel", 0, "voltage channel of the probe", (0, 1023)),
+        Setting("iio.sensitivity", 1e-5, "displacement per voltage, m/V", (1e-9, 1.0)),
+    )
+
+    def open(self, instrument: Instrument) -> Polled:
+        """Source of the displacements."""
+        setting = instrument.setting
+        probe = VoltageProbe(Path(setting("iio.device")), setting("iio.channel"), setting("iio.sensitivity"))
+        return Polled(instrument.fields, probe)
+
+
+class VoltageProbe:
+    """Displacement as the voltage of one channel tells it; zero and direction are the stage description's."""
+
+    def __init__(self, folder: Path, channel: int, sensitivity: float) -> None:
+        """Open the device.
+
+        Args:
+            folder: of the device in sysfs, such as `/sys/bus/iio/devices/iio:device0`.
+            channel: its number.
+            sensitivity: displacement per voltage, m/V.
+
+        Raises:
+            InputError: the channel is missing or cannot be read.
+        """
+        self._channel, self._sensitivity = _Channel(folder, channel), sensitivity
+        self._channel.read()
+
+    def read(self) -> tuple[float]:
+        """The present displacement, m.
+
+        Raises:
+            InputError: the channel cannot be read any more.
+        """
+        return (self._channel.read() * self._sensitivity,)
 
 
 class QuadrantDetector:

@@ -58,7 +58,7 @@ class MockSettings:
         epoch_ns: when the stage starts, timestamp (ns).
         speeds: speeds of a cycle of the stage, rad/s.
         forces: whether something pushes at the shaft now and then.
-        rate: samples a second of heads and autocollimator; None for their usual rates.
+        rate: samples a second of heads, autocollimator and listed sensors; None for their usual rates.
         force_cycle: after which the pushes repeat, s.
     """
 
@@ -83,7 +83,7 @@ def mock_stage(stage: StageDescription, settings: MockSettings) -> StagePlant:
         epoch_ns=settings.epoch_ns,
         motion=reversing_motion(settings.speeds),
         forces=intermittent_forces(settings.seed, settings.force_cycle) if settings.forces else Forces(),
-        clocks=stage_clocks(tuple(stage.encoder.azimuths), settings.rate),
+        clocks=stage_clocks(tuple(stage.encoder.azimuths), settings.rate, tuple(stage.sensors)),
     )
 
 
@@ -93,7 +93,7 @@ def mock_settings(setting: Callable[[str], Any], now_ns: int, rate: float | None
     Args:
         setting: value of a parameter by its name.
         now_ns: timestamp (ns).
-        rate: samples a second of heads and autocollimator; None or 0 for their usual rates.
+        rate: samples a second of heads, autocollimator and listed sensors; None or 0 for their usual rates.
     """
     return MockSettings(
         seed=setting("mock.seed"),
@@ -109,7 +109,7 @@ class MockInstrument(Device):
     """What an instrument of the true stage shows that all mock sources of the cell see."""
 
     name = MOCK
-    serves = ("encoder_head", "autocollimator")
+    serves = ("encoder_head", "autocollimator", "listed_sensor")
     settings = (*MOCK_SETTINGS, RATE)
 
     def open(self, instrument: Instrument) -> MockSource:

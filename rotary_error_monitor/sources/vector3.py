@@ -1,4 +1,4 @@
-"""An instrument with two axes behind a third-party driver that publishes vectors."""
+"""An instrument with one axis or two behind a third-party driver that publishes vectors."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rotary_error_monitor.sources.source import Heard
 
 
 class _Vector3Driver(Device):
-    """The first two components of a vector with a stamp."""
+    """The first components of a vector with a stamp, as many as a sample has fields."""
 
     def open(self, instrument: Instrument) -> Heard:
         """Source of the vectors."""
@@ -16,7 +16,7 @@ class _Vector3Driver(Device):
             instrument.fields,
             instrument.setting("vector3.topic"),
             "geometry_msgs/msg/Vector3Stamped",
-            lambda message: (message.vector.x, message.vector.y),
+            lambda message: (message.vector.x, message.vector.y)[: len(instrument.fields)],
         )
 
 
@@ -36,3 +36,13 @@ class DisplacementDriver(_Vector3Driver):
     name = "vector3"
     serves = ("lvdt",)
     settings = (Setting("vector3.topic", "lvdt/displacement", "topic of a third-party driver: displacement in m"),)
+
+
+class ProbeDriver(_Vector3Driver):
+    """Displacement that a probe sees, in x, m."""
+
+    name = "vector3"
+    serves = ("listed_sensor",)
+    settings = (
+        Setting("vector3.topic", "probe/displacement", "topic of a third-party driver: displacement in x, in m"),
+    )

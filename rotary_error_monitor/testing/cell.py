@@ -43,7 +43,7 @@ class Cell:
     Nothing spins in the background: nodes in this process run while the test waits, on the test's own thread.
 
     Attributes:
-        wire: the wire contract for the heads of the cell.
+        wire: the wire contract for the heads and listed sensors of the cell.
         node: the harness's own node, for what the methods do not offer.
     """
 
@@ -54,16 +54,18 @@ class Cell:
         heads: Sequence[str] = ("a", "b", "c", "d"),
         parameters: Mapping[str, object] | None = None,
         reach: str = LOCALHOST,
+        sensors: Sequence[str] = (),
     ) -> None:
-        """A cell for a stage with these heads.
+        """A cell for a stage with these heads and listed sensors.
 
         Args:
             heads: their letters.
             parameters: given to every node, such as `stage` or `mock.seed`.
             reach: how far its nodes find one another: `LOCALHOST`, or `SUBNET` for a cell on several computers, which
                 then hears every cell of that domain there.
+            sensors: streams of the sensors that its stage lists, such as `axial_probe_top`.
         """
-        self.wire: Wire = load_wire(heads)
+        self.wire: Wire = load_wire(heads, sensors=sensors)
         self._parameters = dict(parameters or {})
         self._reach = reach
         self._stack = ExitStack()

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from faults.documenting import Row, shows
 from lifecycle_msgs.msg import Transition
+from nodes.probes import stage_with_probes
 from rclpy.parameter import Parameter
 
 from rotary_error_monitor.errors import InputError
@@ -16,6 +17,7 @@ from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
+from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.mock_controller import MockController
@@ -133,6 +135,7 @@ NODES = [
     (EncoderHead, "encoder_head_c"),
     (Autocollimator, "autocollimator"),
     (Lvdt, "lvdt"),
+    (ListedSensorNode, "listed_sensor_top"),
     (MockController, "mock_controller"),
     (ErrorEstimator, "error_estimator"),
     (Compensation, "compensation"),
@@ -144,8 +147,9 @@ NODES = [
 @pytest.mark.parametrize(("node_class", "name"), NODES, ids=[name for _, name in NODES])
 def test_the_parameter_file_of_the_cell_fits_every_node(node_class, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    stage = {"stage": str(stage_with_probes(tmp_path))} if node_class is ListedSensorNode else {}
     with Cell() as cell:
-        node = cell.run(node_class, name, ros_args=["--params-file", str(config("cell.yaml"))])
+        node = cell.run(node_class, name, ros_args=["--params-file", str(config("cell.yaml"))], **stage)
         assert node.active
         shown = yaml.safe_load(config("cell.yaml").read_text(encoding="utf-8"))
         own = set(_flat(shown.get(f"/**/{name}", {"ros__parameters": {}})["ros__parameters"]))

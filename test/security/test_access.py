@@ -34,6 +34,27 @@ def test_a_head_speaks_for_itself_alone():
     assert "encoder_head" not in accesses()
 
 
+def test_a_listed_sensor_speaks_for_itself_alone():
+    """Also where it has the name of a head."""
+    wire = load_wire(("a", "b"), sensors=("axial_probe_a", "radial_probe_low"))
+    given = {access.node: access for access in cell_accesses(wire, load_services())}
+    topics = {"axial_probe_a", "radial_probe_low", "head_a"}
+    speakers = {
+        stream: {node for node, each in given.items() if f"/stage/{stream}/samples" in each.publish}
+        for stream in topics
+    }
+    assert speakers == {
+        "axial_probe_a": {"listed_sensor_a"},
+        "radial_probe_low": {"listed_sensor_low"},
+        "head_a": {"encoder_head_a", "stage_follower"},
+    }
+    assert {node for node in given if node.startswith(("encoder_head", "listed_sensor"))} == {
+        "encoder_head_a", "encoder_head_b", "listed_sensor_a", "listed_sensor_low",
+    }  # fmt: skip
+    assert "/stage/axial_probe_a/samples" in given["recorder"].subscribe
+    assert not any(node.startswith("listed_sensor") for node in accesses())
+
+
 def test_nobody_may_do_everything():
     for access in accesses().values():
         for names in (access.publish, access.subscribe, access.reply, access.request):

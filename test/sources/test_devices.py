@@ -62,6 +62,7 @@ def install_mine(install, tmp_path):
         ("encoder_head", ["mock", "counter", "joint_state"]),
         ("autocollimator", ["mock", "iio", "vector3"]),
         ("lvdt", ["mock", "vector3"]),
+        ("listed_sensor", ["mock", "iio", "vector3"]),
         ("hygrometer", []),
     ],
 )
@@ -69,7 +70,7 @@ def test_devices_of_an_instrument_the_mock_first(kind, names):
     assert list(load_devices(kind)) == names
 
 
-@pytest.mark.parametrize("kind", ["encoder_head", "autocollimator", "lvdt"])
+@pytest.mark.parametrize("kind", ["encoder_head", "autocollimator", "lvdt", "listed_sensor"])
 def test_each_parameter_is_there_once_and_says_what_it_means(kind):
     devices = load_devices(kind)
     source, *others = device_settings(devices)

@@ -1,4 +1,4 @@
-"""Devices in sysfs, on files of the same shape: counter and quadrant detector."""
+"""Devices in sysfs, on files of the same shape: counter, quadrant detector, voltage of a probe."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.sources.counter import Counter
-from rotary_error_monitor.sources.iio import QuadrantDetector
+from rotary_error_monitor.sources.iio import QuadrantDetector, VoltageProbe
 from rotary_error_monitor.sources.unwrapping import unwrap_angle, unwrap_count
 
 COUNTS = 3_148_800
@@ -109,3 +109,16 @@ def test_what_is_no_detector(tmp_path):
     quadrants(folder, (0.0, 0.0, 0.0, 0.0))
     with pytest.raises(InputError, match="no light"):
         detector.read()
+
+
+def test_the_voltage_of_one_channel_is_a_displacement(tmp_path):
+    folder = quadrants(tmp_path / "iio", (0.0, 0.0, -1.5, 0.0))
+    probe = VoltageProbe(folder, 2, 2e-5)
+    assert probe.read() == (pytest.approx(-3e-5),)
+    quadrants(folder, (0.0, 0.0, 0.25, 0.0))
+    assert probe.read() == (pytest.approx(5e-6),)
+    (folder / "in_voltage2_raw").unlink()
+    with pytest.raises(InputError, match="in_voltage2_raw: no voltage can be read"):
+        probe.read()
+    with pytest.raises(InputError, match="in_voltage9_raw: no voltage can be read"):
+        VoltageProbe(folder, 9, 2e-5)

@@ -1,0 +1,66 @@
+"""One of the sensors that the stage's description lists by name, such as a displacement probe.
+
+ros2 run rotary_error_monitor listed_sensor --ros-args -r __node:=listed_sensor_top
+ros2 run rotary_error_monitor listed_sensor --ros-args -p sensor:=top -p source:=vector3 -p vector3.topic:=/my_probe
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from rotary_error_monitor.description.listed_sensors import name_of
+from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.description.wire import Topic
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.sensor import SensorNode
+
+NAME = "listed_sensor"
+
+
+class ListedSensorNode(SensorNode):
+    """Publishes the displacement that one listed sensor sees as sample blocks, and as a vector for people."""
+
+    kind = NAME
+    settings = (
+        Setting(
+            "sensor",
+            "",
+            "sensor of the stage description by its name there (top) or that of its stream (axial_probe_top); "
+            "empty takes it from the node's name, listed_sensor_top",
+        ),
+    )
+
+    def topics(self) -> tuple[Topic, Topic]:
+        """Those of this sensor, by its kind and its name."""
+        stream = self.sensor()
+        sensor = self.stage.sensors[stream]
+        name = name_of(stream, sensor)
+        return self.wire.topic(f"{sensor.kind}_samples", name), self.wire.topic(f"{sensor.kind}_displacement", name)
+
+    def sensor(self) -> str:
+        """Stream of this sensor, by the parameter or by the name of the node.
+
+        Raises:
+            InputError: the stage lists no such sensor, or several of different kinds by that name.
+        """
+        asked = str(self.setting("sensor") or self.get_name().removeprefix(f"{NAME}_"))
+        listed = self.stage.sensors
+        found = [s for s in listed if s == asked] or [s for s in listed if name_of(s, listed[s]) == asked]
+        if len(found) != 1:
+            lists = f"lists the sensors {', '.join(listed)}" if listed else "lists no sensors"
+            raise InputError(
+                f"{self.get_fully_qualified_name()}: parameter 'sensor' is {asked!r}, which is "
+                f"{'several' if found else 'none'} of the stage's; it {lists} (or name the node {NAME}_<sensor>)"
+            )
+        return found[0]
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
+    return run(lambda: ListedSensorNode(NAME), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

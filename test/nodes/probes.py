@@ -1,0 +1,26 @@
+"""A stage that lists two displacement probes, as a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+from rotary_error_monitor.resources import config
+
+COMMON = {"noise": 2.0e-8, "resolution": 1.0e-9, "range": 5.0e-5, "uncertainty": 1.0e-7}
+SENSORS = {
+    "top": {"kind": "axial_probe", "radius": 0.03, "azimuth": 0.5, **COMMON},
+    "low": {"kind": "radial_probe", "azimuth": 0.0, "height": 0.02, "zero": 2.0e-6, "gain": -1.0, **COMMON},
+}
+STREAMS = ("axial_probe_top", "radial_probe_low")
+
+
+def stage_with_probes(folder: Path) -> Path:
+    """File of the embedded stage with axial error motion and two probes."""
+    content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
+    content["stage"]["sensors"] = SENSORS
+    content["stage"]["spindle"]["axial"] = [{"order": 1, "cos": 3.0e-7, "sin": -2.0e-7}]
+    path = folder / "probes.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return path
