@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         flush=True,
     )
     try:
-        recording = record(cell, tuple(stage.encoder.azimuths))
+        recording = record(cell, stage)
     except (RuntimeError, TimeoutError) as error:
         print(f"rotary_error_monitor: {error}", file=sys.stderr)
         return OUT_OF_BOUNDS

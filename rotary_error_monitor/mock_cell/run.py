@@ -20,6 +20,8 @@ from lifecycle_msgs.msg import Transition
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from rotary_error_monitor.description.listed_sensors import name_of
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.testing import Cell, NodeProcess
 
@@ -84,8 +86,12 @@ class Recording:
     failures: list[str] = field(default_factory=list)
 
 
-def record(cell: MockCell, letters: Sequence[str]) -> Recording:
-    """Start all processes of a cell with these read heads, record once it corrects, end them with SIGINT.
+def record(cell: MockCell, stage: StageDescription) -> Recording:
+    """Start all processes of a cell, record once it corrects, end them with SIGINT.
+
+    Args:
+        cell: what is run.
+        stage: content of its file, which tells the read heads and listed sensors; each is a node.
 
     Raises:
         RuntimeError: a process ended before its time; the message holds what it wrote.
@@ -102,7 +108,8 @@ def record(cell: MockCell, letters: Sequence[str]) -> Recording:
         "block_period": BLOCK_PERIOD,
     }
     machine: dict[str, Any] = {"machine": cell.machine}
-    with Cell(letters, shared) as running, _progress(cell.duration, cell.quiet) as progress:
+    letters, sensors = tuple(stage.encoder.azimuths), stage.sensors
+    with Cell(letters, shared, sensors=tuple(sensors)) as running, _progress(cell.duration, cell.quiet) as progress:
         progress.set_description("starting")
         # the recorder first: what the others say from their start on is in the bag
         recorder = running.start("recorder", folder=str(recording.bag))
@@ -111,6 +118,10 @@ def record(cell: MockCell, letters: Sequence[str]) -> Recording:
             running.start("mock_controller", **mock, **machine, rate=cell.rate),
             running.start("autocollimator", **mock, rate=cell.rate),
             *(running.start("encoder_head", f"encoder_head_{x}", **mock, head=x, rate=cell.rate) for x in letters),
+            *(
+                running.start("listed_sensor", f"listed_sensor_{name_of(x, sensors[x])}", **mock, sensor=x)
+                for x in sensors
+            ),
         ]
         reckoning = [
             running.start("error_estimator", autostart=False),
@@ -136,7 +147,7 @@ def record(cell: MockCell, letters: Sequence[str]) -> Recording:
 
 def _activate_once_all_is_recorded(running: Cell, names: Sequence[str]) -> None:
     """Nobody reckons with what the recorder does not hear yet, and it is there for what they say first."""
-    instruments = {"encoder_head", "autocollimator", "mock_controller"}
+    instruments = {"encoder_head", "autocollimator", "listed_sensor", "mock_controller"}
     wanted = {topic.name for topic in running.wire if instruments.intersection(topic.publishers)}
     running.wait_until(
         lambda: wanted.isdisjoint(running.figures("recorder: recording")["silent_topics"].split(", ")),

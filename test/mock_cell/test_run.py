@@ -9,11 +9,16 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from nodes.probes import stage_with_probes
 
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.mock_cell import run as mock_run
 from rotary_error_monitor.mock_cell.figures import Row, table
 from rotary_error_monitor.mock_cell.run import Recording, _end_together
 from rotary_error_monitor.testing import Cell
@@ -103,6 +108,52 @@ def test_a_process_that_ends_badly_is_told_with_its_words():
     (failure,) = recording.failures
     assert failure.startswith("encoder_head_x ended with exit code 2; it wrote:\n")
     assert "the stage has the heads a, b, c, d" in failure
+
+
+class ThatStarts:
+    """In place of a cell: it notes what is started, and ends once somebody waits for the recorder to hear all."""
+
+    def __init__(self, heads, parameters, sensors=()):
+        self.wire = load_wire(heads, sensors=sensors)
+        self.started = {}
+        self.silent = "none"
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def start(self, executable, name="", **parameters):
+        self.started[name or executable] = executable, parameters
+        return SimpleNamespace(name=name or executable)
+
+    def wait_for_status(self, *_):
+        pass
+
+    def figures(self, _):
+        return {"silent_topics": self.silent}
+
+    def wait_until(self, condition, what, _):
+        assert condition(), "every instrument is heard"
+        self.silent = "/stage/axial_probe_top/samples, /stage/lvdt/samples"
+        assert not condition(), "a probe is waited for as well"
+        raise TimeoutError(what)
+
+
+def test_a_node_is_started_for_each_listed_sensor(tmp_path, monkeypatch):
+    cells = []
+    monkeypatch.setattr(mock_run, "Cell", lambda *given, **named: cells.append(ThatStarts(*given, **named)) or cells[0])
+    file = stage_with_probes(tmp_path)
+    with pytest.raises(TimeoutError, match="the recorder to hear every instrument"):
+        mock_run.record(mock_run.MockCell(tmp_path / "run", stage=file, quiet=True), load_stage(file))
+    (cell,) = cells
+    assert {name for name in cell.started if name.startswith("listed")} == {"listed_sensor_top", "listed_sensor_low"}
+    executable, parameters = cell.started["listed_sensor_top"]
+    assert (executable, parameters["sensor"]) == ("listed_sensor", "axial_probe_top")
+    _, of_head = cell.started["encoder_head_a"]
+    shared = {name for name in of_head if name.startswith("mock.")}
+    assert shared and all(parameters[name] == of_head[name] for name in shared), "the same rotor"
 
 
 def test_a_figure_out_of_its_bound_is_said():
