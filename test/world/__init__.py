@@ -1,12 +1,15 @@
 """An independent world: recordings of rotary stages made from the contract of signals alone, with exact geometry.
 
 `make_recording` makes a healthy recording with the habits of real instruments, `random_stage` a stage to record,
-`FAULTS` holds what can go wrong in a recording, `DESCRIPTIONS` what can be wrong in the description of a stage.
+`FAULTS` holds what can go wrong in a recording and `PROBE_FAULTS` what beside that in one of a stage with displacement
+probes (`with_probes`), `DESCRIPTIONS` what can be wrong in the description of a stage.
 """
 
 from .descriptions import DESCRIPTIONS, Description
 from .faults import FAULTS, Fault, Injected
+from .faults_probes import PROBE_FAULTS
 from .options import MOTIONS, Options
+from .probes import with_probes
 from .recording import Recording, samples
 from .rotor import Components, Rotor
 from .stage import make_recording
@@ -16,6 +19,7 @@ __all__ = [
     "DESCRIPTIONS",
     "FAULTS",
     "MOTIONS",
+    "PROBE_FAULTS",
     "Components",
     "Description",
     "Fault",
@@ -26,4 +30,5 @@ __all__ = [
     "make_recording",
     "random_stage",
     "samples",
+    "with_probes",
 ]

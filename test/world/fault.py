@@ -118,10 +118,12 @@ class Draw:
         return drawn if self.topic is None else self.topic
 
     def topics(self, who: str) -> tuple[str, ...]:
-        """Topics of `head`, `heads`, `autocollimator`, `command`, `stream` (one of all these) or `all`."""
+        """Topics of `head`, `heads`, `probe`, `autocollimator`, `command`, `stream` (one, but no probe) or `all`."""
         heads = self.recording.head_topics
         if who == "head":
             return (self.one_of(heads),)
+        if who == "probe":
+            return (self.one_of(list(self.recording.probes)),)
         if who == "stream":
             return (self.one_of([*heads, AUTOCOLLIMATOR, COMMAND]),)
         single = {"autocollimator": (AUTOCOLLIMATOR,), "command": (COMMAND,)}
@@ -152,8 +154,8 @@ class Fault:
     Attributes:
         name: its name.
         sentence: what it is.
-        streams: what it touches: `head` or `stream` (one), `two heads`, `heads` (all), `autocollimator`, `command`,
-            `all`.
+        streams: what it touches: `head`, `probe` or `stream` (one), `two heads`, `heads` (all), `autocollimator`,
+            `command`, `all`.
         act: its action.
     """
 
@@ -216,6 +218,7 @@ class Acting:
         rng: generator.
         recording: the original recording.
         step: (k,) step of the readings, 0 where there is none.
+        topic: whose samples they are.
     """
 
     values: Array
@@ -225,6 +228,7 @@ class Acting:
     rng: np.random.Generator
     recording: Recording
     step: Array
+    topic: str
 
     def stepped(self, values: Array) -> Array:
         """(n, k) values to whole steps."""
@@ -253,6 +257,7 @@ def changed_values(
         rng=draw.rng,
         recording=draw.recording,
         step=step,
+        topic=topic,
     )
     new = values.copy()
     new[acting] = transform(subject)
@@ -280,6 +285,8 @@ def steps(recording: Recording, topic: str, columns: int) -> Array:
         return np.full(columns, recording.count)
     if topic == AUTOCOLLIMATOR:
         return np.full(columns, float(recording.stage["autocollimator"]["resolution"]))
+    if topic in recording.probes:
+        return np.full(columns, float(recording.probes[topic]["resolution"]))
     return np.zeros(columns)
 
 

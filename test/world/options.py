@@ -25,16 +25,17 @@ class Options:
         jitter: factor of the rotor's jitter about the command, which has a standard deviation near 2e-6 rad.
         other_orders: part of the spindle's error motion that comes on top in orders of no description.
         asynchronous: standard deviation of the asynchronous radial motion in m, per axis.
-        axial: standard deviation of the axial error motion in m.
+        axial: standard deviation in m of the axial error motion of a spindle whose description has none.
         force, temperature, lvdt: whether the stream is there; without it no force acts and the temperature is the
             reference temperature.
         noise: factor of all noise.
         noise_shape: noise coloured, heavy-tailed and of 0.7 to 1.3 times the stated size; else white and Gaussian.
         turbulence: whether the autocollimator has the turbulence that its description states.
         quantise: whether readings come in steps.
-        rounding: one of `ROUNDINGS`, for heads and autocollimator; `fix` is towards zero.
+        rounding: one of `ROUNDINGS`, for heads, autocollimator and probes, of which each has its own if it is drawn;
+            `fix` is towards zero.
         interpolation_error: amplitude of each head's error within a line, in counts.
-        odd_rates: rates drawn and not round; else 500 Hz heads, 100 Hz autocollimator, 250 Hz command.
+        odd_rates: rates drawn and not round; else 500 Hz heads, 100 Hz autocollimator, 250 Hz command, 1000 Hz probes.
         rates: rate in Hz of single streams by topic; overrides the drawn one.
         sampling_drift: departure of the sample clocks from their rate, such as 2e-5; the stamps know it.
         clock_offset: standard deviation in s of each stream's constant error of stamps.

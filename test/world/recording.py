@@ -27,6 +27,11 @@ def head_topic(head: str) -> str:
     return f"/stage/head_{head}/samples"
 
 
+def probe_topic(name: str, section: Mapping[str, Any]) -> str:
+    """Topic of a probe by its name in the section `sensors` and what stands there."""
+    return f"/stage/{section['kind']}_{name}/samples"
+
+
 @dataclass(frozen=True)
 class Recording:
     """What was recorded.
@@ -53,6 +58,12 @@ class Recording:
     def head_topics(self) -> list[str]:
         """Topics of the heads that the stage has, in the order of its description."""
         return [head_topic(head) for head in self.stage["encoder"]["heads"]]
+
+    @property
+    def probes(self) -> dict[str, Mapping[str, Any]]:
+        """What the description says of each probe, by its topic, in the order of the description."""
+        sensors = self.stage.get("sensors", {})
+        return {probe_topic(name, section): section for name, section in sensors.items()}
 
     @property
     def count(self) -> float:

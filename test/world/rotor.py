@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,7 +64,7 @@ class Rotor:
         self._jitter_size = options.jitter * 2e-6 * rng.uniform(0.5, 1.3)
         spindle = stage.get("spindle", {})
         extra = _other_orders(seeds.generator("other orders"), spindle, options)
-        self._synchronous = _Harmonics(spindle, extra, _axial(seeds.generator("axial"), options.axial))
+        self._synchronous = _Harmonics(spindle, extra, _axial(seeds, spindle, options))
         self._asynchronous = _Bearing(seeds.generator("bearing"), duration, options.asynchronous)
         self._radial_compliance = float(spindle.get("radial_compliance", 0.0))
         self._tilt_compliance = float(spindle.get("tilt_compliance", 0.0))
@@ -162,10 +162,22 @@ def _other_orders(rng: np.random.Generator, spindle: Mapping[str, Any], options:
     return extra
 
 
-def _axial(rng: np.random.Generator, size: float) -> dict[int, Array]:
-    """Waves of the axial error motion by order."""
+def _axial(seeds: Seeds, spindle: Mapping[str, Any], options: Options) -> dict[int, Array]:
+    """Waves (cos, sin) of the axial error motion by order: as described and a little more, or drawn."""
+    if "axial" not in spindle:
+        return _drawn_axial(seeds.generator("axial"), options.axial, (1, 2, 3))
+    described: dict[int, Array] = {}
+    for row in spindle["axial"]:
+        described[row["order"]] = described.get(row["order"], np.zeros(2)) + [row["cos"], row["sin"]]
+    size = np.sqrt(sum(float((waves**2).sum()) for waves in described.values()) / 2.0)
+    orders = [k for k in OTHER_ORDERS if k not in described]
+    return described | _drawn_axial(seeds.generator("other axial orders"), options.other_orders * size, orders)
+
+
+def _drawn_axial(rng: np.random.Generator, size: float, orders: Sequence[int]) -> dict[int, Array]:
+    """Waves of the stated size, root mean square over a turn, that fall with their order."""
     if size == 0.0:
         return {}
-    waves = rng.standard_normal((3, 2)) / np.arange(1.0, 4.0)[:, None]
+    waves = rng.standard_normal((len(orders), 2)) / np.array(orders, float)[:, None]
     waves *= size / np.sqrt((waves**2).sum() / 2.0)
-    return {order: waves[order - 1] for order in (1, 2, 3)}
+    return dict(zip(orders, waves, strict=True))

@@ -13,6 +13,7 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 from .geometry import autocollimator_reading, head_reading, lvdt_reading
 from .noise import drawn_log, instrument_noise, quantise, turbulence
 from .options import ROUNDINGS, Options, Seeds
+from .probes import Probe
 from .recording import AUTOCOLLIMATOR, COMMAND, FORCE, LVDT, TEMPERATURE, Recording, head_topic
 from .rotor import Rotor
 from .streams import Stream, make_blocks, make_stream
@@ -75,7 +76,15 @@ class _Maker:
             made[FORCE] = self._stream(FORCE, rates["force"], ("force_x", "force_y"), self._force)
         if self.rotor.environment.has_temperature:
             made[TEMPERATURE] = self._stream(TEMPERATURE, rates["temperature"], ("temperature",), self._temperature)
+        for name, section in self.stage.get("sensors", {}).items():
+            probe = Probe(self.seeds, name, section, self.options)
+            made[probe.topic] = self._stream(probe.topic, probe.rate, ("displacement",), self._seen_by(probe))
+            self.drawn["streams"][probe.topic]["rounding"] = probe.rounding
         return made
+
+    def _seen_by(self, probe: Probe) -> Callable[[Array], Array]:
+        """Signal of one probe."""
+        return lambda times: probe(self.rotor.at(times))
 
     def _stream(
         self, topic: str, rate: float, names: tuple[str, ...], signal: Callable[[Array], Array]
