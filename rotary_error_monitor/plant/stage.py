@@ -40,7 +40,7 @@ class StagePlant:
         epoch_ns: when time 0 is, timestamp (ns).
         motion: what the controller commands.
         forces, temperature: what acts from outside.
-        clocks: when each stream samples, by the name of the stream.
+        clocks: when each stream samples, by the name of the stream; a head or listed sensor without one gives none.
         faults: what the description does not say.
         jitter: standard deviation of the true rotation about the command, rad.
         noise_forms: by stream, noise that is not normal and white as stated.
