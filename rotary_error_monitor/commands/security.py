@@ -33,7 +33,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     keys.add_argument("--node", action="append", metavar="NODE", help="only these nodes; may be given several times")
     keys.set_defaults(run=run_keys)
     for each in (policy, keys):
-        each.add_argument("--stage", type=Path, help="YAML file of the stage, for its heads; by default the embedded")
+        each.add_argument(
+            "--stage", type=Path, help="YAML file of the stage, for its heads and listed sensors; default the embedded"
+        )
         each.add_argument(
             "--listen",
             action="append",

@@ -7,14 +7,17 @@ other way round, fails here.
 from __future__ import annotations
 
 import pytest
+from nodes.probes import stage_with_probes
 
-from rotary_error_monitor.description.wire import load_services, load_wire
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.wire import load_services, load_wire, wire_of
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.linuxcnc_bridge import LinuxcncBridge
+from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
@@ -61,6 +64,20 @@ def test_a_policy_allows_what_its_node_opens_and_nothing_else(name, tmp_path, mo
             (node.get_client_names_and_types_by_node, POLICIES[name].request),
         ):
             assert sorted(topic for topic, _ in opened(name, "/")) == list(allowed)
+
+
+def test_so_does_the_policy_of_a_listed_sensor(tmp_path):
+    file, name = stage_with_probes(tmp_path), "listed_sensor_top"
+    allowed = {access.node: access for access in cell_accesses(wire_of(load_stage(file)), load_services())}[name]
+    with Cell(HEADS) as cell:
+        node = cell.run(ListedSensorNode, name, stage=str(file))
+        topics = [topic for topic, _ in node.get_publisher_names_and_types_by_node(name, "/")]
+        assert sorted(topics) == list(allowed.publish)
+        assert "/stage/axial_probe_top/samples" in topics
+        assert [topic for topic, _ in node.get_subscriber_names_and_types_by_node(name, "/")] == []
+        assert sorted(service for service, _ in node.get_service_names_and_types_by_node(name, "/")) == list(
+            allowed.reply
+        )
 
 
 def test_what_the_contract_says_of_services_is_their_type(tmp_path, monkeypatch):
