@@ -115,6 +115,14 @@ def test_an_artefact_that_leans_far_is_cut_across_its_axis() -> None:
     np.testing.assert_allclose(plant.signal("radial_probe_low", TIME)[:, 0], expected, rtol=0, atol=1e-15)
 
 
+def test_a_head_sees_axial_motion_of_a_leaning_ring() -> None:
+    # about y by 0.1 rad and 5 mm up: the axis passes the height of the heads by so much less far along x
+    plant = plant_with(constant(ezc=5e-3, ebc=0.1))
+    plant = replace(plant, description=replace(plant.description, encoder=replace(ENCODER, azimuths={"a": np.pi / 2})))
+    expected = plant.scene(TIME).theta + np.arcsin(5e-3 * np.sin(0.1) / ENCODER.disc_radius)
+    np.testing.assert_allclose(plant.signal("head_a", TIME)[:, 0], expected, rtol=0, atol=1e-12)
+
+
 def test_the_form_is_that_of_the_place_that_is_met() -> None:
     # a rotor that strayed by 1 mm across shows another place of its face: the angle of it as seen from its axis
     form = (AngularHarmonic(1, 1e-6, 0.0),)

@@ -82,6 +82,13 @@ def test_a_plane_face_and_a_round_artefact_are_met_exactly():
     assert abs(probe_reading(at, section)[0] - (roots.max() - CYLINDER)) < 1e-15
 
 
+def test_a_probe_on_the_axis_shows_the_form_by_where_it_stands():
+    theta = np.linspace(-3.0, 9.0, 40)
+    still = Components(theta, *np.zeros((6, 40)))
+    section = {"kind": "axial_probe", "radius": 0.0, "azimuth": 0.8, "form": FORM}
+    np.testing.assert_allclose(probe_reading(still, section), form(0.8 - theta, FORM), atol=1e-15)
+
+
 def perfect(seed: int, stage: dict[str, Any]) -> Recording:
     """A recording without noise, steps and habits, under force and temperature."""
     options = Options.textbook(motion="s_curves", peak_speed=1.5, force=True, temperature=True)
