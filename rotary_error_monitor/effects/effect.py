@@ -89,7 +89,8 @@ class Effect(Generic[Description]):
         title: a few words for people.
         source: where the physics is described.
         parameters: in the order of the value vector.
-        orders: largest order K of a family located at `order_K`; 0 for other effects.
+        orders: largest order K of a family located at `order_K`, or at `place.order_K` where it has places; 0 for other
+            effects.
         falling: whether lower orders are likelier, as in the shape of a part; else all are alike, as with gears.
         lowest: lowest order that has a meaning of its own.
         searched: what a search finds of it beforehand.
@@ -112,7 +113,7 @@ class Effect(Generic[Description]):
         return bool(cls.name) and "name" in cls.__dict__ and not inspect.isabstract(cls)
 
     def locations(self, machine: Description) -> tuple[str, ...]:
-        """Places where the effect may sit on that stage or machine, except orders; `("",)` when it has no place."""
+        """Places where the effect may sit on that stage or machine, orders apart; `("",)` when it has no place."""
         return ("",)
 
     def start(self, location: str) -> Values:
@@ -282,18 +283,24 @@ def among(cause: Cause, others: Sequence[Cause]) -> tuple[Cause, ...]:
     return tuple(cause if other.key == cause.key else other for other in others)
 
 
-def order_location(order: int) -> str:
-    """Location of one member of a family of orders."""
-    return f"order_{order}"
+def order_location(order: int, place: str = "") -> str:
+    """Location of one member of a family of orders, which may have such a family at each of several places."""
+    return f"{place}.order_{order}" if place else f"order_{order}"
+
+
+def place_of(location: str) -> str:
+    """Place of a location without the order that it may name."""
+    place, _, order = location.rpartition(".")
+    return place if order.startswith("order_") else location
 
 
 def order_of(location: str) -> int:
     """Order that a location names.
 
     Raises:
-        InputError: the location is not of the form order_K.
+        InputError: the location is not of the form order_K or place.order_K.
     """
-    prefix, _, digits = location.partition("_")
+    prefix, _, digits = location.rpartition(".")[2].partition("_")
     if prefix != "order" or not digits.isdigit():
         raise InputError(f"location '{location}' names no order; expected order_K with a whole number K")
     return int(digits)

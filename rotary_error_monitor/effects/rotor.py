@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,11 @@ HEAD = "head"
 AUTOCOLLIMATOR = "autocollimator"
 LVDT = "lvdt"
 COMMAND = "command"
+LISTED = "listed"
+"""Stands for every sensor that a stage lists by name, of whatever kind."""
+
+_BY_SECTION = (HEAD, AUTOCOLLIMATOR, LVDT, COMMAND)
+"""What has a section of its own in a stage's description: all else is listed."""
 
 AT_REST = 1e-9
 """Speed, rad/s, below which the rotor is at rest: that is rounding.
@@ -166,14 +171,15 @@ class StageEffect(Effect[StageDescription]):
     `radial`, `axial` and `tilt` error motion, then `measured` for what the sensor makes of it.
 
     Attributes:
-        acts_on: streams that it can move, `head` standing for all heads; a location `head_I` narrows it to that head.
+        acts_on: streams that it can move, `head` standing for all heads, a kind such as `axial_probe` for all of that
+            kind, `listed` for all sensors that the stage lists; a location `head_I` narrows it to that head.
         stands_out_in: where its order shows if it is one of a family: `head` for what differs between heads, `command`
             for what they share, and the other streams.
         rescales: whether it changes a signal in proportion to what the signal shows, other causes included.
     """
 
-    acts_on: ClassVar[tuple[str, ...]] = (HEAD, AUTOCOLLIMATOR, LVDT)
-    stands_out_in: ClassVar[tuple[str, ...]] = (HEAD, COMMAND, AUTOCOLLIMATOR, LVDT)
+    acts_on: ClassVar[tuple[str, ...]] = (HEAD, AUTOCOLLIMATOR, LVDT, LISTED)
+    stands_out_in: ClassVar[tuple[str, ...]] = (HEAD, COMMAND, AUTOCOLLIMATOR, LVDT, LISTED)
     rescales: ClassVar[bool] = False
     searchable: ClassVar[Mapping[Searched, str]] = {Searched.MOMENT: "time", Searched.WAVE: "order"}
 
@@ -187,7 +193,7 @@ class StageEffect(Effect[StageDescription]):
         """Whether the effect there can move the prediction of that stream (`head_a`, …, `autocollimator`, `lvdt`)."""
         if location.startswith(f"{HEAD}_"):
             return stream == location
-        return stream.partition("_")[0] in self.acts_on
+        return is_among(stream.rpartition("_")[0] or stream, self.acts_on)
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """The description with the effect in its parameters."""
@@ -214,8 +220,21 @@ class StageEffect(Effect[StageDescription]):
         return None
 
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
-        """What the touched sensor says instead of `ideal`, which is (n,) for a head and (n, 2) for the others."""
+        """What the touched sensor says instead of `ideal`: (n,) of a head or a listed sensor, (n, 2) of the others."""
         return ideal
+
+
+def is_among(kind: str, named: Collection[str]) -> bool:
+    """Whether a kind of sensor is one of those that are named."""
+    return kind in named or (LISTED in named and kind not in _BY_SECTION)
+
+
+Known = TypeVar("Known", bound=StageEffect)
+
+
+def effects_of(stage: StageDescription, effects: Iterable[Known]) -> tuple[Known, ...]:
+    """The effects but those that show in listed sensors alone, where a stage lists none: it cannot have them."""
+    return tuple(e for e in effects if stage.sensors or any(kind in _BY_SECTION for kind in e.acts_on))
 
 
 def head_locations(stage: StageDescription) -> tuple[str, ...]:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
 from rotary_error_monitor.effects.autocollimator import planar_row
 from rotary_error_monitor.effects.effect import Estimate, Parameter, Role, Searched, Values
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LVDT, Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LISTED, LVDT, Array, RotorState, StageEffect
 
 
 class SpindleRadial(StageEffect):
@@ -27,8 +27,8 @@ class SpindleRadial(StageEffect):
         Parameter("x", "m", 1e-6, 2, bound=1e-3),
         Parameter("y", "m", 1e-6, 2, bound=1e-3),
     )
-    stands_out_in = (HEAD, LVDT)
-    acts_on = (HEAD, LVDT)
+    stands_out_in = (HEAD, LVDT, LISTED)
+    acts_on = (HEAD, LVDT, LISTED)
     orders = 100
     falling = True
     lowest = 2
@@ -49,8 +49,8 @@ class SpindleTilt(StageEffect):
         Parameter("x", "rad", 3e-6, 2, bound=1e-2),
         Parameter("y", "rad", 3e-6, 2, bound=1e-2),
     )
-    stands_out_in = (AUTOCOLLIMATOR, LVDT)
-    acts_on = (AUTOCOLLIMATOR, LVDT)
+    stands_out_in = (AUTOCOLLIMATOR, LVDT, LISTED)
+    acts_on = (AUTOCOLLIMATOR, LVDT, LISTED)
     orders = 100
     falling = True
     lowest = 2
@@ -58,6 +58,28 @@ class SpindleTilt(StageEffect):
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the order to the spindle's tilt error motion."""
         return replace(stage, spindle=replace(stage.spindle, tilt=(*stage.spindle.tilt, planar_row(values))))
+
+
+class SpindleAxial(StageEffect):
+    """The axis moves along itself with one more order. Order 1 is the fundamental axial error motion."""
+
+    name = "spindle_axial"
+    title = "synchronous axial error motion of one order"
+    source = "ISO 230-7, synchronous axial error motion"
+    parameters = (
+        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
+        Parameter("cos", "m", 1e-6, bound=1e-3),
+        Parameter("sin", "m", 1e-6, bound=1e-3),
+    )
+    stands_out_in = (LISTED,)
+    acts_on = (LISTED,)
+    orders = 100
+    falling = True
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """Add the order to the spindle's axial error motion."""
+        row = AngularHarmonic(round(values[0]), float(values[1]), float(values[2]))
+        return replace(stage, spindle=replace(stage.spindle, axial=(*stage.spindle.axial, row)))
 
 
 class BearingAsynchronous(StageEffect):
@@ -139,13 +161,27 @@ class ThermalDrift(StageEffect):
     title = "radial drift with temperature"
     source = "ISO 230-3, drift of the axis average line"
     parameters = (Parameter("radial", "m/K", 5e-7, 2, bound=1e-4),)
-    acts_on = (HEAD, LVDT)
+    acts_on = (HEAD, LVDT, LISTED)
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add to the drift per kelvin."""
         x, y = stage.spindle.radial_thermal
         drift = (x + float(values[0]), y + float(values[1]))
         return replace(stage, spindle=replace(stage.spindle, radial_thermal=drift))
+
+
+class AxialGrowth(StageEffect):
+    """The spindle grows along its axis as the stage warms."""
+
+    name = "axial_growth"
+    title = "axial growth with temperature"
+    source = "ISO 230-3, axial drift of a rotating spindle"
+    parameters = (Parameter("axial", "m/K", 5e-7, bound=1e-4),)
+    acts_on = (LISTED,)
+
+    def axial(self, values: Values, state: RotorState) -> Array:
+        """In proportion to the warming."""
+        return np.asarray(values[0] * state.warming, np.float64)
 
 
 class RadialHysteresis(StageEffect):
@@ -155,7 +191,7 @@ class RadialHysteresis(StageEffect):
     title = "radial shift with the direction of rotation"
     source = "ISO 230-1, 3.4.16 ff. (reversal)"
     parameters = (Parameter("radial", "m", 1e-6, 2, bound=1e-3),)
-    acts_on = (HEAD, LVDT)
+    acts_on = (HEAD, LVDT, LISTED)
 
     def radial(self, values: Values, state: RotorState) -> Array:
         """Half of it in the direction of rotation."""
@@ -169,7 +205,7 @@ class Unbalance(StageEffect):
     title = "unbalance"
     source = "ISO 21940-11 (centrifugal force) on a compliant bearing"
     parameters = (Parameter("radial", "m s^2/rad^2", 3e-8, 2, bound=1e-5),)
-    acts_on = (HEAD, LVDT)
+    acts_on = (HEAD, LVDT, LISTED)
 
     def radial(self, values: Values, state: RotorState) -> Array:
         """Speed squared times the vector on the rotor."""

@@ -74,7 +74,8 @@ def _try_foreign(problem: DiagnosableProblem, twin: AnyTwinFile) -> None:
     """
     thing = twin.kind.acted_on(problem, twin.description)
     for effect in filter(is_foreign, twin.effects):
-        places = (order_location(effect.lowest),) if effect.orders else effect.locations(thing)
+        places = effect.locations(thing)
+        places = tuple(order_location(effect.lowest, place) for place in places) if effect.orders else places
         for place in places[:1]:
             values = effect.start(place)
             amplitudes = effect.indices(Role.LINEAR, Role.SHAPE)

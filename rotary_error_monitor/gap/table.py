@@ -141,9 +141,10 @@ class TableProblem(ABC, Generic[State]):
         orders, places = range(effect.lowest, effect.orders + 1), effect.locations(self.thing)
         for place in () if effect.orders else places:
             yield Candidate(effect, place, effect.start(place), -float(np.log(len(places))))
-        for order in orders:
-            place = order_location(order)
-            yield Candidate(effect, place, effect.start(place), effect.log_prior_of(order))
+        for place in places if effect.orders else ():
+            for order in orders:
+                at = order_location(order, place)
+                yield Candidate(effect, at, effect.start(at), effect.log_prior_of(order) - float(np.log(len(places))))
 
     def at_zero(self, key: tuple[str, str]) -> Cause:
         """An effect without size at a place, of the lowest order if it has orders there."""

@@ -9,6 +9,7 @@ Three kinds of noise, each from what the description says:
   spectrum estimated from the recording) plus the mean of the readings' noise.
 * Autocollimator: noise and rounding, plus turbulence: an Ornstein-Uhlenbeck process of known size and correlation time.
 * LVDT: white.
+* Sensors that a stage lists by name: white, each with the noise that is stated of it.
 
 An instrument may have slow noise besides, each of its channels a course of its own.
 
@@ -32,7 +33,7 @@ from rotary_error_monitor.noise.head_grid import align_heads
 from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, predictor, segments_of
-from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_kinds, sensor_of
+from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_kinds, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 
 Array = NDArray[np.float64]
@@ -67,9 +68,21 @@ class Jitter:
 
 
 def noise_std(stage: StageDescription) -> dict[str, float]:
-    """Standard deviation of one sample of each kind of sensor as the stage states it, rounding included, rad or m."""
-    streams = {kind: sensor.streams(stage) for kind, sensor in sensor_kinds().items()}
-    return {kind: sensor_kinds()[kind].noise(stage, names[0]) if names else 0.0 for kind, names in streams.items()}
+    """Standard deviation of one sample of each instrument as the stage states it, rounding included, rad or m.
+
+    Instruments are what `instrument_of` says; a kind of which the stage has none has 0.
+    """
+    found: dict[str, float] = {}
+    for kind, sensor in sensor_kinds().items():
+        streams = sensor.streams(stage)
+        found |= {instrument_of(stream): sensor.noise(stage, stream) for stream in streams} if streams else {kind: 0.0}
+    return found
+
+
+def channels_of(stream: str) -> tuple[str, ...]:
+    """Names of a sensor's channels, one for each of its fields: `lvdt.x` and `lvdt.y`, `axial_probe_top` alone."""
+    fields = sensor_of(stream).fields
+    return (stream,) if len(fields) == 1 else tuple(f"{stream}.{axis}" for axis, _ in zip("xyz", fields, strict=False))
 
 
 class StageNoise:
@@ -83,7 +96,7 @@ class StageNoise:
         jitter: spectrum of the rotor's jitter.
 
     Attributes:
-        std: standard deviation of one sample of each kind of sensor, rounding included.
+        std: standard deviation of one sample of each instrument, rounding included: see `noise_std`.
         levels: how many times what the stage states that is.
         uncommanded: (m,) instants of the heads at which the command is not known to the noise of their mean.
     """
@@ -122,10 +135,10 @@ class StageNoise:
         self._command_whitener = self._command_filter()
 
     def with_levels(self, levels: Mapping[str, float]) -> None:
-        """Take the noise of the kinds for so many times what the stage states."""
-        for kind, level in levels.items():
-            self.std[kind] *= level / self.levels[kind]
-            self.levels[kind] = level
+        """Take the noise of instruments for so many times what the stage states."""
+        for instrument, level in levels.items():
+            self.std[instrument] *= level / self.levels[instrument]
+            self.levels[instrument] = level
         self._whiteners = self._turbulence_filters()
         self.with_jitter(self.jitter, self._lines)
 
@@ -136,23 +149,23 @@ class StageNoise:
         self._lines = np.zeros(0) if lines is None else lines
         self.forget()
 
-    def with_slow_noise(self, kind: str, courses: Array | None) -> None:
-        """Take slow noise of a kind of sensor for known: one standard deviation of each course (`CELLS` or fewer, q).
+    def with_slow_noise(self, instrument: str, courses: Array | None) -> None:
+        """Take slow noise of an instrument for known: one standard deviation of each course (`CELLS` or fewer, q).
 
         Courses are cosines of orders from 0 on over the recording, in standard deviations of a sample's white noise;
         None for no such noise. What each head has of its own their mean has as well.
         """
-        self._slow.pop(kind, None)
+        self._slow.pop(instrument, None)
         if courses is not None:
-            self._slow[kind] = courses
+            self._slow[instrument] = courses
         self._kept_slow.clear()
 
     def slow_remarks(self) -> list[str]:
-        """How large the slow noise of each kind of sensor is."""
+        """How large the slow noise of each instrument is."""
         found = []
-        for kind, courses in self._slow.items():
-            size = self.std[kind] * float(np.sqrt(np.mean(np.sum(np.square(courses), axis=1))))
-            found.append(f"{kind}: slow noise of {1e6 * size:.2g} {sensor_of(kind).small_unit} (rms) beside the white")
+        for name, courses in self._slow.items():
+            size = self.std[name] * float(np.sqrt(np.mean(np.sum(np.square(courses), axis=1))))
+            found.append(f"{name}: slow noise of {1e6 * size:.2g} {sensor_of(name).small_unit} (rms) beside the white")
         return found
 
     def cells(self, channel: str) -> Cells:
@@ -163,7 +176,7 @@ class StageNoise:
 
     def plain_sums(self, channel: str, rows: Array) -> Array:
         """(k, p) sums over the cells of a channel's white rows (m, p), as they would be without slow noise."""
-        if kind_of(channel) in self._slow:
+        if instrument_of(channel) in self._slow:
             return self._slow_noise(channel).plain_sums(rows)
         return self.cells(channel).sums(rows)
 
@@ -219,7 +232,7 @@ class StageNoise:
         """Names of the groups of rows."""
         names = [COMMAND, *self.grid.heads]
         for sensor in self._sensors:
-            names += [f"{sensor}.{axis}" for axis in ("x", "y")]
+            names += channels_of(sensor)
         return tuple(names)
 
     def times(self, channel: str) -> Array:
@@ -240,13 +253,13 @@ class StageNoise:
             if sensor in signals:
                 rows |= self._sensor(sensor, signals[sensor])
         return {
-            channel: self._slow_noise(channel).whiten(white) if kind_of(channel) in self._slow else white
+            channel: self._slow_noise(channel).whiten(white) if instrument_of(channel) in self._slow else white
             for channel, white in rows.items()
         }
 
     def _slow_noise(self, channel: str) -> SlowNoise:
         if channel not in self._kept_slow:
-            courses = self._shared_courses() if channel == COMMAND else self._slow[kind_of(channel)]
+            courses = self._shared_courses() if channel == COMMAND else self._slow[instrument_of(channel)]
             self._kept_slow[channel] = SlowNoise(self.cells(channel), courses)
         return self._kept_slow[channel]
 
@@ -270,7 +283,7 @@ class StageNoise:
         if basis is not None:
             expected[COMMAND] = expected[COMMAND] * (1 - np.sum(np.square(basis), axis=1))
         for name in self._sensors:
-            ones = np.ones((len(self._streams[name].time), 2, 1))
+            ones = np.ones((len(self._streams[name].time), len(channels_of(name)), 1))
             for channel, rows in self._sensor(name, ones).items():
                 expected[channel] = (rows[:, 0] != 0).astype(np.float64)
         return expected
@@ -320,15 +333,15 @@ class StageNoise:
 
     def _sensor(self, name: str, values: Array) -> dict[str, Array]:
         rows = {}
-        for i, axis in zip(range(values.shape[1]), "xyz", strict=False):
+        for i, channel in enumerate(channels_of(name)):
             spikes = self.spikes[name][:, i]
             if name in self._whiteners:
                 bridged = bridge(values[:, i], spikes)
                 white = self._whiteners[name].apply(bridged, self._runs(name))
             else:
-                white = values[:, i] / self.std[kind_of(name)] * self._kept[name][:, None]
+                white = values[:, i] / self.std[instrument_of(name)] * self._kept[name][:, None]
             white[spikes] = 0.0
-            rows[f"{name}.{axis}"] = white
+            rows[channel] = white
         return rows
 
     def _runs(self, name: str) -> list[slice]:
@@ -354,7 +367,7 @@ class StageNoise:
         # The median of neighbours follows every effect that is slower than a few samples, however large.
         apart = residual - median_filter(residual, (7, 1), mode="mirror")
         spread = 1.4826 * np.median(np.abs(apart), axis=0)
-        return np.asarray(np.abs(apart) > SPIKE * np.maximum(spread, self.std[kind_of(name)]), bool)
+        return np.asarray(np.abs(apart) > SPIKE * np.maximum(spread, self.std[instrument_of(name)]), bool)
 
     def _head_weight(self, coarse: bool, resolution: float, omega: Mapping[str, Array]) -> Array:
         weight = np.ones(len(self.grid.time))
@@ -367,7 +380,9 @@ class StageNoise:
     def _turbulence_filters(self) -> dict[str, Whitener]:
         """Of the sensors whose noise has a slow part."""
         return {
-            name: drift_predictor(slow.std, slow.correlation_time, self.std[kind_of(name)], self._streams[name].period)
+            name: drift_predictor(
+                slow.std, slow.correlation_time, self.std[instrument_of(name)], self._streams[name].period
+            )
             for name, slow in self._turbulence.items()
             if slow is not None and slow.std > 0
         }

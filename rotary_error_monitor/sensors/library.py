@@ -32,6 +32,21 @@ def kind_of(channel: str) -> str:
     return max(kinds, key=len, default=stream)
 
 
+@cache
+def is_listed(channel: str) -> bool:
+    """Whether a channel is of a sensor that the stage lists by name."""
+    return isinstance(sensor_kinds().get(kind_of(channel)), ListedKind)
+
+
+@cache
+def instrument_of(channel: str) -> str:
+    """What a channel shares its noise with: all sensors of its kind, but of those that a stage lists it alone.
+
+    Heads of one ring are alike; two probes of one kind may be of two makes.
+    """
+    return channel.partition(".")[0] if is_listed(channel) else kind_of(channel)
+
+
 def listed_kind(sensor: ListedSensor) -> ListedKind:
     """The kind of a sensor that a stage lists.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.effects.effect import order_of
+from rotary_error_monitor.effects.effect import order_location, order_of, place_of
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.effects.rotor import StageEffect
@@ -107,7 +107,14 @@ def test_a_parameter_that_is_no_number_is_an_error(kind, wrong):
                 effect.values_from(told | {name: wrong})
 
 
-@pytest.mark.parametrize("location", ["order_", "order_x", "5", "head_a"])
+def test_a_family_may_have_places():
+    for place in ("", "axial_probe_top"):
+        location = order_location(12, place)
+        assert (order_of(location), place_of(location)) == (12, place)
+    assert place_of("head_a") == "head_a"
+
+
+@pytest.mark.parametrize("location", ["order_", "order_x", "5", "head_a", "head_a.order_", "order_5.head_a"])
 def test_a_location_that_names_no_order_is_an_error(location):
     with pytest.raises(InputError, match="order_K"):
         order_of(location)

@@ -12,15 +12,16 @@ from rotary_error_monitor.description.stage import (
     AngularHarmonic,
     Autocollimator,
     Encoder,
+    ListedSensor,
     Lvdt,
     Mirror,
     PlanarHarmonic,
     Spindle,
     StageDescription,
 )
-from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.effect import Cause, place_of
 from rotary_error_monitor.effects.library import load_effects
-from rotary_error_monitor.effects.rotor import RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import RotorState, StageEffect, effects_of
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin
 
 LINES = 900
@@ -42,8 +43,26 @@ STAGE = StageDescription(
         radial_compliance=2e-8,
         tilt_compliance=5e-8,
         radial_thermal=(3e-7, -1e-7),
+        axial=(AngularHarmonic(1, 2e-7, -1e-7), AngularHarmonic(3, 1e-7, 3e-7)),
     ),
     lvdt=Lvdt(height=0.06, noise=5e-8, artefact_eccentricity=(4e-6, 2e-6)),
+    sensors={
+        "axial_probe_top": ListedSensor(
+            "axial_probe",
+            *(1e-8, 1e-9, 1e-3, 1e-7),
+            zero=3e-6,
+            gain=-1.5,
+            place={"azimuth": 0.4, "radius": 0.03},
+            form=(AngularHarmonic(1, 2e-6, 1e-6),),
+        ),
+        "radial_probe_low": ListedSensor(
+            "radial_probe",
+            *(1e-8, 1e-9, 1e-3, 1e-7),
+            zero=-1e-6,
+            place={"azimuth": 2.0, "height": 0.05},
+            form=(AngularHarmonic(2, -1e-6, 5e-7),),
+        ),
+    },
 )
 TIMES = np.linspace(0.3, 9.7, 23)
 SPEED, SWING = 0.8, 3.0
@@ -79,6 +98,8 @@ class Bench:
     delays: dict = field(default_factory=dict)
     tilt_changed: object = None
     radial_changed: object = None
+    z_added: object = None
+    probe_added: dict = field(default_factory=dict)
 
     def reading(self, stream):
         t = self.t - self.delays.get(stream, 0.0)
@@ -103,6 +124,22 @@ class Bench:
         if stream == "lvdt":
             radial = d + s.lvdt.height * np.array([g[1], -g[0]]) + turn @ np.array(s.lvdt.artefact_eccentricity)
             return self.radial_changed(radial) if self.radial_changed else radial
+        if stream in s.sensors:
+            probe = s.sensors[stream]
+            phi = probe.place["azimuth"]
+            if probe.kind == "axial_probe":
+                along = sum(
+                    w.cos * math.cos(w.order * theta) + w.sin * math.sin(w.order * theta) for w in s.spindle.axial
+                )
+                at = probe.place["radius"] * np.array([math.cos(phi), math.sin(phi)])
+                moved = along + (self.z_added(t) if self.z_added else 0.0) + g[0] * at[1] - g[1] * at[0]
+            else:
+                height = probe.place["height"]
+                moved = (d[0] + height * g[1]) * math.cos(phi) + (d[1] - height * g[0]) * math.sin(phi)
+            psi = phi - theta
+            moved += sum(w.cos * math.cos(w.order * psi) + w.sin * math.sin(w.order * psi) for w in probe.form)
+            added = self.probe_added[stream](self.t) if stream in self.probe_added else 0.0
+            return np.array([probe.zero + probe.gain * moved + added])
         phi = s.encoder.azimuths[stream[-1]]
         c = d + turn @ np.array(s.encoder.eccentricity)
         ahead = (-c[0] * math.sin(phi) + c[1] * math.cos(phi)) / s.encoder.disc_radius
@@ -119,6 +156,10 @@ def stage_with(**changes):
         part, _, key = name.partition("_")
         stage = replace(stage, **{part: replace(getattr(stage, part), **{key: value})})
     return stage
+
+
+def with_probe(stream, **changes):
+    return replace(STAGE, sensors={**STAGE.sensors, stream: replace(STAGE.sensors[stream], **changes)})
 
 
 def azimuths(letter, by):
@@ -204,6 +245,26 @@ CLOSED_FORMS = {
     ),
     "spindle_radial": ("order_4", ORDER, lambda t: Bench(t, stage_with(spindle_radial=(*STAGE.spindle.radial, ROW)))),
     "spindle_tilt": ("order_4", ORDER, lambda t: Bench(t, stage_with(spindle_tilt=(*STAGE.spindle.tilt, ROW)))),
+    "spindle_axial": (
+        "order_5",
+        {"order": 5, "cos": 2e-7, "sin": -3e-7},
+        lambda t: Bench(t, stage_with(spindle_axial=(*STAGE.spindle.axial, AngularHarmonic(5, 2e-7, -3e-7)))),
+    ),
+    "axial_growth": ("", {"axial": 4e-7}, lambda t: Bench(t, z_added=lambda now: 4e-7 * warming(now))),
+    "probe_zero": ("radial_probe_low", {"shift": 2e-6}, lambda t: Bench(t, with_probe("radial_probe_low", zero=1e-6))),
+    "probe_gain": ("axial_probe_top", {"relative": 0.1}, lambda t: Bench(t, with_probe("axial_probe_top", gain=-1.65))),
+    "probe_drift": (
+        "radial_probe_low",
+        {"rate": 3e-8},
+        lambda t: Bench(t, probe_added={"radial_probe_low": lambda now: 3e-8 * now}),
+    ),
+    "probe_form": (
+        "axial_probe_top.order_4",
+        {"order": 4, "cos": 1e-6, "sin": 2e-6},
+        lambda t: Bench(
+            t, with_probe("axial_probe_top", form=(AngularHarmonic(1, 2e-6, 1e-6), AngularHarmonic(4, 1e-6, 2e-6)))
+        ),
+    ),
     "bearing_asynchronous": (
         "",
         {"order": 2.37, "radial": 1e-6, "tilt": 2e-6, "phase": 0.7},
@@ -264,7 +325,7 @@ CLOSED_FORMS = {
 }
 
 EFFECTS = load_effects(StageEffect)
-STREAMS = ("head_a", "head_b", "head_c", "head_d", "autocollimator", "lvdt")
+STREAMS = ("head_a", "head_b", "head_c", "head_d", "autocollimator", "lvdt", *STAGE.sensors)
 
 
 @pytest.fixture
@@ -307,6 +368,29 @@ def test_effect_without_size_changes_nothing(effect, twin):
         np.testing.assert_allclose(values, plain[stream], rtol=0, atol=1e-14)
 
 
+def test_effects_of_listed_sensors_are_those_of_stages_that_list_some():
+    bare = {effect.name for effect in effects_of(replace(STAGE, sensors={}), EFFECTS)}
+    own = {"spindle_axial", "axial_growth", "probe_zero", "probe_gain", "probe_drift", "probe_form"}
+    assert bare == set(CLOSED_FORMS) - own
+    assert {effect.name for effect in effects_of(STAGE, EFFECTS)} == set(CLOSED_FORMS)
+
+
+def test_what_moves_the_axis_touches_sensors_of_any_kind_that_are_listed():
+    by_name = {effect.name: effect for effect in EFFECTS}
+    for name in ("spindle_radial", "spindle_tilt", "thermal_drift", "load_compliance", "following_error"):
+        assert by_name[name].touches("", "radial_probe_low") and by_name[name].touches("", "laser_triangulator_a"), name
+    for name in ("mirror_wobble", "disc_eccentricity", "lvdt_gain", "autocollimator_drift", "encoder_latency"):
+        assert not by_name[name].touches("", "radial_probe_low"), name
+    assert not by_name["probe_form"].touches("radial_probe_low.order_2", "radial_probe_lower")
+
+
+def test_a_probe_on_the_axis_looks_at_one_spot_and_sees_no_form():
+    effect = next(e for e in EFFECTS if e.name == "probe_form")
+    top = STAGE.sensors["axial_probe_top"]
+    central = replace(STAGE, sensors={**STAGE.sensors, "axial_probe_top": replace(top, place={"radius": 0.0})})
+    assert effect.locations(STAGE) == tuple(STAGE.sensors) and effect.locations(central) == ("radial_probe_low",)
+
+
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
 def test_report_gives_back_the_parameters(effect):
     _, parameters, _ = CLOSED_FORMS[effect.name]
@@ -323,7 +407,7 @@ def test_effect_says_what_it_is(effect):
     location, parameters, _ = CLOSED_FORMS[effect.name]
     assert effect.title and effect.source
     assert all(parameter.unit and parameter.scale > 0 for parameter in effect.parameters)
-    assert effect.orders or location in effect.locations(STAGE)
+    assert place_of(location) in effect.locations(STAGE)
     assert np.all(np.abs(effect.values_from(parameters)) <= [p.bound for p in effect.parameters for _ in range(p.size)])
 
 

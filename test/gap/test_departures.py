@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
-from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.effects.rotor import StageEffect, effects_of
 from rotary_error_monitor.gap.departures import (
     COURSES,
     SHARE,
@@ -100,7 +100,7 @@ def test_what_jumps_at_reversals_may_be_soft_there(name, jumps, stage_problem):
 
 def test_every_effect_of_a_stage_may_depart_on_its_own_channels_only(stage_problem):
     problem, _ = stage_problem(7, "null")
-    for effect in load_effects(StageEffect):
+    for effect in effects_of(problem.stage, load_effects(StageEffect)):
         place = "order_5" if effect.orders else effect.locations(problem.stage)[0]
         values = effect.start(place)
         linear = effect.indices(Role.LINEAR)

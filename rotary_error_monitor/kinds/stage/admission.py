@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_of
+from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals
 
@@ -27,17 +27,19 @@ def check_noise(streams: Iterable[str], std: Mapping[str, float]) -> None:
 
     Args:
         streams: names of the sensors that take part.
-        std: standard deviation of one sample of each kind of sensor, rounding included: head, autocollimator, lvdt.
+        std: standard deviation of one sample of each instrument, rounding included: head, autocollimator, lvdt, and
+            listed sensors by their streams.
 
     Raises:
         InputError: it is next to nothing.
     """
-    kinds = {kind_of(name) for name in streams}
-    for kind, size in std.items():
-        if kind in kinds and size < FINEST:
-            unit, section = sensor_of(kind).unit, sensor_of(kind).section
+    instruments = {instrument_of(name) for name in streams}
+    for name, size in std.items():
+        if name in instruments and size < FINEST:
+            unit, section = sensor_of(name).unit, sensor_of(name).section
+            place = f"{section}.{name.rpartition('_')[2]}" if is_listed(name) else section
             raise InputError(
-                f"stage.{section}: noise and resolution together are {size:g} {unit}; differences are weighed "
+                f"stage.{place}: noise and resolution together are {size:g} {unit}; differences are weighed "
                 f"against the noise: state the standard deviation of one reading, above {FINEST:g} {unit}"
             )
 
@@ -48,7 +50,7 @@ def check_extent(recording: StageRecording, raw: Signals, noise: Mapping[str, fl
     Args:
         recording: what was measured.
         raw: (n, k) measured minus predicted of each sensor.
-        noise: standard deviation of one sample of each kind of sensor: head, autocollimator, lvdt.
+        noise: standard deviation of one sample of each instrument: head, autocollimator, lvdt, listed sensors.
 
     Raises:
         InputError: it lasts too little; the message says what can be said all the same.
@@ -90,7 +92,7 @@ def _describe(raw: Signals, noise: Mapping[str, float]) -> str:
     for name, values in raw.items():
         unit = sensor_of(name).small_unit
         rms = 1e6 * float(np.sqrt(np.mean(np.square(values))))
-        sizes[name] = f"{rms:.3g} {unit} (noise of one sample {1e6 * noise[kind_of(name)]:.2g} {unit})"
+        sizes[name] = f"{rms:.3g} {unit} (noise of one sample {1e6 * noise[instrument_of(name)]:.2g} {unit})"
     return f"measured and predicted differ by {_listed(sizes)}; of that the rotor's own jitter is a part at the heads"
 
 

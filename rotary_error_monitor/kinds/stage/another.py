@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.effect import Cause, order_location
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, Array, StageEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.options import MOST_CAUSES
 from rotary_error_monitor.gap.orders import wave_products
-from rotary_error_monitor.sensors.library import sensor_of
+from rotary_error_monitor.sensors.library import instrument_of, is_listed, sensor_of
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageTwin
@@ -40,10 +40,10 @@ HIGHEST = 16
 
 @dataclass(frozen=True)
 class Statement:
-    """What the twin states of one order in one kind of instrument, and what the recording shows.
+    """What the twin states of one order in one instrument, and what the recording shows.
 
     Attributes:
-        instrument: `head`, `autocollimator`, `lvdt`.
+        instrument: `head`, `autocollimator`, `lvdt`, or the stream of a listed sensor.
         order: per turn.
         stated: amplitude, root mean square over the instrument's components, rad or m.
         measured: the same of the recording.
@@ -72,13 +72,13 @@ def check_stage(
         raw: (n, k) measured minus predicted of each sensor.
         twin: that predicted.
         effects: known effects: what is larger than any of them can be is refused as well.
-        std: standard deviation of one sample of each kind of instrument.
+        std: standard deviation of one sample of each instrument.
 
     Raises:
         InputError: the twin describes another stage; the message says in units what differs.
     """
     statements = stage_statements(recording, raw, twin, std)
-    overstated = _overstated(statements, {name.partition("_")[0] for name in raw})
+    overstated = _overstated(statements, _with_statements(statements, raw))
     if overstated:
         raise InputError(
             f"the twin states more error motion than there is, in every instrument: {'; '.join(map(str, overstated))}. "
@@ -99,6 +99,12 @@ def check_stage(
             "that leaves out what is not known of it (eccentricity, graduation, mirror, spindle)"
         )
     _check_reach(raw, twin, effects)
+
+
+def _with_statements(statements: Sequence[Statement], streams: Iterable[str]) -> set[str]:
+    """The instruments that must all be overstated; a listed sensor that no order is stated of says nothing."""
+    stated = {each.instrument for each in statements}
+    return {instrument_of(name) for name in streams if not is_listed(name) or name in stated}
 
 
 def _overstated(statements: Sequence[Statement], instruments: set[str]) -> list[Statement]:
@@ -130,7 +136,7 @@ def stage_statements(
         shown = shown - angle[:, None] if name in recording.heads else shown
         for stated, apart in zip(shown.T, values.T, strict=True):
             both = _amplitudes(angle, stated, orders), _amplitudes(angle, apart, orders)
-            parts.setdefault(name.partition("_")[0], []).append(both)
+            parts.setdefault(instrument_of(name), []).append(both)
     found = []
     for instrument, pairs in parts.items():
         stated = _size([a for a, _ in pairs])
@@ -158,7 +164,7 @@ def left_out(twin: StageTwin, residual: Callable[[], Signals], std: dict[str, fl
     nothing = "the twin states no {}: {} shows {} that it does not predict; {}"
     calibrate = "`calibrate assembly` measures it, and with --most-causes 8 a diagnosis names several such parts"
     shown = {name: float(np.sqrt(np.mean(np.square(values - values.mean(axis=0))))) for name, values in raw.items()}
-    largest = {kind: max((s for n, s in shown.items() if n.partition("_")[0] == kind), default=0.0) for kind in std}
+    largest = {each: max((s for n, s in shown.items() if instrument_of(n) == each), default=0.0) for each in std}
     if not any(stage.encoder.eccentricity) and largest[HEAD] > 2 * std[HEAD]:
         found.append(nothing.format("eccentricity of the ring", "a head", _with_unit(HEAD, largest[HEAD]), calibrate))
     if not any(stage.mirror.tilt) and largest[AUTOCOLLIMATOR] > 2 * std[AUTOCOLLIMATOR]:
@@ -172,7 +178,8 @@ def _check_reach(raw: Signals, twin: StageTwin, effects: Iterable[StageEffect]) 
     base, reach = twin.predict(), dict.fromkeys(raw, 0.0)
     size = {name: float(np.median(np.abs(values))) for name, values in raw.items()}
     for effect in effects:
-        for place in effect.locations(twin.stage) if not effect.orders else (f"order_{effect.lowest}",):
+        for part in effect.locations(twin.stage):
+            place = order_location(effect.lowest, part) if effect.orders else part
             missing = [name for name in raw if reach[name] < size[name] and effect.touches(place, name)]
             for name, values in _at_bounds(twin, effect, place, missing).items():
                 reach[name] = max(reach[name], float(np.max(np.abs(values - base[name]))))
@@ -200,7 +207,9 @@ def _at_bounds(twin: StageTwin, effect: StageEffect, place: str, streams: Sequen
 
 def _described_orders(stage: StageDescription) -> set[int]:
     planar = (*stage.spindle.radial, *stage.spindle.tilt, *stage.mirror.flatness)
-    return {1, *(row.order for row in planar), *(row.order for row in stage.encoder.graduation)}
+    forms = (row for sensor in stage.sensors.values() for row in sensor.form)
+    angular = (*stage.encoder.graduation, *stage.spindle.axial, *forms)
+    return {1, *(row.order for row in planar), *(row.order for row in angular)}
 
 
 def _amplitudes(angle: Array, rows: Array, orders: int) -> Array:

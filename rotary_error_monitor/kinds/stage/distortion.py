@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.problem import Array, Candidate
 from rotary_error_monitor.twin.stage import StageTwin, turned_by
 
@@ -52,7 +52,7 @@ def changes(
     command = np.asarray(twin.inputs.command(time), np.float64)[:, None]
     old, new, found = thin.predict(before), thin.predict(after), {}
     for name, values in old.items():
-        signal = values - command if values.shape[1] == 1 else values
+        signal = values - command if name.startswith(f"{HEAD}_") else values
         swing = float(np.linalg.norm(signal - signal.mean(axis=0)))
         change = float(np.linalg.norm(new[name] - values))
         found[name] = change / swing if swing else np.inf if change else 0.0

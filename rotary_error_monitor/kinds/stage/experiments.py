@@ -18,6 +18,7 @@ from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.rotor import LVDT
 from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.gap.telling_apart import advise_best, distance
+from rotary_error_monitor.sensors.library import instrument_of
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin
 
 if TYPE_CHECKING:
@@ -148,5 +149,5 @@ class _Measurement:
         parts += [(signals[name][:, 0] - shared) / self._std["head"] * gain for name in heads]
         for name, values in signals.items():
             if name not in heads:
-                parts.append(values.ravel() / (self._std[name] or 1.0) * gain)
+                parts.append(values.ravel() / (self._std[instrument_of(name)] or 1.0) * gain)
         return np.concatenate(parts)

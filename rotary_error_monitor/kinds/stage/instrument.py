@@ -1,4 +1,4 @@
-"""All channels of one kind of sensor, as sums over cells of the recording: what is slow shows in them."""
+"""All channels of one instrument, as sums over cells of the recording: what is slow shows in them."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from scipy.linalg import helmert
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.problem import Array, Columns, LateRows, Rows, SparseRows
 from rotary_error_monitor.noise.stage_noise import StageNoise
-from rotary_error_monitor.sensors.library import kind_of
+from rotary_error_monitor.sensors.library import instrument_of
 
 
 class Instrument:
     """Sums of white rows over cells, for components that are independent of one another.
 
     Args:
-        kind: of sensor.
-        channels: of the recording; those of other kinds are left out.
+        name: of the instrument: see `sensors.library.instrument_of`.
+        channels: of the recording; those of other instruments are left out.
         noise: of the recording.
-        times: (m,) s of the rows of this kind.
+        times: (m,) s of its rows.
 
     Attributes:
         time: (k,) s, mean of each cell.
@@ -29,12 +29,12 @@ class Instrument:
         usual: that of the usual cell.
     """
 
-    def __init__(self, kind: str, channels: Sequence[str], noise: StageNoise, times: Array) -> None:
+    def __init__(self, name: str, channels: Sequence[str], noise: StageNoise, times: Array) -> None:
         self._noise = noise
-        self._channels = [channel for channel in channels if kind_of(channel) == kind]
+        self._channels = [channel for channel in channels if instrument_of(channel) == name]
         count = len(self._channels)
         # What each head shows beyond their mean sums to zero: contrasts do not.
-        self._components = helmert(count) if kind == HEAD else np.eye(count)
+        self._components = helmert(count) if name == HEAD else np.eye(count)
         cells = [noise.cells(channel) for channel in self._channels]
         self.time = np.add.reduceat(times, cells[0].starts) / np.diff(np.append(cells[0].starts, len(times)))
         self.passed = (self.time - times[0]) / (times[-1] - times[0])

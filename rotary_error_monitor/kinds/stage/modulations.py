@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from rotary_error_monitor.effects.effect import Cause, Role, order_location, order_of
+from rotary_error_monitor.effects.effect import Cause, Role, order_location, order_of, place_of
 from rotary_error_monitor.effects.rotor import RotorState
 from rotary_error_monitor.gap.departures import (
     SHARE,
@@ -21,6 +21,7 @@ from rotary_error_monitor.gap.departures import (
 )
 from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.kinds.stage.play import Play
+from rotary_error_monitor.sensors.library import instrument_of
 from rotary_error_monitor.twin.stage import StageTwin
 
 LOOKS = 2000
@@ -87,8 +88,7 @@ class StageModulations:
 
     def of_size(self, cause: Cause, signal: Array, stream: str) -> list[Modulation]:
         """Those that follow from what the cause does (n, k) to a stream."""
-        kind = stream.partition("_")[0]
-        alike = [name for name in self._twin.times if name.partition("_")[0] == kind]
+        alike = [name for name in self._twin.times if instrument_of(name) == instrument_of(stream)]
         moved = self._moved(self._twin, cause, tuple(alike))
         size = float(np.sqrt(np.mean([np.mean(np.square(values)) for values in moved.values()])))
         return modulations_by_size(signal, size)
@@ -147,9 +147,9 @@ def neighbouring(cause: Cause) -> list[Cause]:
     effect = cause.effect
     if not effect.orders:
         return []
-    order = order_of(cause.location)
+    order, place = order_of(cause.location), place_of(cause.location)
     near = {*range(order - NEIGHBOURS, order + NEIGHBOURS + 1), 2 * order} - {order}
-    places = [order_location(k) for k in sorted(near) if effect.lowest <= k <= effect.orders]
+    places = [order_location(k, place) for k in sorted(near) if effect.lowest <= k <= effect.orders]
     return [Cause(effect, place, effect.start(place)) for place in places]
 
 

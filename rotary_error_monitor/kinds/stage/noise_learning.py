@@ -13,13 +13,14 @@ from rotary_error_monitor.gap.known_effects import known_effects
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.gap.problem import Array, Rows
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, in_all, learn_slow_noise
+from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.kinds.stage.instrument import Instrument
 from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitter
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.noise.stage_noise import Jitter
-from rotary_error_monitor.sensors.library import COMMAND, kind_of
+from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed
 from rotary_error_monitor.twin.stage import Signals
 
 if TYPE_CHECKING:
@@ -66,23 +67,23 @@ class NoiseLearning:
         self._slow: dict[str, Array] = {}
 
     def learn_levels(self, causes: Sequence[Cause]) -> bool:
-        """Noise larger than the stage states: told from neighbouring rows, which differ by nothing else."""
+        """Noise larger than the stage states: told from neighbouring rows, which differ by little else."""
         noise = self._problem.noise
         apart: dict[str, list[Array]] = {}
         for track in self._problem.tracks(self._problem.residual(causes)):
             if track.channel != COMMAND:
-                apart.setdefault(kind_of(track.channel), []).append(np.abs(np.diff(track.rows)))
+                apart.setdefault(instrument_of(track.channel), []).append(np.abs(_differences(track)))
         found = {}
-        for kind, parts in apart.items():
+        for name, parts in apart.items():
             count = sum(len(part) for part in parts)
             level = float(np.median(np.concatenate(parts))) / (np.sqrt(2) * NORMAL_QUARTILE)
-            level *= noise.levels[kind]
+            level *= noise.levels[name]
             level = level if level > 1 + max(NOISIER, 5 / np.sqrt(count)) else 1.0
-            if abs(level / noise.levels[kind] - 1) > 0.5 * NOISIER:
-                found[kind] = level
+            if abs(level / noise.levels[name] - 1) > 0.5 * NOISIER:
+                found[name] = level
         if not found:
             return False
-        louder = {kind: level / noise.levels[kind] for kind, level in found.items()}
+        louder = {name: level / noise.levels[name] for name, level in found.items()}
         noise.with_levels(found)
         self._expected.clear()
         self._nuisances.forget()
@@ -118,31 +119,31 @@ class NoiseLearning:
         return estimate_jitter(SharedMotion(grid.time, command, mean[:, 0], enough, smooth, floor))
 
     def learn_slow_noise(self, causes: Sequence[Cause]) -> bool:
-        """Slow noise of each kind of sensor."""
-        kinds = dict.fromkeys(kind_of(channel) for channel in self._problem.channels if channel != COMMAND)
+        """Slow noise of each instrument."""
+        names = dict.fromkeys(instrument_of(channel) for channel in self._problem.channels if channel != COMMAND)
         rest = self._problem.residual(causes)
-        changed = [kind for kind in kinds if self._learn_slow_noise_of(kind, causes, rest)]
-        for kind in changed:
-            self._nuisances.forget(kind)
-            self._signatures.follow_slow_noise(kind)
+        changed = [name for name in names if self._learn_slow_noise_of(name, causes, rest)]
+        for name in changed:
+            self._nuisances.forget(name)
+            self._signatures.follow_slow_noise(name)
         return bool(changed)
 
-    def _learn_slow_noise_of(self, kind: str, causes: Sequence[Cause], rest: Rows) -> bool:
+    def _learn_slow_noise_of(self, name: str, causes: Sequence[Cause], rest: Rows) -> bool:
         problem = self._problem
-        first = next(channel for channel in problem.channels if kind_of(channel) == kind)
-        own = Instrument(kind, problem.channels, problem.noise, problem.times(first))
+        first = next(channel for channel in problem.channels if instrument_of(channel) == name)
+        own = Instrument(name, problem.channels, problem.noise, problem.times(first))
         white = own.sums(rest)[:, :, 0]
         uncertain = own.stacked(problem.own_nuisance(causes))
         known = known_effects(problem, causes, rest, own.stacked)
         found = learn_slow_noise(white, own.weight, own.passed, uncertain, self._rivals(own), known)
-        before = self._slow.pop(kind, None)
+        before = self._slow.pop(name, None)
         if found is not None:
-            self._slow[kind] = found
+            self._slow[name] = found
         if (found is None and before is None) or (
             found is not None and before is not None and np.allclose(found, before, rtol=SAME_SLOW)
         ):
             return False
-        problem.noise.with_slow_noise(kind, None if found is None else cosines(own.passed) * (found / own.usual))
+        problem.noise.with_slow_noise(name, None if found is None else cosines(own.passed) * (found / own.usual))
         return True
 
     def _rivals(self, own: Instrument) -> Iterator[Rivals]:
@@ -156,6 +157,14 @@ class NoiseLearning:
         motion = self._search.motion_basis(time)[:, 1:]
         outer = np.column_stack([inputs.warming(time), inputs.force(time)])
         return np.asarray(np.concatenate([motion, outer - outer.mean(axis=0)], axis=1), np.float64)
+
+
+def _differences(track: Track) -> Array:
+    """(m,) differences of neighbouring white rows, of the variance of a plain one.
+
+    A target off centre moves a probe by more between two samples than its noise is: third differences are free of it.
+    """
+    return np.diff(track.rows, 3) / np.sqrt(10) if is_listed(track.channel) else np.diff(track.rows)
 
 
 def _seen(rivals: Rivals) -> Rivals:

@@ -12,6 +12,7 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.problem import Rows, SparseRows
 from rotary_error_monitor.kinds.stage.distortion import changes
 from rotary_error_monitor.noise.whitening import side_by_side
+from rotary_error_monitor.sensors.library import instrument_of
 from rotary_error_monitor.twin.stage import Signals, StageTwin
 from rotary_error_monitor.twin.stage_parameters import UncertainParameter
 
@@ -23,7 +24,7 @@ class Nuisances:
     """What the uncertain parameters of a stage do to the signals.
 
     Where a head stands matters more beside a large graduation error, say: they are made again beside causes that change
-    the signals of a kind of sensor more than a little.
+    the signals of an instrument more than a little.
 
     Args:
         twin: the twin as stated.
@@ -51,19 +52,19 @@ class Nuisances:
         """White rows of one standard uncertainty of each, beside causes."""
         rows: Rows = {}
         acting: dict[str, NDArray[np.intp]] = {}
-        for kind in dict.fromkeys(name.partition("_")[0] for name in self._twin.times):
-            streams = [name for name in self._twin.times if name.partition("_")[0] == kind]
+        for instrument in dict.fromkeys(map(instrument_of, self._twin.times)):
+            streams = [name for name in self._twin.times if instrument_of(name) == instrument]
             seen = tuple(cause for cause in causes if _touches(cause, streams))
-            if kind not in self._kept or not self._nearly(self._kept[kind][0], seen, streams):
-                self._kept[kind] = (seen, *self._made(kind, streams, seen))
-            _, own, found = self._kept[kind]
+            if instrument not in self._kept or not self._nearly(self._kept[instrument][0], seen, streams):
+                self._kept[instrument] = (seen, *self._made(instrument, streams, seen))
+            _, own, found = self._kept[instrument]
             rows |= found
             acting |= dict.fromkeys(found, own)
         return SparseRows(self.count, rows, acting)
 
-    def forget(self, kind: str | None = None) -> None:
-        """Make those of one kind of sensor, or all, again when they are wanted: the noise is known better."""
-        for known in list(self._kept) if kind is None else [kind]:
+    def forget(self, instrument: str | None = None) -> None:
+        """Make those of one instrument, or all, again when they are wanted: the noise is known better."""
+        for known in list(self._kept) if instrument is None else [instrument]:
             self._kept.pop(known, None)
 
     def _nearly(self, before: Sequence[Cause], causes: Sequence[Cause], streams: Sequence[str]) -> bool:
@@ -71,9 +72,9 @@ class Nuisances:
             return True
         return max(changes(self._twin, streams, before, causes).values()) < SAME
 
-    def _made(self, kind: str, streams: Sequence[str], causes: Sequence[Cause]) -> tuple[NDArray[np.intp], Rows]:
-        """The columns that act on the streams of one kind, and their white rows."""
-        acting = [i for i, parameter in enumerate(self._parameters) if kind in parameter.seen_by]
+    def _made(self, instrument: str, streams: Sequence[str], causes: Sequence[Cause]) -> tuple[NDArray[np.intp], Rows]:
+        """The columns that act on the streams of one instrument, and their white rows."""
+        acting = [i for i, parameter in enumerate(self._parameters) if instrument in parameter.seen_by]
         shifted = [self._parameters[i].shifted(self._twin.stage, self._parameters[i].uncertainty) for i in acting]
         moved = [self._twin.predict(causes, streams, stage) for stage in shifted]
         acting += range(len(self._parameters), self.count)

@@ -12,7 +12,7 @@ import numpy as np
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role, Searched, among
-from rotary_error_monitor.effects.rotor import HEAD, StageEffect
+from rotary_error_monitor.effects.rotor import HEAD, StageEffect, effects_of
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track, find_shared, find_structure
@@ -42,7 +42,7 @@ from rotary_error_monitor.kinds.stage.warming import uncertain_warmings
 from rotary_error_monitor.kinds.stage.where import stage_where
 from rotary_error_monitor.noise.stage_noise import StageNoise, noise_std
 from rotary_error_monitor.noise.whitening import side_by_side
-from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_of
+from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording, fields_of
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
@@ -80,7 +80,7 @@ class StageProblem:
     ) -> None:
         self.stage = stage
         self.recording = recording
-        self.effects = tuple(effects)
+        self.effects = effects_of(stage, effects)
         self.twin: StageTwin = twin_of(stage, recording, tuple(known), inputs)
         warmings = uncertain_warmings(self.twin, recording)
         self._nuisances = Nuisances(self.twin, uncertain_parameters(stage), warmings, self._white)
@@ -277,16 +277,16 @@ class StageProblem:
             yield Track(channel, white, time[used], angle, labels[used], self.conditions.names)
 
     def structure(self, rest: Rows) -> list[Finding]:
-        """Tests of each channel against orders, lines, places and times; of those of one kind of sensor together."""
+        """Tests of each channel against orders, lines, places and times; of those of one instrument together."""
         findings: list[Finding] = []
         alike: dict[str, list[Track]] = {}
         for track in self.tracks(rest):
             findings += find_structure(track)
-            alike.setdefault(kind_of(track.channel), []).append(track)
-        for kind, tracks in alike.items():
+            alike.setdefault(instrument_of(track.channel), []).append(track)
+        for instrument, tracks in alike.items():
             if len(tracks) > 1:
                 # What each head shows beyond their mean: those of one instant sum to zero.
-                findings += find_shared(tracks, len(tracks) - (kind == HEAD))
+                findings += find_shared(tracks, len(tracks) - (instrument == HEAD))
         return findings
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:
@@ -344,7 +344,7 @@ class StageProblem:
 
     def _stated(self, channel: str) -> float:
         """How many times the noise that the stage states a channel is taken to have."""
-        return 1.0 if channel == COMMAND else self.noise.levels[kind_of(channel)]
+        return 1.0 if channel == COMMAND else self.noise.levels[instrument_of(channel)]
 
     def spikes(self) -> dict[str, int]:
         """Number of samples of each sensor that are spikes."""

@@ -6,7 +6,7 @@ proposal is then weighed by its exact signature, and pays for the number of plac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,9 +15,10 @@ from scipy.optimize import minimize_scalar
 
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.effects.effect import AnyEffect, Searched, order_location
+from rotary_error_monitor.effects.rotor import is_among
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Rows
-from rotary_error_monitor.sensors.library import kind_of
+from rotary_error_monitor.sensors.library import is_listed, kind_of
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -43,13 +44,14 @@ class StageSearch:
 
     def candidates(self, rest: Rows) -> tuple[Candidate, ...]:
         """Every effect at every place; families of orders at the orders that stand out in `rest`."""
-        groups = self._orders(rest)
+        groups = self._orders(rest, kind_of)
+        listed = self._orders({channel: rows for channel, rows in rest.items() if is_listed(channel)}, str)
         found: list[Candidate] = []
         for effect in self._problem.effects:
             if effect.orders:
-                chosen = {order for group in effect.stands_out_in for order in groups.get(group, ())}
-                chosen |= {*LOWEST_ORDERS, *self._described_orders()}
-                found += [self._of_order(effect, order) for order in sorted(chosen) if order <= effect.orders]
+                alike = {order for kind in groups if is_among(kind, effect.stands_out_in) for order in groups[kind]}
+                for place in effect.locations(self._problem.stage):
+                    found += self._of_orders(effect, place, set(listed.get(place, ())) if place else alike)
             elif effect.searched is Searched.MOMENT:
                 found += self._steps(effect, rest)
             elif effect.searched is Searched.WAVE:
@@ -72,20 +74,24 @@ class StageSearch:
         # Few of play: what is as slow as the jitter takes a part of the jitter along with every column.
         return np.column_stack([*columns, self._problem.play.taken(time)])
 
-    def _of_order(self, effect: AnyEffect, order: int) -> Candidate:
-        place = order_location(order)
-        return Candidate(effect, place, effect.start(place), effect.log_prior_of(order))
+    def _of_orders(self, effect: AnyEffect, part: str, standing_out: set[int]) -> Iterator[Candidate]:
+        """An effect of one order at one place: at orders that stand out there, and those that are always weighed."""
+        among = -float(np.log(len(effect.locations(self._problem.stage))))
+        for order in sorted(standing_out | {*LOWEST_ORDERS, *self._described_orders()}):
+            if order <= effect.orders:
+                place = order_location(order, part)
+                yield Candidate(effect, place, effect.start(place), effect.log_prior_of(order) + among)
 
     def _angle(self, channel: str) -> Array:
         """(m,) commanded rotation at the rows of a channel."""
         return np.asarray(self._problem.twin.inputs.command(self._problem.times(channel)), np.float64)
 
-    def _orders(self, rest: Rows) -> dict[str, list[int]]:
+    def _orders(self, rest: Rows, group_of: Callable[[str], str]) -> dict[str, list[int]]:
         """Orders that stand out, for each group of channels."""
         most = max((effect.orders for effect in self._problem.effects), default=0)
         groups: dict[str, Array] = {}
         for channel, rows in rest.items():
-            group = kind_of(channel)
+            group = group_of(channel)
             power = order_spectrum(self._angle(channel), rows[:, 0], most)
             groups[group] = groups.get(group, 0.0) + power
         return {
@@ -99,10 +105,12 @@ class StageSearch:
         described: dict[str, Sequence[AngularHarmonic | PlanarHarmonic]] = {
             "spindle.radial": stage.spindle.radial,
             "spindle.tilt": stage.spindle.tilt,
+            "spindle.axial": stage.spindle.axial,
             "mirror.flatness": stage.mirror.flatness,
             "encoder.graduation": stage.encoder.graduation,
         }
-        uncertain = (rows for name, rows in described.items() if stage.uncertainty.get(name))
+        uncertain = [rows for name, rows in described.items() if stage.uncertainty.get(name)]
+        uncertain += [sensor.form for sensor in stage.sensors.values() if sensor.uncertainty]
         return {row.order for rows in uncertain for row in rows} - {0}
 
     def _steps(self, effect: AnyEffect, rest: Rows) -> list[Candidate]:

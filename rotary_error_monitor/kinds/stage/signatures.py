@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD
 from rotary_error_monitor.gap.problem import Array, Rows
 from rotary_error_monitor.noise.stage_noise import StageNoise
-from rotary_error_monitor.sensors.library import COMMAND, kind_of
+from rotary_error_monitor.sensors.library import COMMAND, instrument_of
 
 SignatureKey = tuple[str, str, bytes, tuple[int, ...]]
 """Name and location of an effect, its values, and which of them are asked for."""
@@ -38,17 +38,17 @@ class KeptSignatures:
                 self._kept[key] = {**rows, COMMAND: noise.command_rows(shared)}, shared
 
     def follow_levels(self, noise: StageNoise, louder: Mapping[str, float]) -> None:
-        """Take the noise of some kinds of sensor for so many times what it was."""
+        """Take the noise of some instruments for so many times what it was."""
         if AUTOCOLLIMATOR in louder:
             # Beside the turbulence the filter has another shape: these are predicted again.
             self._kept = {key: kept for key, kept in self._kept.items() if f"{AUTOCOLLIMATOR}.x" not in kept[0]}
         for key, (rows, shared) in self._kept.items():
-            quieter = {c: values / louder[k] for c, values in rows.items() if (k := kind_of(c)) in louder}
+            quieter = {c: values / louder[k] for c, values in rows.items() if (k := instrument_of(c)) in louder}
             self._kept[key] = {**rows, **quieter}, shared
         if HEAD in louder:
             self.follow_command(noise)
 
-    def follow_slow_noise(self, kind: str) -> None:
-        """Make those that a kind of sensor shows again when they are wanted: its slow noise is known better."""
-        shown = {kind, COMMAND} if kind == HEAD else {kind}
-        self._kept = {key: kept for key, kept in self._kept.items() if shown.isdisjoint(map(kind_of, kept[0]))}
+    def follow_slow_noise(self, instrument: str) -> None:
+        """Make those that an instrument shows again when they are wanted: its slow noise is known better."""
+        shown = {instrument, COMMAND} if instrument == HEAD else {instrument}
+        self._kept = {key: kept for key, kept in self._kept.items() if shown.isdisjoint(map(instrument_of, kept[0]))}

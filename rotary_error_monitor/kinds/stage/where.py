@@ -14,7 +14,7 @@ from rotary_error_monitor.effects.rotor import HEAD, RotorState
 from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
 from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Array, Share
-from rotary_error_monitor.sensors.library import COMMAND, kind_of
+from rotary_error_monitor.sensors.library import COMMAND, instrument_of
 from rotary_error_monitor.twin.recording import fields_of
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def _effect(problem: StageProblem, causes: Sequence[Cause]) -> _Signals:
     for name, values in moved.items():
         state = partial(_state, problem, name, len(values))
         for axis in range(values.shape[1]):
-            noise = problem.noise.std[kind_of(name)]
+            noise = problem.noise.std[instrument_of(name)]
             found[_channel(name, axis)] = (values[:, axis], noise, state)
     return found
 
@@ -104,8 +104,7 @@ def _excess(problem: StageProblem, causes: Sequence[Cause]) -> tuple[_Signals, d
         if np.sum(track.rows**2) - len(track.rows) < 0.5 * excess[track.channel]:
             (track,) = problem.tracks({track.channel: data[track.channel]})
         stream, _, axis = track.channel.partition(".")
-        kind = HEAD if stream == COMMAND else kind_of(stream)
-        noise = problem.noise.std[kind]
+        noise = problem.noise.std[HEAD if stream == COMMAND else instrument_of(stream)]
         channel = _channel(stream, 0 if axis in ("", "x") else 1)
         found[channel] = (track.rows * noise, noise, partial(problem.twin.state_at, track.time))
         energy[channel] = max(0.0, excess[track.channel])
