@@ -13,6 +13,7 @@ from rotary_error_monitor.description.harmonics import AngularHarmonic as Angula
 from rotary_error_monitor.description.harmonics import PlanarHarmonic as PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor as ListedSensor
 from rotary_error_monitor.description.listed_sensors import listed_sensors
+from rotary_error_monitor.description.stage_checks import contradictions
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
@@ -110,9 +111,9 @@ class StageDescription:
         lvdt: that measures the radial error motion at a height, to compare with.
         sensors: further ones by the name of their stream, such as `axial_probe_top`.
         stated_limits: limits by name, as in the file; empty where it states none.
-        uncertainty: standard uncertainty of parameters by dotted name, as in the file or its calibration. A twin is
-            exact in what is not named; live, eccentricity and tilt of the mirror are then as uncertain as the stage
-            shows them.
+        uncertainty: standard uncertainty of parameters by dotted name, as in the file or its calibration, such as
+            `encoder.eccentricity` or `sensors.top.gain`. A twin is exact in what is not named; live, eccentricity and
+            tilt of the mirror are then as uncertain as the stage shows them.
     """
 
     encoder: Encoder
@@ -159,10 +160,14 @@ def load_stage(path: Path | str | None = None) -> StageDescription:
     """Stage described in a YAML file, by default the embedded `config/stage.yaml`.
 
     Raises:
-        InputError: the file is missing or breaks the schema; the message names file, line, value and what is expected.
+        InputError: the file is missing, breaks the schema or contradicts itself; the message names file, line, value
+            and what is expected.
     """
     path = config("stage.yaml") if path is None else Path(path)
-    return stage_from_mapping(schema.load(path, "stage")["stage"])
+    section = schema.load(path, "stage")["stage"]
+    for place, problem in contradictions(section):
+        raise InputError(f"{schema.locate(path, ['stage', *place])}: {problem}")
+    return stage_from_mapping(section)
 
 
 def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
-from rotary_error_monitor.description.stage import TIMINGS, AngularHarmonic, PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.listed_sensors import name_of
+from rotary_error_monitor.description.stage import (
+    TIMINGS,
+    AngularHarmonic,
+    ListedSensor,
+    PlanarHarmonic,
+    StageDescription,
+)
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.sensors.library import sensor_kinds
+from rotary_error_monitor.sensors.library import instrument_of, sensor_kinds
 
 Part = Any
 """A number, a row of harmonics, or numbers by name or in a row: whatever stands in a description."""
@@ -21,7 +29,7 @@ class UncertainParameter:
     Attributes:
         name: dotted name with the component, such as `encoder.eccentricity[0]`.
         uncertainty: its standard uncertainty, in the number's unit.
-        seen_by: kinds of streams that it moves: `head`, `autocollimator`, `lvdt`.
+        seen_by: instruments that it moves: `head`, `autocollimator`, `lvdt`, listed sensors by their streams.
         shifted: the description with that number larger by an amount.
     """
 
@@ -32,7 +40,7 @@ class UncertainParameter:
 
 
 def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, ...]:
-    """All numbers whose uncertainty the description states.
+    """All numbers whose uncertainty the description states, and zero and form of each listed sensor.
 
     Raises:
         InputError: it states the uncertainty of something that it does not have.
@@ -41,20 +49,82 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
     for name, uncertainty in stage.uncertainty.items():
         if uncertainty == 0.0 or name in TIMINGS:  # stamps are no number of the twin: effects of latency explain them
             continue
-        section_name, _, key = name.partition(".")
-        section = getattr(stage, section_name, None)
-        attribute = "azimuths" if name == "encoder.azimuth" else key
-        if section is None and section_name in {sensor.section for sensor in sensor_kinds().values()}:
-            continue  # of a sensor that this stage does not have
-        value = getattr(section, attribute, None)
-        if value is None:
-            raise InputError(f"uncertainty: no parameter is called '{name}'; name one such as encoder.eccentricity")
-        for path in _paths(value):
-            label = name + "".join(f"[{step}]" for step in path)
-            kinds = (sensor for sensor in sensor_kinds().values() if sensor.streams(stage))
-            seen_by = tuple(sensor.kind for sensor in kinds if name.startswith(sensor.moved_by))
-            found.append(UncertainParameter(label, uncertainty, seen_by, _shifter(section_name, attribute, path)))
+        found += (_of_listed if name.startswith("sensors.") else _of_section)(stage, name, uncertainty)
+    for stream, sensor in stage.sensors.items():
+        if sensor.uncertainty:
+            found += _zero_and_form(stream, sensor)
     return tuple(found)
+
+
+def _of_section(stage: StageDescription, name: str, uncertainty: float) -> list[UncertainParameter]:
+    """All numbers of a parameter of one section, such as `encoder.eccentricity`."""
+    section_name, _, key = name.partition(".")
+    section = getattr(stage, section_name, None)
+    attribute = "azimuths" if name == "encoder.azimuth" else key
+    if section is None and section_name in {sensor.section for sensor in sensor_kinds().values()}:
+        return []  # of a sensor that this stage does not have
+    value = getattr(section, attribute, None)
+    if value is None:
+        raise _unknown(name)
+    streams = [(stream, sensor.moved_by) for sensor in sensor_kinds().values() for stream in sensor.streams(stage)]
+    seen_by = tuple(dict.fromkeys(instrument_of(stream) for stream, moved_by in streams if name.startswith(moved_by)))
+    return [
+        UncertainParameter(
+            name + "".join(f"[{step}]" for step in path), uncertainty, seen_by, _shifter(section_name, attribute, path)
+        )
+        for path in _paths(value)
+    ]
+
+
+def _of_listed(stage: StageDescription, name: str, uncertainty: float) -> list[UncertainParameter]:
+    """Gain of a listed sensor, or a number that says where it stands, such as `sensors.top.height`."""
+    _, listed, key = name.split(".")
+    stream = next((s for s, sensor in stage.sensors.items() if name_of(s, sensor) == listed), None)
+    if stream is None or (key != "gain" and key not in stage.sensors[stream].place):
+        raise _unknown(name)
+
+    def moved(sensor: ListedSensor, by: float) -> ListedSensor:
+        if key == "gain":
+            return replace(sensor, gain=sensor.gain + by)
+        return replace(sensor, place={**sensor.place, key: sensor.place[key] + by})
+
+    return [UncertainParameter(name, uncertainty, (stream,), _sensor_shifter(stream, moved))]
+
+
+def _zero_and_form(stream: str, sensor: ListedSensor) -> list[UncertainParameter]:
+    """Zero of a listed sensor, and what its target shows in the orders that are stated and in the first.
+
+    The first is how well the target is centred or square, which no mounting makes zero.
+    """
+
+    def zero(sensor: ListedSensor, by: float) -> ListedSensor:
+        return replace(sensor, zero=sensor.zero + by)
+
+    def form(order: int, cos: float, sin: float, sensor: ListedSensor, by: float) -> ListedSensor:
+        return replace(sensor, form=(*sensor.form, AngularHarmonic(order, cos * by, sin * by)))
+
+    label = f"sensors.{name_of(stream, sensor)}"
+    own = (stream,)
+    found = [UncertainParameter(f"{label}.zero", sensor.uncertainty, own, _sensor_shifter(stream, zero))]
+    for order in sorted({1, *(row.order for row in sensor.form)} - {0}):
+        for part, cos, sin in (("cos", 1.0, 0.0), ("sin", 0.0, 1.0)):
+            moved = partial(form, order, cos, sin)
+            name = f"{label}.form[order {order}][{part}]"
+            found.append(UncertainParameter(name, sensor.uncertainty, own, _sensor_shifter(stream, moved)))
+    return found
+
+
+def _sensor_shifter(
+    stream: str, moved: Callable[[ListedSensor, float], ListedSensor]
+) -> Callable[[StageDescription, float], StageDescription]:
+    def shifted(stage: StageDescription, by: float) -> StageDescription:
+        return replace(stage, sensors={**stage.sensors, stream: moved(stage.sensors[stream], by)})
+
+    return shifted
+
+
+def _unknown(name: str) -> InputError:
+    return InputError(f"uncertainty: no parameter is called '{name}'; name one such as encoder.eccentricity")
 
 
 def _paths(value: Part) -> list[tuple[Any, ...]]:

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_from_mapping
 from rotary_error_monitor.description.machine_section import machine_mapping
 from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
+from rotary_error_monitor.description.stage_checks import PARAMETERS
 from rotary_error_monitor.description.wire import load_wire, markdown_table
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.kinds.mount.description import load_mount, mount_machine
@@ -69,9 +70,21 @@ def load(kind: str, content: Any, folder: Path) -> Any:
         return None
 
 
+@st.composite
+def stages(draw: st.DrawFn) -> Any:
+    """What the schema allows, and states the uncertainty of parameters that there are."""
+    content = draw(schemas.contents(schemas.load("stage")))
+    section = content["stage"]
+    names = [f"{part}.{name}" for part, known in PARAMETERS.items() for name in known]
+    names += [f"sensors.{name}.gain" for name in section.get("sensors", {})]
+    if "uncertainty" in section:
+        section["uncertainty"] = {draw(st.sampled_from(names)): size for size in section["uncertainty"].values()}
+    return content
+
+
 @MANY
-@given(content=schemas.contents(schemas.load("stage")))
-def test_every_stage_that_the_schema_allows_can_be_used(content: Any, folder: Path) -> None:
+@given(content=stages())
+def test_every_stage_that_does_not_contradict_itself_can_be_used(content: Any, folder: Path) -> None:
     stage = load("stage", content, folder)
     assert isinstance(stage, StageDescription)
     assert stage_from_mapping(stage_mapping(stage)) == stage

@@ -1,0 +1,54 @@
+"""What a schema cannot say of a stage description: whether its parts fit one another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+Place = list[str | int]
+
+PARAMETERS: Mapping[str, tuple[str, ...]] = {
+    "encoder": (
+        "disc_radius",
+        "lines_per_revolution",
+        "counts_per_line",
+        "noise",
+        "azimuth",
+        "eccentricity",
+        "graduation",
+        "timing",
+    ),
+    "mirror": ("tilt", "flatness"),
+    "autocollimator": ("range", "resolution", "noise"),
+    "spindle": ("radial", "axial", "tilt", "radial_compliance", "tilt_compliance", "radial_thermal"),
+    "lvdt": ("height", "noise", "artefact_eccentricity"),
+    "command": ("timing",),
+}
+"""What the section `uncertainty` may name of each section, whether a stage has that section or not."""
+
+_NO_PLACE = ("kind", "noise", "resolution", "range", "uncertainty", "zero", "form")
+"""Of a listed sensor: what is no number that moves its reading, and what its own `uncertainty` is of."""
+
+
+def contradictions(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
+    """Where a section that is valid by the schema contradicts itself, and what would be right."""
+    for name in section.get("uncertainty", {}):
+        part, _, parameter = name.rpartition(".")
+        known = _parameters(section, part)
+        if not known:
+            listed = [f"sensors.{each}" for each in section.get("sensors", {})]
+            yield (
+                ["uncertainty", name],
+                f"there is no part '{part}'; expected one of {', '.join([*PARAMETERS, *listed])}",
+            )
+        elif parameter not in known:
+            yield ["uncertainty", name], f"{part} has no '{parameter}'; expected one of {', '.join(known)}"
+
+
+def _parameters(section: Mapping[str, Any], part: str) -> tuple[str, ...]:
+    """What may be uncertain of one part of a stage; nothing where there is no such part."""
+    head, _, listed = part.partition(".")
+    if head != "sensors":
+        return PARAMETERS.get(part, ())
+    sensor = section.get("sensors", {}).get(listed)
+    return () if sensor is None else ("gain", *(name for name in sensor if name not in (*_NO_PLACE, "gain")))

@@ -1,0 +1,90 @@
+"""Stages as described: what `uncertainty` may name, and files that name something else, each with its line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from rotary_error_monitor.cli import main
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.stage import Autocollimator, Lvdt, load_stage
+from rotary_error_monitor.description.stage_checks import PARAMETERS
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
+
+FILE = """\
+stage:
+  encoder:
+    disc_radius: 0.1
+    lines_per_revolution: 31488
+    counts_per_line: 100
+    noise: 3.0e-07
+    heads: {a: {azimuth: 0.0}, b: {azimuth: 3.14159}}
+  sensors:
+    top: {kind: axial_probe, radius: 0.0, noise: 1.0e-08, resolution: 1.0e-09, range: 0.0001, uncertainty: 0.0}
+    low: {kind: radial_probe, azimuth: 0, height: 0.1, noise: 1.0e-08, resolution: 0, range: 0.01, uncertainty: 1.0e-07}
+  uncertainty:
+    encoder.eccentricity: 5.0e-08
+"""
+
+
+def described(folder, *rows):
+    path = folder / "stage.yaml"
+    path.write_text(FILE + "".join(f"    {row}\n" for row in rows), encoding="utf-8")
+    return path
+
+
+def test_what_the_file_names_is_uncertain(tmp_path):
+    stage = load_stage(described(tmp_path, "sensors.low.gain: 0.01", "sensors.low.height: 1.0e-04"))
+    named = {parameter.name: parameter.uncertainty for parameter in uncertain_parameters(stage)}
+    assert named["sensors.low.gain"] == 0.01 and named["sensors.low.height"] == 1e-4
+    assert named["sensors.low.zero"] == named["sensors.low.form[order 1][cos]"] == 1e-7, "of the sensor's own section"
+    assert not any(name.startswith("sensors.top") for name in named)
+
+
+@pytest.mark.parametrize(
+    ("row", "told"),
+    [
+        ("encoder.excentricity: 1.0e-08", "encoder has no 'excentricity'; expected one of disc_radius, .*eccentricity"),
+        ("spindle.wobble: 1.0e-08", "spindle has no 'wobble'; expected one of radial, axial, tilt"),
+        ("sensors.low.radius: 1.0e-08", "sensors.low has no 'radius'; expected one of gain, azimuth, height"),
+        ("sensors.low.zero: 1.0e-08", "sensors.low has no 'zero'"),
+        ("sensors.topp.gain: 0.01", "there is no part 'sensors.topp'; expected one of encoder, .*sensors.low"),
+        ("command.eccentricity: 1.0e-08", "command has no 'eccentricity'; expected one of timing"),
+    ],
+)
+def test_a_name_that_there_is_not_is_refused_with_its_line(row, told, tmp_path):
+    path = described(tmp_path, row)
+    with pytest.raises(InputError, match=rf"stage.yaml:13: stage.uncertainty.{row.partition(':')[0]}: {told}"):
+        load_stage(path)
+
+
+def test_a_name_of_no_section_is_refused_with_the_line_of_all(tmp_path):
+    with pytest.raises(InputError, match=r"stage.yaml:11: stage.uncertainty: .*'rotor.mass'"):
+        load_stage(described(tmp_path, "rotor.mass: 1.0"))
+
+
+def test_whoever_reads_the_file_refuses_it(tmp_path, capsys):
+    path = described(tmp_path, "encoder.excentricity: 1.0e-08")
+    for command in (["check", "--stage", str(path), str(tmp_path)], ["diagnose", str(tmp_path), "--twin", str(path)]):
+        options = ["-o", str(tmp_path / "out")] if command[0] == "diagnose" else []
+        assert main([*command, *options]) == 2
+        assert "stage.yaml:13: stage.uncertainty.encoder.excentricity" in capsys.readouterr().err
+
+
+def test_each_name_that_is_accepted_is_one_that_the_twin_knows():
+    stage = load_stage()
+    stage = replace(
+        stage,
+        autocollimator=stage.autocollimator or Autocollimator(1e-3, 1e-7, 1e-7),
+        lvdt=stage.lvdt or Lvdt(0.1, 1e-8),
+        sensors={"axial_probe_top": ListedSensor("axial_probe", 1e-8, 1e-9, 1e-4, 0.0, place={"radius": 0.1})},
+    )
+    names = [f"{part}.{name}" for part, known in PARAMETERS.items() for name in known]
+    for name in [*names, "sensors.top.gain", "sensors.top.radius"]:
+        found = uncertain_parameters(replace(stage, uncertainty={name: 1e-9}))
+        assert all(parameter.shifted(stage, 1e-9) != stage for parameter in found), name
+    for name in ("encoder.mass", "sensors.top.zero", "sensors.high.gain"):
+        with pytest.raises(InputError, match=f"no parameter is called '{name}'"):
+            uncertain_parameters(replace(stage, uncertainty={name: 1e-9}))
