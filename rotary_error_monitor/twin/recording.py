@@ -50,7 +50,8 @@ class StageRecording:
 
     Attributes:
         start_ns: stamp of the earliest sample, timestamp (ns); time 0 of all streams.
-        streams: `head_a` …, `autocollimator`, `lvdt`, `command`, `force`, `temperature`, as far as recorded.
+        streams: `head_a` …, `autocollimator`, `lvdt`, `command`, `force`, `temperature`, and listed sensors such as
+            `axial_probe_top`, as far as recorded.
         remarks: what a reader should know, such as samples that had to be left out.
     """
 
@@ -104,6 +105,7 @@ def record_stage(
     """Recording from the sample blocks of each topic.
 
     Samples that are not finite are left out, and said so, as long as they are few; what the streams lack is said too.
+    A listed sensor that is missing or of no use is left out as a whole, and said so: the others are worth a recording.
 
     Args:
         topics: blocks of each topic.
@@ -120,13 +122,32 @@ def record_stage(
     if missing:
         raise InputError(
             f"the recording lacks {', '.join(missing)}; it has {', '.join(sorted(topics)) or 'no topic at all'}"
+            f"{without_section(missing)}"
         )
     present = [name for name in (*needed, *optional) if topics.get(samples_topic(name))]
     start = min(int(block.times_ns[0]) for name in present for block in topics[samples_topic(name)][:1])
     remarks = list(_coverage_remarks({samples_topic(name): topics[samples_topic(name)] for name in present}, start))
-    streams = {name: _stream(name, topics[samples_topic(name)], start, remarks) for name in present}
+    absent = [samples_topic(name) for name in listed if name not in present]
+    remarks += [f"{', '.join(absent)}: described, but not recorded; left out"] if absent else []
+    own = [name for name in present if name not in listed]
+    streams = {name: _stream(name, topics[samples_topic(name)], start, remarks) for name in own}
     _check_overlap(streams)
+    for name in (name for name in present if name in listed):
+        try:
+            found = _stream(name, topics[samples_topic(name)], start, remarks)
+            _check_overlap({COMMAND: streams[COMMAND], name: found})
+        except InputError as error:
+            remarks.append(f"{error}; left out")
+        else:
+            streams[name] = found
     return thinned(StageRecording(start, streams, tuple(remarks)), most_rate)
+
+
+def without_section(missing: Collection[str]) -> str:
+    """What to do about missing topics if one is of a sensor that a stage need not have; else nothing."""
+    kinds = [sensor for sensor in sensor_kinds().values() if sensor.is_needed and sensor.kind != HEAD]
+    lacking = [sensor.section for sensor in kinds if samples_topic(sensor.kind) in missing]
+    return "".join(f"; a stage without {name} is described without the section '{name}'" for name in lacking)
 
 
 def _coverage_remarks(topics: Mapping[str, Sequence[SampleBlock]], start_ns: int) -> tuple[str, ...]:
@@ -185,7 +206,7 @@ def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: li
 
 
 def _check_overlap(streams: Mapping[str, Stream]) -> None:
-    command = streams["command"]
+    command = streams[COMMAND]
     for name, stream in streams.items():
         shared = min(stream.time[-1], command.time[-1]) - max(stream.time[0], command.time[0])
         if shared < 0.5 * min(np.ptp(stream.time), np.ptp(command.time)):

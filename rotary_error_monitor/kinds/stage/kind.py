@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause
@@ -14,7 +16,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import Kind, TwinFile, check_signal, opened_bag
 from rotary_error_monitor.sensors.library import absent_kinds
 from rotary_error_monitor.twin.document import stage_mapping
-from rotary_error_monitor.twin.recording import record_stage, streams_with
+from rotary_error_monitor.twin.recording import record_stage, streams_with, without_section
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -31,7 +33,7 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
         return load_stage(path)
 
     def problem(self, recording: Path, twin: TwinFile[StageDescription, StageEffect], most_rate: float) -> StageProblem:
-        """A bag of heads, autocollimator and command, with LVDT, force and temperature where they are recorded.
+        """A bag of heads, autocollimator and command, with whatever else the stage has where that is recorded.
 
         A bag whose end or one of whose files is missing gives what is readable, and the problem's remarks say how much
         that is and what its streams lack.
@@ -44,7 +46,7 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
             listed = tuple(twin.description.sensors)
             streams = streams_with(letters, without, listed)
             needed, optional = ([samples_topic(name) for name in names] for names in streams)
-            reader.check_topics(needed)
+            _check_topics(reader, needed)
             names = [*needed, *(name for name in optional if name in reader.topics and reader.topics[name].count)]
             window = reader.window(names)
             blocks = reader.read_blocks(names, window)
@@ -70,3 +72,16 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
     def mapping(self, description: StageDescription) -> dict[str, Any]:
         """Content of section `stage`."""
         return stage_mapping(description)
+
+
+def _check_topics(reader: BagReader, needed: Sequence[str]) -> None:
+    """Hold a bag against the topics without which there is no recording of the stage.
+
+    Raises:
+        InputError: some are missing; the message says what to do where the stage need not have their sensor.
+    """
+    try:
+        reader.check_topics(needed)
+    except InputError as error:
+        missing = [name for name in needed if name not in reader.topics or not reader.topics[name].count]
+        raise InputError(f"{error}{without_section(missing)}") from error

@@ -14,7 +14,7 @@ import numpy as np
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.effects.rotor import StageEffect, effects_of
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.problem import (
     Array,
@@ -28,6 +28,7 @@ from rotary_error_monitor.gap.problem import (
 from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS, stage_conditions
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.kinds.stage.search import StageSearch
+from rotary_error_monitor.kinds.stage.stuck import without_stuck
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
 from rotary_error_monitor.twin.stage import StageInputs, twin_of
 
@@ -44,7 +45,8 @@ def stage_problem(
     effects: Sequence[StageEffect],
     known: Sequence[Cause] = (),
 ) -> StageProblem:
-    """The problem of a recording of any length; arguments as `StageProblem`."""
+    """The problem of a recording of any length, without what is stuck; arguments as `StageProblem`."""
+    recording = without_stuck(stage, recording)
     kind = LongStageProblem if recording.duration > LONGEST else StageProblem
     return kind(stage, recording, effects, known)
 
@@ -60,7 +62,7 @@ class LongStageProblem(StageProblem):
         known: Sequence[Cause] = (),
         inputs: StageInputs | None = None,
     ) -> None:
-        self.stage, self.recording, self.effects = stage, recording, tuple(effects)
+        self.stage, self.recording, self.effects = stage, recording, effects_of(stage, effects)
         whole = twin_of(stage, recording, tuple(known), inputs)
         self.twin = replace(whole, keeps_states=False)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
