@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import functools
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from probed_stage import STAGE, blocks_of, recorded
 from scipy.optimize import lsq_linear
 from simulated_pointings import pointing_file, simulate_pointings
 
@@ -18,7 +20,7 @@ from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Parameter, Role
 from rotary_error_monitor.effects.library import effect_named, load_effects
 from rotary_error_monitor.effects.machine_effect import MachineEffect
-from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.effects.rotor import StageEffect, effects_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.bounded import descend_within, solve_within
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -42,15 +44,33 @@ from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.machine import MachineRecording
 from rotary_error_monitor.twin.recording import record_stage
 
-KINDS = {"stage": StageEffect, "machine": MachineEffect, "mount": MountEffect, "quadrature": QuadratureEffect}
-HOOKS = ("amend", "delay", "rotation", "radial", "tilt", "measured", "turn", "displacement")
-ALL = [(kind, effect.name) for kind, base in KINDS.items() for effect in load_effects(base)]
+KINDS = {
+    "stage": StageEffect,
+    "probed stage": StageEffect,
+    "machine": MachineEffect,
+    "mount": MountEffect,
+    "quadrature": QuadratureEffect,
+}
+HOOKS = ("amend", "delay", "rotation", "radial", "axial", "tilt", "measured", "turn", "displacement")
+OF_ALL_STAGES = effects_of(replace(STAGE, sensors={}), load_effects(StageEffect))
+OF_PROBES = {effect.name for effect in load_effects(StageEffect)} - {effect.name for effect in OF_ALL_STAGES}
+ALL = [
+    (kind, effect.name)
+    for kind, base in KINDS.items()
+    for effect in load_effects(base)
+    if base is not StageEffect or (effect.name in OF_PROBES) == (kind == "probed stage")
+]
 
 
 def made_stage(effects):
     case = make_stage_case(5, "null", duration=13.0)
     recording = record_stage({samples_topic(name): list(blocks) for name, blocks in case.blocks.items()}, "abcd")
     return StageProblem(case.twin, recording, effects)
+
+
+def made_probed_stage(effects):
+    topics = {samples_topic(name): blocks for name, blocks in blocks_of(recorded(5)).items()}
+    return StageProblem(STAGE, record_stage(topics, "abcd", listed=tuple(STAGE.sensors)), effects)
 
 
 def made_machine(effects):
@@ -76,7 +96,13 @@ def made_quadrature(effects, gain=0.0):
     return QuadratureProblem(twin, QuadratureRecording(round_signals(gain=gain)), effects)
 
 
-MAKE = {"stage": made_stage, "machine": made_machine, "mount": made_mount, "quadrature": made_quadrature}
+MAKE = {
+    "stage": made_stage,
+    "probed stage": made_probed_stage,
+    "machine": made_machine,
+    "mount": made_mount,
+    "quadrature": made_quadrature,
+}
 
 
 @functools.cache

@@ -7,14 +7,14 @@ expected log likelihood ratio). It is computed for variations of the recording t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rotary_error_monitor.description.stage import Lvdt, StageDescription
-from rotary_error_monitor.effects.effect import Cause, Role
+from rotary_error_monitor.effects.effect import Cause, Role, place_of
 from rotary_error_monitor.effects.rotor import LVDT
 from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.gap.telling_apart import advise_best, distance
@@ -28,6 +28,9 @@ Key = tuple[str, str]
 
 SAMPLES = 2000
 """Instants at which a planned measurement is predicted; distances are scaled to the recording's number of samples."""
+
+PART_OF_A_TURN = 35
+"""Degrees by which a probe is moved around the axis: no order below 72 looks the same from there."""
 
 PROBE = Lvdt(height=0.1, noise=5e-8)
 """What a stage without an LVDT could be measured with."""
@@ -50,7 +53,8 @@ def advise(problem: StageProblem, keys: Sequence[Key], causes: Sequence[Cause]) 
     old = _Measurement(problem, problem.twin.inputs, problem.stage, LVDT in problem.twin.times)
     known = old.shown(first), [old.columns(rival) for rival in rivals]
     scored = []
-    for experiment in _experiments(problem):
+    concerned = tuple(stream for stream in problem.stage.sensors if stream in {place_of(place) for _, place in keys})
+    for experiment in (*_experiments(problem), *_with_probes_moved(problem, concerned)):
         new = _Measurement(problem, experiment.inputs, experiment.stage, experiment.with_lvdt)
         wanted = np.concatenate([known[0], new.shown(first)])
         tables = [np.concatenate([seen, new.columns(r)]) for seen, r in zip(known[1], rivals, strict=True)]
@@ -87,6 +91,18 @@ def _experiments(problem: StageProblem) -> Iterable[Experiment]:
     azimuths = {**stage.encoder.azimuths, letter: stage.encoder.azimuths[letter] + np.radians(20)}
     shifted = replace(stage, encoder=replace(stage.encoder, azimuths=azimuths))
     yield Experiment(f"move head {letter} by 20° along the ring and record again", plain, shifted, lvdt)
+
+
+def _with_probes_moved(problem: StageProblem, streams: Iterable[str]) -> Iterator[Experiment]:
+    """Listed sensors somewhere else around the axis: the form of a target comes later there, error motion does not."""
+    stage = problem.stage
+    for stream in streams:
+        sensor = stage.sensors[stream]
+        azimuth = sensor.place.get("azimuth", 0.0) + np.radians(PART_OF_A_TURN)
+        moved = replace(sensor, place={**sensor.place, "azimuth": azimuth})
+        words = f"move {stream} by {PART_OF_A_TURN}° around the axis and record again"
+        there = replace(stage, sensors={**stage.sensors, stream: moved})
+        yield Experiment(words, problem.twin.inputs, there, LVDT in problem.twin.times)
 
 
 def _scaled(of_time: Callable[[Array], Array], by: float) -> Callable[[Array], Array]:

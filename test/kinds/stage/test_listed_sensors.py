@@ -74,6 +74,12 @@ def test_axial_error_motion_is_named_and_one_probe_does_not_tell_it_from_its_tar
     )
 
 
+def test_moving_the_probe_is_what_tells_axial_error_motion_from_its_target():
+    """The form of the target comes later at another azimuth, the axis moves all of it at once."""
+    (group,) = diagnosed(recorded(0, AXIAL)).indistinguishable
+    assert group.advice.startswith(f"move {TOP} by 35° around the axis and record again"), group.advice
+
+
 def test_a_second_axial_probe_tells_axial_error_motion_from_the_form_of_a_target():
     other = replace(STAGE.sensors[TOP], place={"azimuth": 2.4, "radius": 0.05})
     stage = replace(STAGE, sensors={**STAGE.sensors, "axial_probe_side": other})
