@@ -28,7 +28,7 @@ from rotary_error_monitor.signals.blocks import block_from_samples
 START = 1_763_700_000_000_000_000
 SECONDS = 16.0
 SPEEDS = (2.0, 4.0, -4.0, -2.0)
-"""Commanded one after the other, rad/s, each for a quarter of the recording."""
+"""Commanded one after the other, rad/s, each for a quarter of a recording of `SECONDS`; together they lead back."""
 
 TOP, LOW, HIGH = "axial_probe_top", "radial_probe_low", "radial_probe_high"
 
@@ -82,11 +82,11 @@ class Withheld:
 
 
 def command(time):
-    """(n, 2) angle and speed."""
-    each = SECONDS / len(SPEEDS)
+    """(n, 2) angle and speed; after all speeds the rotor is back where it began, and does the same again."""
+    each, since = SECONDS / len(SPEEDS), np.mod(time, SECONDS)
     edges = each * np.arange(len(SPEEDS) + 1)
-    speed = np.asarray(SPEEDS)[np.clip((time / each).astype(int), 0, len(SPEEDS) - 1)]
-    return np.stack([np.interp(time, edges, np.concatenate([[0.0], np.cumsum(SPEEDS) * each])), speed], axis=1)
+    speed = np.asarray(SPEEDS)[(since / each).astype(int)]
+    return np.stack([np.interp(since, edges, np.concatenate([[0.0], np.cumsum(SPEEDS) * each])), speed], axis=1)
 
 
 def waves(rows, angle):
@@ -106,7 +106,7 @@ def plane(harmonics, extra, theta):
 def recorded(seed, withheld=Withheld(), stage=STAGE, seconds=SECONDS):
     """Sample blocks by topic of the stage as it is: zero and form of each probe as uncertain as the twin says."""
     rng = np.random.default_rng(seed)
-    fine = np.arange(0.0, SECONDS, 1e-3)
+    fine = np.arange(0.0, seconds, 1e-3)
     # As an inertia does it: power falls with the fourth power of the frequency above some hertz.
     kept = np.exp(-2 * np.pi * 4.0 * 1e-3)
     jitter = lfilter([1.0], [1.0, -2 * kept, kept**2], rng.normal(size=len(fine)))

@@ -23,7 +23,7 @@ from rotary_error_monitor.blind_check.scores import score_case
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
-from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.effects.rotor import StageEffect, effects_of
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.twin.recording import record_stage
@@ -44,9 +44,9 @@ def recorded(case):
 @pytest.fixture(scope="module")
 def methods():
     """Each method as a function of a case's twin and recording, effects that it may not know, giving a verdict."""
-    effects = load_effects(StageEffect)
     begin = time.perf_counter()
     training = [make_stage_case(TRAINING_SEED + i, "null") for i in range(TRAINING)]
+    effects = effects_of(training[0].twin, load_effects(StageEffect))
     nulls = [residuals_of(case.twin, recorded(case)) for case in training]
     library = signatures(training[0].twin, recorded(training[0]), effects)
     scores, sparse = LargestScore.learn(nulls, library, effects), SparseRegression.learn(nulls, library)

@@ -12,7 +12,7 @@ from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.problem import Rows, SparseRows
 from rotary_error_monitor.kinds.stage.distortion import changes
 from rotary_error_monitor.noise.whitening import side_by_side
-from rotary_error_monitor.sensors.library import instrument_of
+from rotary_error_monitor.sensors.library import instrument_of, is_listed
 from rotary_error_monitor.twin.stage import Signals, StageTwin
 from rotary_error_monitor.twin.stage_parameters import UncertainParameter
 
@@ -61,6 +61,22 @@ class Nuisances:
             rows |= found
             acting |= dict.fromkeys(found, own)
         return SparseRows(self.count, rows, acting)
+
+    def taken_from(self, raw: Signals) -> Signals:
+        """Residuals (n, k) of each stream, those of listed sensors without what uncertain parameters may do to them.
+
+        A target off centre that turns back with the rotor between two samples looks like a spike.
+        """
+        found = dict(raw)
+        for name in filter(is_listed, raw):
+            own = [parameter for parameter in self._parameters if name in parameter.seen_by]
+            shifted = [parameter.shifted(self._twin.stage, parameter.uncertainty) for parameter in own]
+            base = self._twin.predict((), [name])[name][:, 0]
+            moved = [self._twin.predict((), [name], stage)[name][:, 0] - base for stage in shifted]
+            if moved:
+                columns = np.stack(moved, axis=1)
+                found[name] = raw[name] - columns @ np.linalg.lstsq(columns, raw[name])[0]
+        return found
 
     def forget(self, instrument: str | None = None) -> None:
         """Make those of one instrument, or all, again when they are wanted: the noise is known better."""

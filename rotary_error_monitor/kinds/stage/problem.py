@@ -88,7 +88,7 @@ class StageProblem:
         raw = self._raw_residual(())
         omega = {name: self.twin.state(name).omega for name in recording.heads}
         check_noise(self.twin.times, noise_std(stage))
-        self.noise = StageNoise(stage, recording, raw, omega)
+        self.noise = StageNoise(stage, recording, self._nuisances.taken_from(raw), omega)
         self._conditions = stage_conditions(recording)
         self.play = Play(self.twin.inputs, recording.duration)
         self._search = StageSearch(self)

@@ -121,7 +121,7 @@ class LongStageProblem(StageProblem):
 
     def own_departures(self, place: int, causes: Sequence[Cause]) -> Departures:
         """Those of the cause at one place among the causes, made for one stretch at a time."""
-        first = self._stretches[0].own_departures(place, causes)
+        first = self._stretches[self._first_with(causes[place])].own_departures(place, causes)
 
         def rows_of(stretch: int) -> Rows | SparseRows:
             made = self._open(stretch).own_departures(place, causes).columns
@@ -129,6 +129,13 @@ class LongStageProblem(StageProblem):
             return made
 
         return replace(first, columns=LateRows(len(first.kinds), rows_of))
+
+    def _first_with(self, cause: Cause) -> int:
+        """The first stretch with a stream that a cause acts on: a sensor may begin late, or fall silent."""
+        effect = cause.effect
+        assert isinstance(effect, StageEffect)
+        shown = (any(effect.touches(cause.location, name) for name in each.twin.times) for each in self._stretches)
+        return next((i for i, is_shown in enumerate(shown) if is_shown), 0)
 
     @property
     def nuisances(self) -> int:
