@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from itertools import islice
 
 from rotary_error_monitor.description.stage import ListedSensor
 from rotary_error_monitor.metrology.agreement import chi_square_bound
@@ -35,7 +36,9 @@ class SensorWindow:
         own_scatter: the same of what the description alone does not predict: other sensors' noise is not in it.
         own: variance of a tick by noise of the sensor, m².
         variance: of a tick's surplus by noise, of the sensor and of what is predicted, m².
-        systematic: variance of what does not change from tick to tick, m².
+        systematic: variance of what the sensor shows beside that, which stays, m².
+        others: variance of what other sensors have wrong beside their noise, m²; it may turn with the rotor.
+        stamps: standard deviation of that part of it which stamps make, m; it goes with the speed.
         unknown: largest displacement by components of error motion that nothing else shows, m.
         rate: fastest change of that, m/s.
     """
@@ -52,6 +55,8 @@ class SensorWindow:
     own: float
     variance: float
     systematic: float
+    others: float
+    stamps: float
     unknown: float
     rate: float
 
@@ -118,7 +123,7 @@ class SensorBelief:
         self._excess, self._own_excess = Excess(), Excess()
         self.middle, self.reach = 0.0, math.inf
         self._recent: deque[float] = deque(maxlen=SHORT)
-        self._course: deque[SensorWindow] = deque(maxlen=LONG)
+        self._course: deque[tuple[float, float, float, float]] = deque(maxlen=LONG)
         self._turn = TurnMemory()
         self._gone_since: deque[tuple[float, float, float]] = deque(maxlen=SHORT)
         self._before = 0.0
@@ -141,7 +146,8 @@ class SensorBelief:
         step = self._step(window)
         if step:
             self._course.clear()
-        self._course.append(window)
+        lasting = window.systematic + window.others
+        self._course.append((window.surplus, window.deviation**2, lasting, window.unknown))
         wrong = stuck or step or self._beyond() or self._elsewhere(window)
         freedom = window.samples * (1.0 - 2.0 / window.ticks)
         self._excess.add(window.scatter, window.variance, freedom)
@@ -160,7 +166,8 @@ class SensorBelief:
                 self.doubt = ""
         if not self.doubt:
             self._recent.append(window.surplus)
-            self._turn.put(window.theta, self._turned(window), (window.surplus, window.deviation))
+            if self._shifted == 0.0:
+                self._turn.put(window.theta, self._turned(window), (window.surplus, window.deviation))
         self._last = window
         unseen = max(self._gone, self._moved(window), self._shifted)
         self.scale = math.sqrt(self._own_excess.factor + unseen**2 / window.own)
@@ -174,7 +181,8 @@ class SensorBelief:
             self._still = window
             return ""
         run = window.number - self._still.number + 1
-        floor = self._sensor.resolution + SIGMAS * self._sensor.noise
+        noise = math.sqrt(2.0 * window.deviation**2 + window.others)
+        floor = self._sensor.resolution + SIGMAS * math.hypot(self._sensor.noise, noise)
         long = run >= FEWEST_EQUAL and run * window.samples > self._equal_run
         if long or self._moved(window) > floor:
             return f"stuck: the same reading for {run * window.duration * 1e3:.0f} ms"
@@ -204,11 +212,12 @@ class SensorBelief:
         return abs(window.surplus - self._still.surplus)
 
     def _step(self, window: SensorWindow) -> str:
-        if self._last is None:
+        if self._last is None or window.unknown != self._last.unknown:  # what others show of it is another part now
             return ""
         passed = (window.number - self._last.number) * window.duration
         step = abs(window.surplus - self._last.surplus)
         noise = self._noise_scale() * math.hypot(window.deviation, self._last.deviation)
+        noise = math.hypot(noise, math.sqrt(window.others))
         if step <= max(window.rate, self._last.rate) * passed + SIGMAS * noise:
             return ""
         return f"a step of {step * 1e6:.3g} µm within {passed * 1e3:.3g} ms that no bearing makes"
@@ -218,25 +227,27 @@ class SensorBelief:
         for count in (1, SHORT, LONG):
             if count > len(self._course):
                 break
-            latest = [self._course[-k - 1] for k in range(count)]
-            mean = sum(window.surplus for window in latest) / count
-            noise = sum(window.deviation**2 for window in latest) / count**2
-            systematic = max(window.systematic for window in latest)
-            most = max(window.unknown for window in latest) + SIGMAS * math.sqrt(noise + systematic)
-            if abs(mean) > most:
+            surplus, noise, systematic, unknown = zip(*islice(reversed(self._course), count), strict=True)
+            mean = abs(sum(surplus)) / count
+            most = max(unknown) + SIGMAS * math.sqrt(sum(noise) / count**2 + max(systematic))
+            if mean > most:
                 return (
-                    f"{abs(mean) * 1e6:.3g} µm from what description and other sensors say; "
+                    f"{mean * 1e6:.3g} µm from what description and other sensors say; "
                     f"{most * 1e6:.3g} µm at most could be so"
                 )
         return ""
 
     def _elsewhere(self, window: SensorWindow) -> str:
-        """What other sensors see as well, and did not a turn ago: an error of theirs turns with the rotor."""
+        """What other sensors see as well, and did not a turn ago: an error of theirs turns with the rotor.
+
+        As long as it is no contradiction it counts as uncertain, and what was seen a turn ago stays what it is held
+        against: a slow drift adds up.
+        """
         turned = self._turned(window)
         before = self._turn.get(window.theta, turned)
+        self._shifted = 0.0
         if before is None or self._last is None or window.unknown > 0.0:
             self._gone_since.clear()
-            self._shifted = 0.0
             return ""
         # the same angle is found again to within one of those that are told apart
         blurred = abs(window.surplus - self._last.surplus) * min(1.0, 2 * math.pi / ANGLES / max(abs(turned), 1e-9))
@@ -247,9 +258,10 @@ class SensorBelief:
             gone = abs(sum(each for each, _, _ in latest)) / count
             near = SIGMAS * math.sqrt(sum(each**2 for _, each, _ in latest)) / count
             near += sum(each for _, _, each in latest) / count
-            self._shifted = gone  # as long as that is no contradiction, it counts as uncertain
-            if len(latest) == count and gone > near:
+            # stamps of the others may have wandered since
+            if len(latest) == count and gone > near + SIGMAS * window.stamps:
                 return f"{gone * 1e6:.3g} µm from where it was at this angle a turn ago; other sensors did not see that"
+            self._shifted = gone if gone > 0.5 * near else 0.0  # less is noise
         return ""
 
     def _noise_scale(self) -> float:

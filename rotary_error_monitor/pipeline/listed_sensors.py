@@ -51,7 +51,8 @@ class Shown:
         noise: (m, p) variance of a reading, m².
         systematic: (m, p) variance of what stays as it is from tick to tick, m².
         variance: (m, p) of the surplus, by noise of the sensor and of what is predicted, m².
-        lasting: (m, p) of the surplus by what stays as it is, m².
+        others: (m, p) of the surplus by what other sensors have wrong beside their noise, m².
+        stamps: (m, p) standard deviation of that part of it which stamps make, m.
         unknown: (m, p) largest displacement by components that nothing else shows, m.
         rate: (m, p) fastest change of that, m/s.
     """
@@ -65,14 +66,15 @@ class Shown:
     noise: Array
     systematic: Array
     variance: Array
-    lasting: Array
+    others: Array
+    stamps: Array
     unknown: Array
     rate: Array
 
     @property
     def bound(self) -> Array:
         """(m, p) largest surplus of a tick that is no contradiction, m."""
-        return np.asarray(self.unknown + SIGMAS * np.sqrt(self.variance + self.lasting))
+        return np.asarray(self.unknown + SIGMAS * np.sqrt(self.variance + self.systematic + self.others))
 
     def part(self, chosen: slice) -> Shown:
         """The same of some of the ticks."""
@@ -199,13 +201,15 @@ class ListedSensors:
         # the form of a target is taken off at the wrong place while the zero of the rotation may be another one
         elsewhere = np.where(doubts & UNVERIFIED, 1.0, 0.0)[:, None] * self._forms
         systematic = stated**2 + elsewhere
-        known, noisy, unknown, rate = (np.zeros(shape) for _ in range(4))
+        known, noisy, heads, unknown, rate = (np.zeros(shape) for _ in range(5))
         for place, row in enumerate(self.sensitivity):
             for i in np.flatnonzero(row):
                 alone = ~motion.observable[:, i]
                 unknown[:, place] += np.where(alone, abs(row[i]) * self._most[i], 0.0)
                 rate[:, place] += np.where(alone, abs(row[i]) * self._rates[i], 0.0)
                 noisy[:, place] += np.where(alone, 0.0, row[i] ** 2 * scatter[:, i])
+                if i < 2:  # radial, by the heads
+                    heads[:, place] += np.where(alone, 0.0, row[i] ** 2 * scatter[:, i])
                 for j in np.flatnonzero(row):
                     known[:, place] += row[i] * row[j] * motion.covariance[:, i, j]
         return Shown(
@@ -218,7 +222,8 @@ class ListedSensors:
             noise,
             systematic,
             noise + noisy,
-            systematic + np.maximum(known - noisy, 0.0),
+            np.maximum(known - noisy, 0.0),
+            np.sqrt(np.maximum(rows[:, COLUMN["head_scale"]] ** 2 - 1.0, 0.0)[:, None] * heads),
             unknown,
             rate,
         )
@@ -292,7 +297,9 @@ class ListedSensors:
                     _scatter(shown.undescribed[:, place]),
                     float(shown.noise[:, place].sum() / ticks),
                     float(shown.variance[:, place].sum() / ticks),
-                    float(shown.lasting[:, place].max()),
+                    float(shown.systematic[:, place].max()),
+                    float(shown.others[:, place].max()),
+                    float(shown.stamps[:, place].max()),
                     float(shown.unknown[:, place].max()),
                     float(shown.rate[:, place].max()),
                 )

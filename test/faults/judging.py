@@ -60,7 +60,8 @@ def record(seed: int, section: Mapping[str, object], duration: float, **options:
 def stream_of(topic: str) -> str | None:
     """Stream of the estimator by the topic of its samples; none for what it does not take."""
     name = topic.split("/")[2]
-    return name if name.startswith("head_") or name in ("autocollimator", "command") else None
+    taken = name.startswith("head_") or "_probe_" in name or name in ("autocollimator", "command")
+    return name if taken else None
 
 
 def judge(
@@ -90,12 +91,12 @@ def judge(
         if abs(arrival - awake) > TURN_OF_THE_NODE:
             blocks += estimator.advance()
             awake = arrival
-            for what, why in estimator.belief.reasons:
+            for what, why in estimator.reasons:
                 doubted.setdefault(what, why)
         with suppress(InputError):  # refused and counted
             estimator.accept(stream, block, arrival if own_clock is None else own_clock(arrival))
     blocks += estimator.advance() + estimator.finish()
-    doubted = dict(estimator.belief.reasons) | doubted
+    doubted = dict(estimator.reasons) | doubted
     return _compare(recording, stage, estimator, blocks, doubted, true_times, bound)
 
 

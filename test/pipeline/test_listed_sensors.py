@@ -179,9 +179,9 @@ def in_blocks(pairs, draw):
 def test_a_replay_gives_the_same_bits_however_blocks_come():
     sensors = AXIAL | RADIAL
     stage = described(sensors)
-    pairs = recorded(sensors, seed=5, duration=1.5, fault=jumping("radial_probe_x2", 0.6, 5e-6))
+    pairs = recorded(sensors, seed=5, duration=1.5, fault=jumping("axial_probe_top", 0.6, 5e-6))
     _, live, doubted = run(pairs, stage)
-    assert set(doubted) == {"radial_probe_x2"}
+    assert set(doubted) == {"axial_probe_top"}
     estimator, out = Estimator(stage, EstimatorSettings(), decisions_from_block(live)), []
     for chosen in in_blocks(pairs, np.random.default_rng(1)):
         for i in chosen:
