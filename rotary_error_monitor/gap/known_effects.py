@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -40,42 +40,54 @@ class KnownEffect:
     log_prior: float | None = None
 
 
-def known_effects(
-    problem: ProblemOfEffects, causes: Sequence[Cause], rest: Rows, shown: Callable[[Columns], Array]
-) -> Iterator[KnownEffect]:
-    """Known effects with the ways in which they may depart, causes that were found first.
+class KnownEffects:
+    """Known effects beside a set of causes; what does not depend on the instrument is found once for all of them.
 
     Args:
         problem: recording beside twin.
         causes: that were found.
         rest: what they leave, in which candidates are looked for.
-        shown: (c n, p) of columns as an instrument shows them.
     """
 
-    def kept(place: int, departures: Sequence[Departures]) -> tuple[Array, Sequence[str]]:
-        own = next((own for own in departures if own.cause == place), None)
-        return (shown(own.columns), own.kinds) if own else (np.zeros((0, 0)), ())
+    def __init__(self, problem: ProblemOfEffects, causes: Sequence[Cause], rest: Rows) -> None:
+        self._problem, self._causes, self._rest = problem, causes, rest
 
-    @cache
-    def found() -> tuple[Departures, ...]:
-        return problem.departures(causes)
+    @cached_property
+    def _departures(self) -> tuple[Departures, ...]:
+        return self._problem.departures(self._causes)
 
-    def departures_of(place: int, amplitudes: Array) -> tuple[Array, Sequence[str]]:
-        return kept(place, found())
+    @cached_property
+    def _candidates(self) -> tuple[Candidate, ...]:
+        return self._problem.candidates(self._rest, self._causes)
 
-    def departures_at(candidate: Candidate, amplitudes: Array) -> tuple[Array, Sequence[str]]:
-        with suppress(UnpredictableError):
-            return kept(0, problem.departures((candidate.cause(amplitudes),)))
-        return np.zeros((0, 0)), ()
+    def seen_by(self, shown: Callable[[Columns], Array]) -> Iterator[KnownEffect]:
+        """Those that an instrument shows, with the ways in which they may depart, causes that were found first.
 
-    for place, cause in enumerate(causes):
-        columns = shown(problem.signature(cause, cause.effect.indices(Role.LINEAR), causes))
-        if np.any(columns):
-            yield KnownEffect(columns, partial(departures_of, place))
-    for candidate in problem.candidates(rest, causes):
-        at_zero = candidate.cause(np.zeros(len(candidate.linear)))
-        with suppress(UnpredictableError):  # whoever weighs the candidates leaves it out as well, and says so
-            columns = shown(problem.signature(at_zero, candidate.linear))
+        Args:
+            shown: (c n, p) of columns as the instrument shows them.
+        """
+        problem = self._problem
+
+        def kept(place: int, departures: Sequence[Departures]) -> tuple[Array, Sequence[str]]:
+            own = next((own for own in departures if own.cause == place), None)
+            return (shown(own.columns), own.kinds) if own else (np.zeros((0, 0)), ())
+
+        def departures_of(place: int, amplitudes: Array) -> tuple[Array, Sequence[str]]:
+            return kept(place, self._departures)
+
+        def departures_at(candidate: Candidate, amplitudes: Array) -> tuple[Array, Sequence[str]]:
+            with suppress(UnpredictableError):
+                return kept(0, problem.departures((candidate.cause(amplitudes),)))
+            return np.zeros((0, 0)), ()
+
+        for place, cause in enumerate(self._causes):
+            columns = shown(problem.signature(cause, cause.effect.indices(Role.LINEAR), self._causes))
             if np.any(columns):
-                log_prior = candidate.log_prior - float(np.log(len(problem.effects)))
-                yield KnownEffect(columns, partial(departures_at, candidate), log_prior)
+                yield KnownEffect(columns, partial(departures_of, place))
+        for candidate in self._candidates:
+            at_zero = candidate.cause(np.zeros(len(candidate.linear)))
+            with suppress(UnpredictableError):  # whoever weighs the candidates leaves it out as well, and says so
+                columns = shown(problem.signature(at_zero, candidate.linear))
+                if np.any(columns):
+                    log_prior = candidate.log_prior - float(np.log(len(problem.effects)))
+                    yield KnownEffect(columns, partial(departures_at, candidate), log_prior)

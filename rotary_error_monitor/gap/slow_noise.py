@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import logsumexp
@@ -91,10 +93,13 @@ def learn_slow_noise(
     likely = best.log_evidence
     if likely <= 0:
         return None
-    for explanation in _explanations(data, found, likely, _and_steps(rivals, weight), known, count):
-        if explanation.beside is None and explanation.log_evidence > likely:
+    others: list[Callable[[], Iterable[_Explanation]]] = []
+    # Which of them is likelier beside it is asked only where none is in its place: that takes longer.
+    for explanation in _in_its_place(data, found, likely, _and_steps(rivals, weight), known, count, others):
+        if explanation.log_evidence > likely:
             return None
-        if explanation.beside is not None and explanation.log_evidence > best.log_evidence:
+    for explanation in itertools.chain.from_iterable(make() for make in others):
+        if explanation.log_evidence > best.log_evidence:
             best = explanation
     assert best.beside is not None
     law, size = np.unravel_index(int(np.argmax(best.beside)), best.beside.shape)
@@ -124,73 +129,104 @@ class _Explanation:
         return self.log_prior + (self.alone if self.beside is None else float(_log_sum(self.beside)))
 
 
-def _explanations(
+def _in_its_place(
     data: _Data,
     found: Sequence[_Spectrum],
     likely: float,
     rivals: Iterable[Rivals],
     known: Iterable[KnownEffect],
     count: int,
+    others: list[Callable[[], Iterable[_Explanation]]],
 ) -> Iterator[_Explanation]:
-    """What else there may be, in the place of slow noise or beside it; that alone is as `likely`."""
+    """What else there may be in the place of slow noise, which alone is as `likely`.
+
+    What makes the explanations beside slow noise is added to `others`, in the same order. Departures of effects that
+    were not found come last: their columns take the longest to make.
+    """
+    departing: list[tuple[KnownEffect, Array, _Explanation]] = []
     for alike in rivals:
         for columns in _of_one_width(alike):
             log_prior = float(np.log(PRIOR_OF_UNKNOWN / len(alike)))
-            alone, beside = _of_columns(data, found, data.whitened(columns), count)
-            yield _Explanation(log_prior, None, alone)
-            yield _Explanation(log_prior, beside)
+            explained = _Columns.of(data, data.whitened(columns), count)
+            others.append(partial(explained.explanations, data, found, log_prior))
+            yield _Explanation(log_prior, None, explained.alone)
     for effect in known:
         own = data.whitened(effect.columns)
         if effect.log_prior is None:
-            yield from _of_departures(data, found, effect, own, _Explanation(0.0, None, 0.0))
+            apart, kinds = _departures(data, effect, own)
+            others.append(partial(_each_kind, data, found, apart, kinds))
+            yield _Explanation(0.0, None, _likelier(data, apart, kinds))
             continue
-        alone, beside = _of_columns(data, found, own[:, None], count)
-        textbook = _Explanation(effect.log_prior, None, alone)
+        explained = _Columns.of(data, own[:, None], count)
+        others.append(partial(explained.explanations, data, found, effect.log_prior))
+        textbook = _Explanation(effect.log_prior, None, explained.alone)
         yield textbook
-        yield _Explanation(effect.log_prior, beside)
-        if alone > (1 - NO_DEPARTURE) * likely:
-            yield next(_of_departures(data, found, effect, own, textbook))
+        if explained.alone > (1 - NO_DEPARTURE) * likely:
+            departing.append((effect, own, textbook))
+    for effect, own, textbook in departing:
+        yield replace(textbook, alone=textbook.alone + _likelier(data, *_departures(data, effect, own)))
 
 
-def _of_columns(
-    data: _Data, found: Sequence[_Spectrum], columns: Array, count: int | None = None
-) -> tuple[float, Array]:
-    """Log evidence of the best of whitened columns (c n, m, p), in the place of slow noise and (laws, sizes) beside it.
+@dataclass(frozen=True)
+class _Columns:
+    """Whitened columns of explanations of as many columns each.
 
-    Their amplitudes have priors of one, or where there is a `count` of samples as wide as one of those would show them,
-    or as they are seen to be (George and Foster 2000) where that is wider.
+    Attributes:
+        columns: (c n, m, p) of each of m explanations.
+        gram: (m, p, p) products of those with one another.
+        prior: (m or 1, p, p) inverse of the covariance of their amplitudes beforehand.
+        alone: log evidence of the best, in the place of slow noise.
     """
-    gram, moment = data.products(columns)
-    prior = np.eye(columns.shape[2])[None]
-    if count:
-        power = _squares(_held(gram), moment) / columns.shape[2]
-        prior = gram / np.maximum(power, count)[:, None, None]
-    alone = _log_evidence(gram, moment, prior)
-    each = [s.log_evidence + _log_evidence(*s.products(data, columns), prior[:, None]) for s in found]
-    beside = np.stack(each, axis=1)
-    return float(np.max(alone)), np.asarray(beside[int(np.argmax(_log_sum(beside)))], np.float64)
+
+    columns: Array
+    gram: Array
+    prior: Array
+    alone: float
+
+    @classmethod
+    def of(cls, data: _Data, columns: Array, count: int | None = None) -> _Columns:
+        """Columns whose amplitudes have priors of one, or where there is a `count` of samples as wide as one of those
+        would show them, or as they are seen to be (George and Foster 2000) where that is wider.
+        """
+        gram, moment = data.products(columns)
+        prior = np.eye(columns.shape[2])[None]
+        if count:
+            power = _squares(_held(gram), moment) / columns.shape[2]
+            prior = gram / np.maximum(power, count)[:, None, None]
+        return cls(columns, gram, prior, float(np.max(_log_evidence(gram, moment, prior))))
+
+    def explanations(self, data: _Data, found: Sequence[_Spectrum], log_prior: float) -> Iterator[_Explanation]:
+        """The best of them beside slow noise."""
+        each = [
+            spectrum.log_evidence
+            + _log_evidence(*spectrum.products(data, self.columns, self.gram), self.prior[:, None])
+            for spectrum in found
+        ]
+        beside = np.stack(each, axis=1)
+        yield _Explanation(log_prior, np.asarray(beside[int(np.argmax(_log_sum(beside)))], np.float64))
 
 
-def _of_departures(
-    data: _Data, found: Sequence[_Spectrum], effect: KnownEffect, own: Array, textbook: _Explanation
-) -> Iterator[_Explanation]:
-    """Departures of an effect, beside its whitened columns (c n, p), by which its textbook form is likelier: those that
-    are likeliest together, then each kind beside slow noise.
-    """
+def _departures(data: _Data, effect: KnownEffect, own: Array) -> tuple[Array, Sequence[str]]:
+    """Whitened columns (c n, q) of departures of an effect beside its own (c n, p), and their kinds."""
     gram, moment = own.T @ own, own.T @ data.rows
     columns, kinds = effect.departures(solve_scaled(gram, moment))
     if not kinds:
-        yield textbook
-        return
+        return np.zeros((len(own), 0)), ()
     shown = data.whitened(columns)
-    apart = shown - own @ solve_scaled(gram, own.T @ shown)
-    likelier = likeliest_kinds(apart.T @ apart, apart.T @ data.rows, kinds)[1]
-    yield _Explanation(textbook.log_prior, None, textbook.alone + likelier)
+    return shown - own @ solve_scaled(gram, own.T @ shown), kinds
+
+
+def _likelier(data: _Data, apart: Array, kinds: Sequence[str]) -> float:
+    """By how much those kinds of departures that are likeliest together make an effect likelier."""
+    return likeliest_kinds(apart.T @ apart, apart.T @ data.rows, kinds)[1] if kinds else 0.0
+
+
+def _each_kind(data: _Data, found: Sequence[_Spectrum], apart: Array, kinds: Sequence[str]) -> Iterator[_Explanation]:
+    """Each kind of departures beside slow noise."""
     named = list(dict.fromkeys(kinds))
     for kind in named:
         alike = apart[:, [other == kind for other in kinds]]
-        _, beside = _of_columns(data, found, alike[:, None])
-        yield _Explanation(-float(np.log(len(named))), beside)
+        yield from _Columns.of(data, alike[:, None]).explanations(data, found, -float(np.log(len(named))))
 
 
 class _Data:
@@ -253,13 +289,15 @@ class _Spectrum:
         """That slow noise of a size takes of the data."""
         return float(np.sum(size**2 * np.square(self.shown) / (1 + size**2 * self.powers)))
 
-    def products(self, data: _Data, columns: Array) -> tuple[Array, Array]:
-        """(m, sizes, p, p) and (m, sizes, p) the same products beside slow noise of each size."""
+    def products(self, data: _Data, columns: Array, own: Array) -> tuple[Array, Array]:
+        """(m, sizes, p, p) and (m, sizes, p) products of columns (c n, m, p) beside slow noise of each size, which are
+        `own` (m, p, p) without.
+        """
         widths = np.square(SIZES)[:, None]
         taken = widths / (1 + widths * self.powers)
         cross = np.tensordot(self.directions, columns, (0, 0))
         products = np.einsum("rmp,rmq->mpqr", cross, cross)
-        gram = _products(columns)[:, None] - np.moveaxis(products @ taken.T, -1, 1)
+        gram = own[:, None] - np.moveaxis(products @ taken.T, -1, 1)
         moments = np.moveaxis(cross * self.shown[:, None, None], 0, -1) @ taken.T
         moment = np.einsum("nmp,n->mp", columns, data.rows)[:, None] - np.moveaxis(moments, -1, 1)
         return gram, moment

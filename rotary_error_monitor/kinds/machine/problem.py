@@ -13,7 +13,7 @@ from rotary_error_monitor.effects.effect import AnyEffect, Cause, Searched
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.known_effects import known_effects
+from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, learn_slow_noise
@@ -176,7 +176,7 @@ class MachineProblem(TableProblem[None]):
             plain = [slow.plain(columns[channel]) for channel in self.channels]
             return np.asarray(np.concatenate(plain) / level, np.float64)
 
-        known = known_effects(self, causes, self.residual(causes), shown)
+        known = KnownEffects(self, causes, self.residual(causes)).seen_by(shown)
         std = learn_slow_noise(white / level, weight, passed, uncertain, [self._smooth_errors()], known)
         return np.zeros((len(kept), 0)) if std is None else cosines(passed) * (level * std)
 

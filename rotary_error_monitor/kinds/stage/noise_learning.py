@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
-from rotary_error_monitor.gap.known_effects import known_effects
+from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.gap.problem import Array, Rows
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, in_all, learn_slow_noise
@@ -122,20 +122,21 @@ class NoiseLearning:
         """Slow noise of each instrument."""
         names = dict.fromkeys(instrument_of(channel) for channel in self._problem.channels if channel != COMMAND)
         rest = self._problem.residual(causes)
-        changed = [name for name in names if self._learn_slow_noise_of(name, causes, rest)]
+        known = KnownEffects(self._problem, causes, rest)
+        changed = [name for name in names if self._learn_slow_noise_of(name, causes, rest, known)]
         for name in changed:
             self._nuisances.forget(name)
             self._signatures.follow_slow_noise(name)
         return bool(changed)
 
-    def _learn_slow_noise_of(self, name: str, causes: Sequence[Cause], rest: Rows) -> bool:
+    def _learn_slow_noise_of(self, name: str, causes: Sequence[Cause], rest: Rows, known: KnownEffects) -> bool:
         problem = self._problem
         first = next(channel for channel in problem.channels if instrument_of(channel) == name)
         own = Instrument(name, problem.channels, problem.noise, problem.times(first))
         white = own.sums(rest)[:, :, 0]
         uncertain = own.stacked(problem.own_nuisance(causes))
-        known = known_effects(problem, causes, rest, own.stacked)
-        found = learn_slow_noise(white, own.weight, own.passed, uncertain, self._rivals(own), known)
+        seen = known.seen_by(own.stacked)
+        found = learn_slow_noise(white, own.weight, own.passed, uncertain, self._rivals(own), seen)
         before = self._slow.pop(name, None)
         if found is not None:
             self._slow[name] = found
