@@ -88,15 +88,17 @@ def fit_causes(
     count = width_of(uncertain)
     departing = [d.columns for d in departures]
     extra = sum(map(width_of, departing))
-    leading, settled = None, _SETTLED if near is None else _NEARLY_SETTLED
-    if count and fitted:
-        known = stack(problem, data, [uncertain]) if near is None else near.blocks
-        leading = known.gram[:, :count, :count]
+    # Columns that stay as they are from step to step come first: their products with one another are summed once.
+    fixed = [uncertain, *departing]
+    leading = None if near is None else near.blocks.gram[:, :count, :count]
+    settled = _SETTLED if near is None else _NEARLY_SETTLED
     for step in range(MOST_STEPS + 1):
         columns = tuple(_columns(problem, fitted))
-        blocks = stack(problem, data, [uncertain, *columns, *departing], leading)
-        total = blocks.total()
-        last = len(total.moment) - extra
+        stacked = stack(problem, data, [*fixed, *columns], leading)
+        leading = stacked.gram[:, : count + extra, : count + extra]
+        last = len(stacked.moment[0]) - extra
+        order = np.r_[:count, count + extra : last + extra, count : count + extra]
+        total = stacked.total().reordered(order)
         gram = total.gram + np.diag(np.repeat([1.0, 1e-12, 1.0], [count, last - count, extra]))
         solved = solve_scaled(gram, np.column_stack([total.moment, np.eye(len(gram))]))
         change, covariance = _held(fitted, count, gram, total.moment, solved[:, 0]), solved[:, 1:]
@@ -109,6 +111,7 @@ def fit_causes(
     moved = np.split(solve_scaled(gram[np.ix_(beside, beside)], total.moment[beside]), [count])
     taken = combine(problem, [uncertain, *departing], [moved[0], *_split(moved[1], departing)])
     rest = subtract(data, taken) if count or extra else data
+    blocks = stacked.reordered(order) if extra else stacked
     return Fit(fitted, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[1])
 
 

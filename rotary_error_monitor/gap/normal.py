@@ -7,7 +7,7 @@ that were left out. The recording is read once.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,10 @@ class BlockNormal:
             float(self.count[chosen].sum()),
         )
 
+    def reordered(self, order: NDArray[np.intp]) -> BlockNormal:
+        """The same with columns in another order (p,)."""
+        return replace(self, gram=self.gram[:, order[:, None], order], moment=self.moment[:, order])
+
     def squares(self, columns: Sequence[int] | NDArray[np.intp], amplitudes: Array) -> Array:
         """(b,) squares of the data minus the columns times their amplitudes, in each block."""
         index = np.asarray(columns, np.intp)
@@ -61,6 +65,10 @@ class Normal:
     moment: Array
     power: float
     count: float
+
+    def reordered(self, order: NDArray[np.intp]) -> Normal:
+        """The same with columns in another order (p,)."""
+        return replace(self, gram=self.gram[np.ix_(order, order)], moment=self.moment[order])
 
     def without(self, nuisance: int) -> Normal:
         """The equations with the first `nuisance` columns integrated out, each with a unit Gaussian prior.

@@ -248,7 +248,8 @@ def reductions_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Pow
 def _beside(problem: Problem, fit: Fit, columns: Sequence[Columns]) -> tuple[Array, Array]:
     """Products of columns with one another and with the data, all that is fitted integrated out."""
     fitted = [fit.nuisance, *fit.columns, *(d.columns for d in fit.departures)]
-    total = stack(problem, fit.data, [*fitted, *columns]).total()
+    known = fit.blocks.gram.sum(axis=0)[None]
+    total = stack(problem, fit.data, [*fitted, *columns], known, problem.conditions.as_one()).total()
     widths = len(fit.nuisance_values), sum(map(width_of, fit.columns)), len(fit.departure_values)
     first = sum(widths)
     across = np.column_stack([total.gram[:first, first:], total.moment[:first]])

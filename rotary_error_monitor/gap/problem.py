@@ -155,6 +155,10 @@ class Conditions:
         bounds = np.searchsorted(time, self.edges)
         return [(block, slice(int(a), int(b))) for block, (a, b) in enumerate(itertools.pairwise(bounds))]
 
+    def as_one(self) -> Conditions:
+        """The same as one block, where only sums over the whole recording are asked for."""
+        return replace(self, edges=self.edges[[0, -1]], labels=np.zeros(1, np.intp), names=self.names[:1])
+
     def joined(self) -> Conditions:
         """The same with neighbouring blocks of one label as one, where nothing but labels is held out."""
         first = np.flatnonzero(np.diff(self.labels, prepend=-1))
@@ -192,6 +196,11 @@ class StretchedConditions(Conditions):
         inner = first + np.searchsorted(time[first:last], self.edges[spans[1:]])
         bounds = itertools.pairwise([first, *inner.tolist(), last])
         return [(int(self.blocks[span]), slice(a, b)) for span, (a, b) in zip(spans, bounds, strict=True)]
+
+    def as_one(self) -> Conditions:
+        """The same with all spans as one block."""
+        one = np.zeros(1, np.intp)
+        return replace(self, blocks=np.zeros_like(self.blocks), labels=one, names=self.names[:1])
 
     def joined(self) -> Conditions:
         """The same with all blocks of one label as one."""
