@@ -8,13 +8,14 @@ is kept however the tests overlap.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from rotary_error_monitor.gap.orders import order_spectrum, order_sums, wave_products
+from rotary_error_monitor.gap.orders import Angles
 from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.problem import Array, Finding
 
@@ -32,6 +33,10 @@ HIGHEST_LEVEL = 4.0
 """Times white noise up to which a broad band is taken for coloured noise; above it is structure."""
 
 
+_Part = tuple[slice | NDArray[np.intp], Angles]
+"""Which rows, and their angles."""
+
+
 @dataclass(frozen=True)
 class Track:
     """Rows of one channel with what they may depend on.
@@ -43,6 +48,7 @@ class Track:
         angle: (n,) rotation, rad.
         labels: (n,) condition of each row.
         names: of the conditions.
+        keeps: whether what does not depend on the rows is kept, for the next rows at the same instants.
     """
 
     channel: str
@@ -51,6 +57,23 @@ class Track:
     angle: Array
     labels: NDArray[np.intp]
     names: Sequence[str]
+    keeps: bool = False
+    _kept: dict[int | None, _Part] = field(default_factory=dict, repr=False, compare=False)
+
+    def part(self, label: int | None = None) -> _Part:
+        """Rows under one condition, or all."""
+        found = self._kept.get(label)
+        if found is None:
+            chosen = slice(None) if label is None else np.flatnonzero(self.labels == label)
+            found = chosen, Angles(self.angle[chosen])
+            if self.keeps:
+                self._kept[label] = found
+        return found
+
+    @cached_property
+    def spectrum(self) -> Array:
+        """(`LINE_ORDERS`,) squares that each order explains."""
+        return self.part()[1].spectrum(self.rows, LINE_ORDERS)
 
 
 def find_structure(track: Track) -> list[Finding]:
@@ -69,7 +92,7 @@ def find_shared(tracks: Sequence[Track], independent: int) -> list[Finding]:
     Returns:
         That of one order, the strongest, and that of the modelled ones together.
     """
-    each = np.stack([order_spectrum(track.angle, track.rows, LINE_ORDERS) for track in tracks])
+    each = np.stack([track.spectrum for track in tracks])
     power = each.sum(axis=0) * independent / len(tracks)
     dof = 2 * independent
     noise = float(np.median(power[MODELLED_ORDERS : 3 * MODELLED_ORDERS]) / chi_square_median(dof))
@@ -83,8 +106,9 @@ def find_shared(tracks: Sequence[Track], independent: int) -> list[Finding]:
 
     reduction, rank = 0.0, 0
     for track in tracks:
-        gram, moment = wave_products(track.angle, track.rows, MODELLED_ORDERS)
-        part, dimension = _explained(gram[1:, 1:], moment[1:])
+        angles = track.part()[1]
+        moments = angles.moments(track.rows, MODELLED_ORDERS)
+        part, dimension = angles.explained(moments, MODELLED_ORDERS, 1)
         reduction, rank = reduction + part * independent / len(tracks), max(rank, dimension)
     best, strongest = int(np.argmax(power)), int(np.argmax(power[:MODELLED_ORDERS]))
     return [
@@ -102,14 +126,15 @@ def _orders(track: Track) -> Finding:
     """Orders 0 to 16 under each condition, beside the noise of the orders above."""
     reduction, dof, best, words = 0.0, 0, 0.0, "nothing"
     for label, name in enumerate(track.names):
-        chosen = track.labels == label
-        if np.count_nonzero(chosen) < 4 * MODELLED_ORDERS:
+        chosen, angles = track.part(label)
+        rows = track.rows[chosen]
+        if len(rows) < 4 * MODELLED_ORDERS:
             continue
-        gram, moment = wave_products(track.angle[chosen], track.rows[chosen], MODELLED_ORDERS)
-        part, dimension = _explained(gram, moment)
-        alone = moment**2 / np.maximum(np.diag(gram), 1e-12)
+        moments = angles.moments(rows, MODELLED_ORDERS)
+        part, dimension = angles.explained(moments, MODELLED_ORDERS)
+        alone = moments**2 / np.maximum(angles.squares(MODELLED_ORDERS), 1e-12)
         each = alone[: MODELLED_ORDERS + 1] + np.append(0.0, alone[MODELLED_ORDERS + 1 :])
-        floor = max(1.0, _noise_above(track.angle[chosen], track.rows[chosen]))
+        floor = max(1.0, _noise_above(angles, rows))
         reduction, dof = reduction + part / floor, dof + dimension
         if np.max(each) / floor > best:
             best, words = np.max(each) / floor, f"order {int(np.argmax(each))} at {name}"
@@ -122,23 +147,16 @@ def _orders(track: Track) -> Finding:
     )
 
 
-def _explained(gram: Array, moment: Array) -> tuple[float, int]:
-    """Power that waves explain, and their rank."""
-    values, vectors = np.linalg.eigh(gram)
-    seen = values > 1e-6 * values[-1]
-    return float(np.sum((vectors.T @ moment)[seen] ** 2 / values[seen])), int(seen.sum())
-
-
-def _noise_above(angle: Array, rows: Array) -> float:
+def _noise_above(angles: Angles, rows: Array) -> float:
     """Noise level at orders just above the modelled ones; rounding of a slowly turning ring is not quite white."""
-    sums = order_sums(angle, rows, 3 * MODELLED_ORDERS)[MODELLED_ORDERS + 1 :]
+    sums = angles.sums(rows, 3 * MODELLED_ORDERS)[MODELLED_ORDERS + 1 :]
     power = np.square(np.concatenate([sums.real, sums.imag])) * 2 / len(rows)
     return float(np.median(power) / chi_square_median(1))
 
 
 def _line(track: Track) -> Finding:
     """One order, up to 200, over the whole recording."""
-    power = order_spectrum(track.angle, track.rows, LINE_ORDERS)
+    power = track.spectrum
     order = int(np.argmax(power)) + 1
     best = float(power[order - 1])
     log_p_value = _log_any(-best / 2, LINE_ORDERS)

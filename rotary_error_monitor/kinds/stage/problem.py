@@ -8,6 +8,7 @@ from functools import partial
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic
@@ -94,6 +95,7 @@ class StageProblem:
         self._search = StageSearch(self)
         self._expected: dict[str, Array] = {}
         self._starts: dict[tuple[str, str], Array] = {}
+        self._tracks: dict[str, tuple[Array, Track]] = {}
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
         self._signatures = KeptSignatures()
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
@@ -267,14 +269,25 @@ class StageProblem:
             used = expected > 0.5 * float(expected.max(initial=0.0))
             if np.count_nonzero(used) < FEWEST_ROWS:
                 continue
-            time = self.times(channel)
-            labels = np.zeros(len(time), np.intp)
-            for stretch in range(self.conditions.stretches):
-                for block, part in self.conditions.pieces(channel, time, stretch):
-                    labels[part] = self.conditions.labels[block]
-            angle = np.asarray(self.twin.inputs.command(time[used]), np.float64)
             white = rows[used, 0] / np.sqrt(expected[used])
-            yield Track(channel, white, time[used], angle, labels[used], self.conditions.names)
+            yield replace(self._track(channel, expected, used), rows=white)
+
+    def _track(self, channel: str, expected: Array, used: NDArray[np.bool_]) -> Track:
+        """What the rows of a channel that are used may depend on, without rows; kept until the noise is another."""
+        kept = self._tracks.get(channel) if self.keeps_signatures else None
+        if kept is not None and kept[0] is expected:
+            return kept[1]
+        time = self.times(channel)
+        labels = np.zeros(len(time), np.intp)
+        for stretch in range(self.conditions.stretches):
+            for block, part in self.conditions.pieces(channel, time, stretch):
+                labels[part] = self.conditions.labels[block]
+        angle = np.asarray(self.twin.inputs.command(time[used]), np.float64)
+        names, keeps = self.conditions.names, self.keeps_signatures
+        track = Track(channel, np.zeros(0), time[used], angle, labels[used], names, keeps)
+        if self.keeps_signatures:
+            self._tracks[channel] = expected, track
+        return track
 
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of each channel against orders, lines, places and times; of those of one instrument together."""

@@ -54,6 +54,8 @@ def stage_problem(
 class LongStageProblem(StageProblem):
     """A recording too long for its signatures to be kept; arguments as `StageProblem`."""
 
+    keeps_signatures = False
+
     def __init__(
         self,
         stage: StageDescription,
