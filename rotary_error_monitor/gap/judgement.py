@@ -73,8 +73,8 @@ def judge(
     if believed and believed.verdict is Verdict.EXPLAINED:
         return believed
     alone = _passed_by(problem, null)
-    # What the search passed by is believed only if it leaves nothing, and none of the others is likelier.
-    if alone and alone[0].settled and alone[0].likelier and (not believed or alone[0].total > best.total):
+    # What the search passed by is believed only if none of the others is likelier.
+    if alone and (not believed or alone[0].total > best.total):
         return _believed(null, alone[0], alone)
     if believed:
         return believed
@@ -159,7 +159,8 @@ def _log_odds(step: Step, fit: Fit, beside: Fit) -> float:
 
 
 def _passed_by(problem: Problem, null: Step) -> list[Posterior]:
-    """Single causes with their departures that the search may have passed by, the likeliest first.
+    """Single causes with their departures that the search may have passed by, the likeliest first; none where that is
+    not likelier than something unknown, or leaves something.
 
     Uncertain parameters of the twin, if it has any, may have taken the textbook form of a cause, so that only its
     departure shows, which others then seem to explain better; and beside them an effect that is far from linear is told
@@ -171,17 +172,27 @@ def _passed_by(problem: Problem, null: Step) -> list[Posterior]:
     for hypothesis in sorted(table.singles(), key=lambda hypothesis: -hypothesis.log_evidence):
         if hypothesis.log_evidence > 0:
             best.setdefault(table.candidates[hypothesis.members[0]].effect.name, hypothesis)
-    alone = list(best.values())[:MOST_ALONE]
-    found = [posterior for hypothesis in alone for posterior in _alone(problem, null, hypothesis)]
-    scatter = min((dispersion(posterior.fit) for posterior in found), default=1.0)
-    return sorted(found, key=lambda posterior: -_log_weight(null, posterior, scatter))
+    fits = [fit for hypothesis in list(best.values())[:MOST_ALONE] for fit in _alone(problem, null, hypothesis)]
+    scatter = min((dispersion(fit) for fit in fits), default=1.0)
+    # What is left of those that can no longer be the likeliest is not looked at: that takes as long as a fit.
+    weighed, rest = list[Posterior](), sorted(fits, key=lambda fit: -_log_weight_of(null, fit, scatter))
+    while rest and all(_log_weight_of(null, rest[0], scatter) > _log_weight(null, p, scatter) for p in weighed):
+        weighed.append(_weighed_alone(problem, null, rest.pop(0)))
+    first = max(weighed, key=lambda posterior: _log_weight(null, posterior, scatter), default=None)
+    if first is None or not (first.settled and first.likelier):
+        return []
+    weighed += [_weighed_alone(problem, null, fit) for fit in rest]
+    return sorted(weighed, key=lambda posterior: -_log_weight(null, posterior, scatter))
 
 
-def _alone(problem: Problem, null: Step, hypothesis: Hypothesis) -> Iterator[Posterior]:
+def _alone(problem: Problem, null: Step, hypothesis: Hypothesis) -> Iterator[Fit]:
     """A cause with its departures, unless the twin cannot predict it."""
     with suppress(UnpredictableError):
-        fit = with_departures(problem, fit_causes(problem, null.table.causes(hypothesis)))
-        yield replace(weigh_fit(problem, null, fit), fit=fit.without_data())
+        yield with_departures(problem, fit_causes(problem, null.table.causes(hypothesis))).without_data()
+
+
+def _weighed_alone(problem: Problem, null: Step, fit: Fit) -> Posterior:
+    return replace(weigh_fit(problem, null, replace(fit, data=problem.residual(fit.causes))), fit=fit)
 
 
 def _likeliest(tried: Sequence[tuple[Step, Posterior]]) -> tuple[Step, Posterior]:
@@ -207,8 +218,12 @@ def _log_weight(step: Step, posterior: Posterior, scatter: float) -> float:
     What something unknown is likelier than is so much less likely beside other sets. Squares are divided by `scatter`,
     how many times those of noise the best set leaves: what no set describes is noise to the choice among them.
     """
-    undescribed = 0.5 * posterior.fit.squares * (1 - 1 / scatter)
-    return _log_evidence(step, posterior.fit) + undescribed + min(posterior.total, 0.0)
+    return _log_weight_of(step, posterior.fit, scatter) + min(posterior.total, 0.0)
+
+
+def _log_weight_of(step: Step, fit: Fit, scatter: float) -> float:
+    """The same where nothing unknown is likelier: the most that it can be."""
+    return _log_evidence(step, fit) + 0.5 * fit.squares * (1 - 1 / scatter)
 
 
 def _log_evidence(step: Step, fit: Fit) -> float:
