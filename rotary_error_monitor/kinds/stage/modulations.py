@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause, Role, order_location, order_of, place_of
-from rotary_error_monitor.effects.rotor import RotorState
+from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.gap.departures import (
     SHARE,
     Modulation,
@@ -44,6 +44,7 @@ class StageModulations:
         self._top = float(np.max(np.abs(state.omega))) or 1.0
         self._norm = Normaliser(self._quantities(state))
         self._play = play
+        self._size: tuple[tuple[str, str, bytes, str], float] | None = None
         self._twin = StageTwin(twin.stage, twin.inputs, dict.fromkeys(twin.times, self._time), known=twin.known)
 
     def of_state(self, state: RotorState, around: bool, jumps: bool) -> list[Modulation]:
@@ -88,22 +89,29 @@ class StageModulations:
 
     def of_size(self, cause: Cause, signal: Array, stream: str) -> list[Modulation]:
         """Those that follow from what the cause does (n, k) to a stream."""
-        alike = [name for name in self._twin.times if instrument_of(name) == instrument_of(stream)]
-        moved = self._moved(self._twin, cause, tuple(alike))
-        size = float(np.sqrt(np.mean([np.mean(np.square(values)) for values in moved.values()])))
-        return modulations_by_size(signal, size)
+        name = instrument_of(stream)
+        key = (*cause.key, cause.values.tobytes(), name)
+        if self._size is None or self._size[0] != key:
+            alike = [other for other in self._twin.times if instrument_of(other) == name]
+            moved = self._moved(self._twin, cause, tuple(alike))
+            size = float(np.sqrt(np.mean([np.mean(np.square(values)) for values in moved.values()])))
+            self._size = key, size
+        return modulations_by_size(signal, self._size[1])
 
     def jumps(self, cause: Cause) -> bool:
         """Whether what an effect does depends on the sign of the speed and not on its size."""
-        streams = tuple(self._twin.times)
+        effect = cause.effect
+        assert isinstance(effect, StageEffect)
+        streams = tuple(name for name in self._twin.times if effect.touches(cause.location, name))
         plain = self._moved(self._twin, cause, streams)
         size = sum(float(np.sum(np.square(values))) for values in plain.values())
-        changes = []
-        for factor in (-1.0, 2.0):
+
+        def change(factor: float) -> float:
             inputs = replace(self._twin.inputs, omega=partial(_scaled, self._twin.inputs.omega, factor))
             other = self._moved(replace(self._twin, inputs=inputs, _states={}, _moved={}), cause, streams)
-            changes.append(sum(float(np.sum(np.square(other[name] - plain[name]))) for name in streams))
-        return changes[0] > size and changes[1] < 1e-3 * size
+            return sum(float(np.sum(np.square(other[name] - plain[name]))) for name in streams)
+
+        return change(-1.0) > size and change(2.0) < 1e-3 * size
 
     @staticmethod
     def _moved(twin: StageTwin, cause: Cause, streams: tuple[str, ...]) -> dict[str, Array]:
