@@ -52,7 +52,11 @@ def cosines(passed: Array) -> Array:
 
 def in_all(columns: Array, weight: Array) -> Array:
     """Courses (n, p) of every component on its own, as samples of weight (c, n) show them: (c n, c p)."""
-    return np.asarray(np.kron(np.eye(len(weight)), columns) * weight.reshape(-1, 1), np.float64)
+    count, (rows, width) = len(weight), columns.shape
+    all_of = np.zeros((count, rows, count, width))
+    for own in range(count):
+        np.multiply(columns, weight[own][:, None], out=all_of[own, :, own])
+    return all_of.reshape(count * rows, count * width)
 
 
 def learn_slow_noise(
