@@ -114,6 +114,8 @@ def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judge
     likelier = [posterior for posterior in instead if posterior.settled and posterior.likelier]
     if likelier:
         return _believed(chosen, likelier[0], likelier)
+    # what is not believed in the place of a cause does not speak against it
+    needless = {key: odds for key, odds in needless.items() if odds <= 0}
     departing = with_departures(problem, fit, false_alarms)
     if departing is not fit:
         # Beside those of rivals, their data would fill the memory.
@@ -126,14 +128,16 @@ def _judge_settled(problem: Problem, chosen: Step, false_alarms: float) -> Judge
 
 
 def _in_textbook_forms(problem: Problem, step: Step, fit: Fit, needless: Mapping[Key, float]) -> Judgement:
-    """Of causes that leave only noise and do not depart: they, or what the recording rejects them beside."""
+    """Of causes that leave only noise and do not depart: they, or a likelier set that leaves no more."""
     # What is alarming, but no more than the twin itself leaves, tells of nothing unknown.
     unknown = probability_of_unknown([f for f in step.findings if f.log_p_value >= step.log_alarm])
     rivals = _fitted_rivals(problem, step)
-    better = [rival for rival in rivals if _log_odds(step, fit, rival) < np.log(REJECTED)]
+    better = [rival for rival in rivals if _log_odds(step, fit, rival) < 0]
     standing = [rival for rival in better if weigh_fit(problem, step, fit_causes(problem, rival.causes)).settled]
     best = max(standing, key=partial(_log_evidence, step), default=fit)
-    odds = {_keys(other): _log_odds(step, other, best) for other in (fit, *rivals)}
+    # a likelier one that leaves something is not believed, and does not speak against what leaves nothing
+    refused = {_keys(rival) for rival in better} - {_keys(rival) for rival in standing}
+    odds = {_keys(other): _log_odds(step, other, best) for other in (fit, *rivals) if _keys(other) not in refused}
     credits = {keys: value for keys, value in odds.items() if value > np.log(REJECTED) or keys == _keys(fit)}
     told = best if standing else step.fit
     return Judgement(Verdict.EXPLAINED, step, told, (), unknown, credits=credits or None, needless=needless)

@@ -95,9 +95,13 @@ def departures_instead(
             continue
         others = fit_causes(problem, (*fit.causes[:k], *fit.causes[k + 1 :]))
         departing = with_departures(problem, others, false_alarms)
-        odds[cause.key] = marginal_likelihood(departing) - marginal_likelihood(fit) - step.table.log_prior(member)
-        if odds[cause.key] > 0 and _predicts(problem, posterior := weigh_fit(problem, step, departing), others):
-            likelier.append((odds[cause.key], replace(posterior, fit=departing.without_data())))
+        needless = marginal_likelihood(departing) - marginal_likelihood(fit) - step.table.log_prior(member)
+        if needless > 0:
+            posterior = weigh_fit(problem, step, departing)
+            if not _predicts(problem, posterior, others):  # no rival, and so nothing that speaks against the cause
+                continue
+            likelier.append((needless, replace(posterior, fit=departing.without_data())))
+        odds[cause.key] = needless
     return odds, [posterior for _, posterior in sorted(likelier, key=lambda row: -row[0])]
 
 

@@ -132,7 +132,8 @@ class GapMonitor(ManagedNode):
             *([] if self.stage.autocollimator is None else [self.wire.topic("autocollimator_samples")]),
             self.wire.topic("command_samples"),
         ]
-        helpful = [self.wire.topic(key) for key in _HELPFUL]
+        listed = [self.wire.of_stream(stream) for stream in self.stage.sensors]
+        helpful = [*(self.wire.topic(key) for key in _HELPFUL), *listed]
         self._recorded = dict(zip(self.wire.names, self.contract.names, strict=True))
         self._recent = RecentTurns(
             {self._recorded[topic.name]: topic.columns for topic in (*needed, *helpful)},
@@ -146,7 +147,8 @@ class GapMonitor(ManagedNode):
         self._max_age_ns = round(self.setting("max_age") * NANOSECONDS)
         late_after, now_ns = self.setting("max_age"), self.now_ns()
         self._needed = {t.name: StreamWatch(t.name, late_after, _STALE_AFTER, now_ns) for t in needed}
-        self._helpful = {t.name: StreamWatch(t.name, late_after, _HELPFUL[t.key], now_ns) for t in helpful}
+        stale_after = {topic.name: _HELPFUL.get(topic.key, _STALE_AFTER) for topic in helpful}
+        self._helpful = {name: StreamWatch(name, late_after, after, now_ns) for name, after in stale_after.items()}
         self._due = time.monotonic()
         self._under_way = _Recording()
         self._verdict: _Verdict | None = None

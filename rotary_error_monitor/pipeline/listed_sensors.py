@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import ListedSensor, StageDescription
-from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion, reading_variance
-from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
-from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE, combine
-from rotary_error_monitor.pipeline.belief import DOUBTS
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
+from rotary_error_monitor.metrology.rigid_motion import combine
 from rotary_error_monitor.pipeline.error_motion_rows import (
     COLUMN,
     COLUMNS,
@@ -22,71 +18,12 @@ from rotary_error_monitor.pipeline.error_motion_rows import (
     SENSOR_COLUMNS,
     observable_of,
 )
-from rotary_error_monitor.pipeline.evidence import INDEX, WindowGrid
+from rotary_error_monitor.pipeline.evidence import WindowGrid
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief, SensorWindow
-from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
-from rotary_error_monitor.sensors.library import listed_kind
-from rotary_error_monitor.sensors.listed import ListedKind
+from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
 from rotary_error_monitor.signals.resampling import Resampled
 
 Array = NDArray[np.float64]
-
-UNVERIFIED = 1 << DOUBTS.index("unverified")
-LIMIT = 2.0
-"""Times what the stage can do at most by which a displacement is no contradiction: the description may be the opposite
-of the truth."""
-
-
-@dataclass(frozen=True)
-class Shown:
-    """What p sensors show at m ticks.
-
-    Attributes:
-        theta: (m,) rotation, rad.
-        there: (m, p) whether it can be used.
-        raw: (m, p) what the sensor says, m.
-        reading: (m, p) displacement, m, less what the sensor says of a perfect axis.
-        surplus: (m, p) of that what neither the other sensors nor the description predict, m.
-        undescribed: (m, p) what the description alone does not predict, m.
-        noise: (m, p) variance of a reading, m².
-        systematic: (m, p) variance of what stays as it is from tick to tick, m².
-        variance: (m, p) of the surplus, by noise of the sensor and of what is predicted, m².
-        others: (m, p) of the surplus by what other sensors have wrong beside their noise, m².
-        stamps: (m, p) standard deviation of that part of it which stamps make, m.
-        unknown: (m, p) largest displacement by components that nothing else shows, m.
-        rate: (m, p) fastest change of that, m/s.
-    """
-
-    theta: Array
-    there: NDArray[np.bool_]
-    raw: Array
-    reading: Array
-    surplus: Array
-    undescribed: Array
-    noise: Array
-    systematic: Array
-    variance: Array
-    others: Array
-    stamps: Array
-    unknown: Array
-    rate: Array
-
-    @property
-    def bound(self) -> Array:
-        """(m, p) largest surplus of a tick that is no contradiction, m."""
-        return np.asarray(self.unknown + SIGMAS * np.sqrt(self.variance + self.systematic + self.others))
-
-    def part(self, chosen: slice) -> Shown:
-        """The same of some of the ticks."""
-        return Shown(*(values[chosen] for values in self._arrays()))
-
-    def followed_by(self, other: Shown) -> Shown:
-        """Both, one after the other."""
-        pairs = zip(self._arrays(), other._arrays(), strict=True)
-        return Shown(*(np.concatenate(pair) for pair in pairs))
-
-    def _arrays(self) -> tuple[Any, ...]:
-        return tuple(vars(self).values())
 
 
 class ListedSensors:
@@ -101,23 +38,12 @@ class ListedSensors:
 
     def __init__(self, stage: StageDescription, bits: Mapping[str, int], period_ns: int) -> None:
         """Sensors of `stage`, with the `bits` of its streams, at ticks that are `period_ns` apart."""
-        self._stage, self._grid = stage, WindowGrid(period_ns)
-        self._period = period_ns * 1e-9
-        self._sensors: dict[str, tuple[ListedSensor, ListedKind]] = {
-            stream: (sensor, listed_kind(sensor)) for stream, sensor in stage.sensors.items()
-        }
-        self._bits = np.array([bits[stream] for stream in self._sensors], np.int64)
-        rows = [kind.sensitivity(sensor.place) for sensor, kind in self._sensors.values()]
-        self.sensitivity = np.array(rows).reshape(-1, len(COMPONENTS))
-        limits = stage.limits
-        self._most = LIMIT * np.array([limits.radial, limits.radial, limits.axial, limits.tilt, limits.tilt, 0.0])
-        rates = np.array(
-            [limits.radial_rate, limits.radial_rate, limits.axial_rate, limits.tilt_rate, limits.tilt_rate, 0.0]
-        )
-        self._rates = rates
-        self._judges = {stream: SensorBelief(sensor) for stream, (sensor, _) in self._sensors.items()}
-        self._forms = np.array([sum(row.cos**2 + row.sin**2 for row in s.form) for s, _ in self._sensors.values()])
-        self._pending: tuple[int, Shown] | None = None
+        self._grid, self._period = WindowGrid(period_ns), period_ns * 1e-9
+        self._readings = ListedReadings(stage)
+        self.sensitivity = self._readings.sensitivity
+        self._bits = np.array([bits[stream] for stream in stage.sensors], np.int64)
+        self._judges = {stream: SensorBelief(sensor) for stream, sensor in stage.sensors.items()}
+        self._pending: tuple[int, ListedTicks] | None = None
 
     @property
     def reasons(self) -> Iterator[tuple[str, str]]:
@@ -157,94 +83,30 @@ class ListedSensors:
             decided: for ticks, by their place, whose choice of streams is that of a live run, its `sensor_scale`.
             evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
         """
-        shown = self._shown(rows, usable, sampled, _scatter_of(evidence))
+        masks = rows[:, COLUMN["streams"]].astype(np.int64)
+        completed = np.hstack([rows, np.zeros((len(rows), len(SENSOR_COLUMNS)))])
+        there = (masks[:, None] & self._bits != 0) & usable[:, None]
+        shown = self._readings.make(rows, _motion(completed), evidence, there, sampled)
         used, scale = self._assess(first, shown, rates)
         for place, said in decided.items():
-            used[place], scale[place] = shown.there[place], said
-        masks = rows[:, COLUMN["streams"]].astype(np.int64)
-        masks &= ~int(self._bits.sum())
-        masks |= (used * self._bits).sum(axis=1)
-        completed = np.hstack([rows, np.zeros((len(rows), len(SENSOR_COLUMNS)))])
-        completed[:, COLUMN["streams"]] = masks
+            used[place], scale[place] = there[place], said
+        choices = (used * self._bits).sum(axis=1)
+        completed[:, COLUMN["streams"]] = masks & ~int(self._bits.sum()) | choices
         completed[:, -1] = scale
-        variance = shown.noise * scale[:, None] ** 2 + shown.systematic
-        observable = completed[:, COLUMN["observable"]].astype(np.int64)
-        choices = np.where(used.any(axis=1), (used * self._bits).sum(axis=1), 0)
+        self._join(completed, choices, shown.reading, shown.noise * scale[:, None] ** 2 + shown.systematic)
+        return completed
+
+    def _join(self, rows: Array, choices: NDArray[np.int64], reading: Array, variance: Array) -> None:
+        """Put what the chosen sensors, bit masks (m,), show into the rows."""
+        observable = rows[:, COLUMN["observable"]].astype(np.int64)
         for bits, choice in {(b, c) for b, c in zip(observable.tolist(), choices.tolist(), strict=True) if c}:
             chosen = np.flatnonzero((observable == bits) & (choices == choice))
             sensors = np.flatnonzero(self._bits & choice)
-            joined = combine(
-                _motion(completed[chosen]),
-                self.sensitivity[sensors],
-                shown.reading[np.ix_(chosen, sensors)],
-                variance[np.ix_(chosen, sensors)],
-            )
-            completed[chosen] = _with_motion(completed[chosen], joined)
-        return completed
+            at = np.ix_(chosen, sensors)
+            joined = combine(_motion(rows[chosen]), self.sensitivity[sensors], reading[at], variance[at])
+            rows[chosen] = _with_motion(rows[chosen], joined)
 
-    def _shown(self, rows: Array, usable: NDArray[np.bool_], sampled: Mapping[str, Resampled], scatter: Array) -> Shown:
-        """What the sensors show beside what is known without them."""
-        theta, motion = rows[:, COLUMN["theta"]], _motion(np.hstack([rows, np.zeros((len(rows), len(SENSOR_COLUMNS)))]))
-        described = self._described(theta)
-        expected = np.where(motion.observable, motion.components, described)
-        masks, doubts = (rows[:, COLUMN[name]].astype(np.int64) for name in ("streams", "doubts"))
-        shape = len(rows), len(self._sensors)
-        raw, reading, noise = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-        stated = np.zeros(len(self._sensors))
-        for place, (stream, (sensor, kind)) in enumerate(self._sensors.items()):
-            seen = sampled[stream]
-            raw[:, place] = seen.values[:, 0]
-            reading[:, place] = kind.displacement(sensor, seen.values[:, 0], theta)
-            noise[:, place] = reading_variance(sensor.noise, sensor.resolution, seen.gain, seen.travel[:, 0])
-            noise[:, place] = np.maximum(noise[:, place] / sensor.gain**2, LEAST_VARIANCE)
-            stated[place] = sensor.uncertainty
-        # the form of a target is taken off at the wrong place while the zero of the rotation may be another one
-        elsewhere = np.where(doubts & UNVERIFIED, 1.0, 0.0)[:, None] * self._forms
-        systematic = stated**2 + elsewhere
-        known, noisy, heads, unknown, rate = (np.zeros(shape) for _ in range(5))
-        for place, row in enumerate(self.sensitivity):
-            for i in np.flatnonzero(row):
-                alone = ~motion.observable[:, i]
-                unknown[:, place] += np.where(alone, abs(row[i]) * self._most[i], 0.0)
-                rate[:, place] += np.where(alone, abs(row[i]) * self._rates[i], 0.0)
-                noisy[:, place] += np.where(alone, 0.0, row[i] ** 2 * scatter[:, i])
-                if i < 2:  # radial, by the heads
-                    heads[:, place] += np.where(alone, 0.0, row[i] ** 2 * scatter[:, i])
-                for j in np.flatnonzero(row):
-                    known[:, place] += row[i] * row[j] * motion.covariance[:, i, j]
-        return Shown(
-            theta,
-            (masks[:, None] & self._bits != 0) & usable[:, None],
-            raw,
-            reading,
-            reading - self._displacement(expected),
-            reading - self._displacement(described),
-            noise,
-            systematic,
-            noise + noisy,
-            np.maximum(known - noisy, 0.0),
-            np.sqrt(np.maximum(rows[:, COLUMN["head_scale"]] ** 2 - 1.0, 0.0)[:, None] * heads),
-            unknown,
-            rate,
-        )
-
-    def _displacement(self, components: Array) -> Array:
-        """(m, p) what each sensor sees of error motion (m, 6), term by term: the bits of a tick are its own."""
-        found = np.zeros((len(components), len(self._sensors)))
-        for place in range(len(COMPONENTS)):
-            found += components[:, place, None] * self.sensitivity[:, place]
-        return found
-
-    def _described(self, theta: Array) -> Array:
-        """(m, 6) error motion as the description has it."""
-        spindle = self._stage.spindle
-        motion = np.zeros((len(theta), len(COMPONENTS)))
-        motion[:, :2] = planar_sum(spindle.radial, theta)
-        motion[:, 2] = angular_sum(spindle.axial, theta)
-        motion[:, 3:5] = planar_sum(spindle.tilt, theta)
-        return motion
-
-    def _assess(self, first: int, shown: Shown, rates: Mapping[str, float]) -> tuple[NDArray[np.bool_], Array]:
+    def _assess(self, first: int, shown: ListedTicks, rates: Mapping[str, float]) -> tuple[NDArray[np.bool_], Array]:
         """(m, p) which sensors are used, and (m,) by which their standard deviations are multiplied.
 
         What windows say holds for the ticks after them, however many of these come at once.
@@ -254,7 +116,7 @@ class ListedSensors:
         if pending is not None and pending[0] + len(pending[1].there) == first:
             first, before = pending[0], len(pending[1].there)
             shown = pending[1].followed_by(shown)
-        used, scale = np.zeros((count, len(self._sensors)), np.bool_), np.ones(count)
+        used, scale = np.zeros((count, len(self._judges)), np.bool_), np.ones(count)
         begin = 0
         while begin < len(shown.there):
             end = min((self._grid.number(first + begin) + 1) * self._grid.ticks - first, len(shown.there))
@@ -269,14 +131,14 @@ class ListedSensors:
             begin = end
         return used, scale
 
-    def _allowed(self, shown: Shown) -> NDArray[np.bool_]:
+    def _allowed(self, shown: ListedTicks) -> NDArray[np.bool_]:
         judges = list(self._judges.values())
         believed = np.array([not judge.doubt for judge in judges])
         middle, reach = np.array([judge.middle for judge in judges]), np.array([judge.reach for judge in judges])
         near = np.abs(shown.surplus - middle) <= reach
         return np.asarray(shown.there & believed & near & (np.abs(shown.surplus) <= shown.bound))
 
-    def _judge(self, number: int, shown: Shown, rates: Mapping[str, float]) -> None:
+    def _judge(self, number: int, shown: ListedTicks, rates: Mapping[str, float]) -> None:
         ticks = self._grid.ticks
         for place, (stream, judge) in enumerate(self._judges.items()):
             if not shown.there[:, place].all():
@@ -304,14 +166,6 @@ class ListedSensors:
                     float(shown.rate[:, place].max()),
                 )
             )
-
-
-def _scatter_of(evidence: Array) -> Array:
-    """(m, 6) variance of each component by stated noise alone, m² and rad²; what stamps make lasts."""
-    variance = np.zeros((len(evidence), len(COMPONENTS)))
-    variance[:, :2] = evidence[:, [INDEX["radial_variance"]]]
-    variance[:, 3:5] = evidence[:, [INDEX["tilt_variance"]]]
-    return variance
 
 
 def _scatter(values: Array) -> float:

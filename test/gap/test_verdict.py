@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rotary_error_monitor.gap import judgement
+from rotary_error_monitor.gap import judgement, weighing
 from rotary_error_monitor.gap.alternatives import rank_alternatives
 from rotary_error_monitor.gap.departures import (
     SHARE,
@@ -213,3 +213,33 @@ def test_what_the_recording_rejects_beside_a_rival_is_not_told(rng):
         (cause,) = found.fit.causes
         told.append((cause.effect.name, ranking.probability(cause.key) > 0.9, ranking.groups))
     assert told.count(("first", True, ())) >= CASES - 1, told
+
+
+def test_what_is_told_is_the_most_probable(rng):
+    """Two effects that are all but alike: the page cannot name the one and give the other a higher probability."""
+    for _ in range(CASES):
+        first, other = rng.normal(size=(2, COUNT, 1))
+        data = {"x": first + rng.normal(size=(COUNT, 1)), "y": rng.normal(size=(COUNT, 1))}
+        problem = DepartingProblem(data, {})
+        problem.offer({"first": {"x": first}, "alike": {"x": first + 0.05 * other}})
+        step = select_causes(problem, most=1).chosen
+        for name in ("first", "alike"):
+            (place,) = (i for i, row in enumerate(step.table.candidates) if row.effect.name == name)
+            causes = step.table.causes(step.table.evaluate((place,)))
+            found = judgement._judge_settled(problem, replace(step, fit=fit_causes(problem, causes)), 0.01)
+            ranking = rank_alternatives(
+                found.step, found.fit.causes, found.unknown, found.dispersion, found.credits, found.needless
+            ).ranking
+            own = next(row[2] for row in ranking if row[0] == found.fit.causes[0].effect.name)
+            assert own == max(row[2] for row in ranking), ranking
+
+
+def test_what_is_refused_in_the_place_of_a_cause_does_not_speak_against_it(monkeypatch):
+    """A departure that is likelier than a second cause, but does not predict what was left out, is no rival."""
+    monkeypatch.setattr(weighing, "_predicts", lambda *_: False)
+    for seed in range(6):
+        problem = growing(seed, -2 * SHARE)
+        step = select_causes(problem).chosen
+        fit = fit_causes(problem, step.fit.causes)
+        odds, instead = weighing.departures_instead(problem, step, fit)
+        assert not instead and all(value <= 0 for value in odds.values()), seed

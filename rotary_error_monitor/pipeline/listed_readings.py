@@ -1,0 +1,186 @@
+"""What listed sensors show at the ticks of an estimate, beside what is known of the rotor without them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import ListedSensor, StageDescription
+from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion, reading_variance
+from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
+from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE
+from rotary_error_monitor.pipeline.belief import DOUBTS
+from rotary_error_monitor.pipeline.error_motion_rows import COLUMN
+from rotary_error_monitor.pipeline.evidence import INDEX
+from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
+from rotary_error_monitor.sensors.library import listed_kind
+from rotary_error_monitor.sensors.listed import ListedKind
+from rotary_error_monitor.signals.resampling import Resampled
+
+Array = NDArray[np.float64]
+
+UNVERIFIED = 1 << DOUBTS.index("unverified")
+LIMIT = 2.0
+"""Times what the stage can do at most by which a displacement is no contradiction: the description may be the opposite
+of the truth."""
+
+
+@dataclass(frozen=True)
+class ListedTicks:
+    """What p sensors show at m ticks.
+
+    Attributes:
+        theta: (m,) rotation, rad.
+        there: (m, p) whether it can be used.
+        raw: (m, p) what the sensor says, m.
+        reading: (m, p) displacement, m, less what the sensor says of a perfect axis.
+        surplus: (m, p) of that what neither the other sensors nor the description predict, m.
+        undescribed: (m, p) what the description alone does not predict, m.
+        noise: (m, p) variance of a reading, m².
+        systematic: (m, p) variance of what stays as it is from tick to tick, m².
+        variance: (m, p) of the surplus, by noise of the sensor and of what is predicted, m².
+        others: (m, p) of the surplus by what other sensors have wrong beside their noise, m².
+        stamps: (m, p) standard deviation of that part of it which stamps make, m.
+        unknown: (m, p) largest displacement by components that nothing else shows, m.
+        rate: (m, p) fastest change of that, m/s.
+    """
+
+    theta: Array
+    there: NDArray[np.bool_]
+    raw: Array
+    reading: Array
+    surplus: Array
+    undescribed: Array
+    noise: Array
+    systematic: Array
+    variance: Array
+    others: Array
+    stamps: Array
+    unknown: Array
+    rate: Array
+
+    @property
+    def bound(self) -> Array:
+        """(m, p) largest surplus of a tick that is no contradiction, m."""
+        return np.asarray(self.unknown + SIGMAS * np.sqrt(self.variance + self.systematic + self.others))
+
+    def part(self, chosen: slice) -> ListedTicks:
+        """The same of some of the ticks."""
+        return ListedTicks(*(values[chosen] for values in self._arrays()))
+
+    def followed_by(self, other: ListedTicks) -> ListedTicks:
+        """Both, one after the other."""
+        pairs = zip(self._arrays(), other._arrays(), strict=True)
+        return ListedTicks(*(np.concatenate(pair) for pair in pairs))
+
+    def _arrays(self) -> tuple[Any, ...]:
+        return tuple(vars(self).values())
+
+
+class ListedReadings:
+    """Makes of the samples of a stage's listed sensors what they show at ticks.
+
+    Attributes:
+        sensors: with their kinds, by stream.
+        sensitivity: (p, 6) what each sees of the components.
+    """
+
+    def __init__(self, stage: StageDescription) -> None:
+        """Sensors of `stage`."""
+        self._spindle = stage.spindle
+        self.sensors: dict[str, tuple[ListedSensor, ListedKind]] = {
+            stream: (sensor, listed_kind(sensor)) for stream, sensor in stage.sensors.items()
+        }
+        rows = [kind.sensitivity(sensor.place) for sensor, kind in self.sensors.values()]
+        self.sensitivity = np.array(rows).reshape(-1, len(COMPONENTS))
+        limits = stage.limits
+        most = np.array([limits.radial, limits.radial, limits.axial, limits.tilt, limits.tilt, 0.0])
+        rate = [limits.radial_rate, limits.radial_rate, limits.axial_rate, limits.tilt_rate, limits.tilt_rate, 0.0]
+        self._most, self._rate = np.abs(self.sensitivity) * LIMIT * most, np.abs(self.sensitivity) * np.array(rate)
+        described = [sensor for sensor, _ in self.sensors.values()]
+        self._stated = np.array([sensor.uncertainty**2 for sensor in described])
+        self._forms = np.array([sum(row.cos**2 + row.sin**2 for row in sensor.form) for sensor in described])
+
+    def make(
+        self,
+        rows: Array,
+        motion: ErrorMotion,
+        evidence: Array,
+        there: NDArray[np.bool_],
+        sampled: Mapping[str, Resampled],
+    ) -> ListedTicks:
+        """What the sensors show at m ticks.
+
+        Args:
+            rows: (m, k) the estimate without them, columns as in `pipeline.error_motion_rows`.
+            motion: the error motion in it.
+            evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
+            there: (m, p) which readings can be used.
+            sampled: each stream at the ticks.
+        """
+        described = self._described(motion.theta)
+        expected = np.where(motion.observable, motion.components, described)
+        raw, reading, noise = (np.zeros(there.shape) for _ in range(3))
+        for place, (stream, (sensor, kind)) in enumerate(self.sensors.items()):
+            seen = sampled[stream]
+            raw[:, place] = seen.values[:, 0]
+            reading[:, place] = kind.displacement(sensor, seen.values[:, 0], motion.theta)
+            noise[:, place] = reading_variance(sensor.noise, sensor.resolution, seen.gain, seen.travel[:, 0])
+            noise[:, place] = np.maximum(noise[:, place] / sensor.gain**2, LEAST_VARIANCE)
+        # the form of a target is taken off at the wrong place while the zero of the rotation may be another one
+        elsewhere = np.where(rows[:, COLUMN["doubts"]].astype(np.int64) & UNVERIFIED, 1.0, 0.0)
+        seen_too, alone = motion.observable.astype(np.float64), np.where(motion.observable, 0.0, 1.0)
+        by_noise = seen_too * _noise_of(evidence)
+        noisy = _summed(by_noise, self.sensitivity**2)
+        by_heads = _summed(by_noise[:, :2], self.sensitivity[:, :2] ** 2)
+        raised = np.maximum(rows[:, COLUMN["head_scale"]] ** 2 - 1.0, 0.0)
+        return ListedTicks(
+            motion.theta,
+            there,
+            raw,
+            reading,
+            reading - _summed(expected, self.sensitivity),
+            reading - _summed(described, self.sensitivity),
+            noise,
+            self._stated + elsewhere[:, None] * self._forms,
+            noise + noisy,
+            np.maximum(self._known(motion.covariance) - noisy, 0.0),
+            np.sqrt(raised[:, None] * by_heads),
+            _summed(alone, self._most),
+            _summed(alone, self._rate),
+        )
+
+    def _known(self, covariance: Array) -> Array:
+        """(m, p) variance of what the estimate without the sensors says of each displacement, m²."""
+        total = np.zeros((len(covariance), len(self.sensitivity)))
+        for place in range(len(COMPONENTS)):
+            total += _summed(covariance[:, place], self.sensitivity) * self.sensitivity[:, place]
+        return total
+
+    def _described(self, theta: Array) -> Array:
+        """(m, 6) error motion as the description has it."""
+        motion = np.zeros((len(theta), len(COMPONENTS)))
+        motion[:, :2] = planar_sum(self._spindle.radial, theta)
+        motion[:, 2] = angular_sum(self._spindle.axial, theta)
+        motion[:, 3:5] = planar_sum(self._spindle.tilt, theta)
+        return motion
+
+
+def _noise_of(evidence: Array) -> Array:
+    """(m, 6) variance of each component by stated noise alone, m² and rad²; what stamps make lasts."""
+    variance = np.zeros((len(evidence), len(COMPONENTS)))
+    variance[:, :2] = evidence[:, [INDEX["radial_variance"]]]
+    variance[:, 3:5] = evidence[:, [INDEX["tilt_variance"]]]
+    return variance
+
+
+def _summed(values: Array, weights: Array) -> Array:
+    """(m, p) products of values (m, k) and weights (p, k), summed term by term: the bits of a tick are its own."""
+    total = np.zeros((len(values), len(weights)))
+    for place in range(values.shape[1]):
+        total += values[:, place, None] * weights[:, place]
+    return total
