@@ -24,6 +24,7 @@ PAGE = ROOT / "doc" / "faults.md"
 GROUPS = {
     "heads": "Encoder heads",
     "autocollimator": "Autocollimator",
+    "sensors": "Displacement probes",
     "command": "Commanded angle",
     "messages": "Messages and their stamps",
     "description": "Descriptions",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from world import PROBE_FAULTS, Options, Recording, make_recording, random_stage, with_probes
 
+from faults.documenting import Row, shows
 from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
 
@@ -60,6 +61,19 @@ def test_the_axial_error_motion_is_as_near_as_a_probe_on_the_axis_states():
     assert np.median(largest) <= 6 and max(largest) <= 12
 
 
+@shows(
+    Row(
+        "sensors",
+        "A probe repeats a value, steps, drifts, is noisy, at the end of its range, twice as sensitive, stamped late, "
+        "or falls silent",
+        "`error_estimator: estimate` names it: stuck, a step that no bearing makes, so far from what other sensors say "
+        "or from where it was a turn ago; samples at the end of a range and a silent stream are counted; noise and a "
+        "drift slower than a bearing moves are not named",
+        "the probe is left out; noise, and what other sensors did not see a turn ago, count as uncertainty",
+        "what heads and autocollimator show as without probes; what the other probes determine",
+        "after 0.5 s without contradiction, where it was before",
+    )
+)
 @pytest.mark.parametrize("fault", sorted(PROBE_FAULTS))
 def test_a_probe_that_fails_makes_nothing_wrong(fault):
     told = []
