@@ -24,3 +24,25 @@ def stage_with_probes(folder: Path) -> Path:
     path = folder / "probes.yaml"
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return path
+
+
+INSTEAD = {
+    "nose": {"kind": "axial_probe", "radius": 0.0, **COMMON},
+    **{
+        f"{axis}{number}": {"kind": "radial_probe", "azimuth": azimuth, "height": height, **COMMON}
+        for axis, azimuth in (("x", 0.0), ("y", 1.5707963267948966))
+        for number, height in ((1, 0.03), (2, 0.15))
+    },
+}
+"""One probe on the axis, and two at each of two heights: what an autocollimator shows, and axial error motion."""
+
+
+def stage_with_probes_instead(folder: Path) -> Path:
+    """File of the embedded stage without autocollimator, and with probes in its place."""
+    content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
+    del content["stage"]["autocollimator"]
+    content["stage"]["sensors"] = INSTEAD
+    content["stage"]["spindle"]["axial"] = [{"order": 1, "cos": 3.0e-7, "sin": -2.0e-7}]
+    path = folder / "instead.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return path

@@ -1,0 +1,79 @@
+"""A cell whose stage has displacement probes in place of an autocollimator, by its file alone: live, and replayed."""
+
+from __future__ import annotations
+
+import numpy as np
+from nodes.probes import INSTEAD, stage_with_probes_instead
+
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.encoder_head import EncoderHead
+from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
+from rotary_error_monitor.nodes.gap_monitor import GapMonitor
+from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
+from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.nodes.recorder import Recorder
+from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
+from rotary_error_monitor.pipeline.estimation import EstimatorSettings
+from rotary_error_monitor.recordings.replay import replay_bag
+from rotary_error_monitor.sources.mock import mock_stage
+from rotary_error_monitor.testing import Cell
+
+HEADS = "abcd"
+SIGMAS = 6.0
+
+
+def test_all_six_components_are_observable_and_right(settings, tmp_path):
+    path = stage_with_probes_instead(tmp_path)
+    stage = load_stage(path)
+    parameters = {
+        "stage": str(path),
+        "block_period": 0.05,
+        "mock.seed": settings.seed,
+        "mock.epoch": settings.epoch_ns,
+        "mock.speeds": list(settings.speeds),
+        "mock.forces": settings.forces,
+    }
+    with Cell(HEADS, parameters, sensors=tuple(stage.sensors)) as cell:
+        estimates = cell.collect(cell.wire.topic("error_motion_samples"))
+        recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
+        for head in HEADS:
+            cell.run(EncoderHead, f"encoder_head_{head}")
+        for name in INSTEAD:
+            cell.run(ListedSensorNode, f"listed_sensor_{name}")
+        cell.run(MockController, "mock_controller", machine="xyzac_trt")
+        cell.run(GapMonitor, "gap_monitor")
+        cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
+        cell.wait_until(lambda: len(estimates) > 10, "estimates", 60)
+        cell.forget_status("error_estimator: estimate")
+        cell.wait_for_status("error_estimator: estimate", "complete")
+        cell.wait_for_status("gap_monitor: /stage/axial_probe_nose/samples", "alive")
+        cell.remove(recorder)
+
+    plant = mock_stage(stage, settings)
+    whole = []
+    for message in estimates[2:]:
+        block = messages.block_from_message(message)
+        motion = error_motion_from_block(block)
+        truth = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
+        deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))
+        assert (np.abs(motion.components - truth) <= SIGMAS * deviation)[motion.observable].all()
+        whole.append(motion.observable.all(axis=1).mean())
+        assert (deviation[:, 2] < 3e-7).all(), "an uncertainty that bounds something"
+    assert np.mean(whole) > 0.9
+
+    replayed = replay_bag(
+        tmp_path / "bag", stage, load_machine("xyzac_trt"), EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
+    )
+    again = {int(s): row for s, row in zip(replayed.stamp_ns, np.nan_to_num(replayed.error_motion), strict=True)}
+    blocks = [messages.block_from_message(message) for message in estimates]
+    published = {int(s): row for block in blocks for s, row in zip(block.times_ns, components(block), strict=True)}
+    shared = published.keys() & again.keys()
+    assert len(shared) > 0.9 * len(published)
+    for stamp in shared:
+        np.testing.assert_array_equal(published[stamp], again[stamp])
+
+
+def components(block):
+    return error_motion_from_block(block).components
