@@ -15,7 +15,7 @@ from rotary_error_monitor.calibration.assembly_doubts import Centres, doubt_asse
 from rotary_error_monitor.calibration.yaml_document import Provenance, YamlDocument, hash_source, number
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.description.wire import wire_of
+from rotary_error_monitor.description.wire import Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.mirror_assembly import (
     DELAY_STD,
@@ -23,6 +23,7 @@ from rotary_error_monitor.metrology.mirror_assembly import (
     doubt_mirror,
     estimate_mirror_assembly,
 )
+from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly, estimate_ring_assembly
 from rotary_error_monitor.metrology.shaft_recording import ShaftRecording, record_shaft
 from rotary_error_monitor.signals.blocks import SampleBlock
@@ -83,7 +84,7 @@ def read_shaft_recording(path: Path | str, stage: StageDescription, remarks: lis
     blocks = reader.read_blocks(names, window)
     if remarks is not None:
         remarks += [remark for remark in (*reader.remarks, window and window.remark) if remark]
-    streams = {name: _joined(blocks[name]) for name in names}
+    streams = {name: _joined(_corrected(blocks[name], wire, name, stage)) for name in names}
     try:
         return record_shaft(stage, {letter: streams[topics[letter]] for letter in heads}, streams.get(collimator))
     except InputError as error:
@@ -205,6 +206,13 @@ def _set_mirror(document: YamlDocument, mirror: MirrorAssembly | None) -> Note:
 def _set_rows(document: YamlDocument, part: str, place: tuple[str, str], rows: list[dict[str, Any]]) -> None:
     if rows or document.get(*place):
         document.set(part, ".".join(place), place, Rows(sorted(rows, key=lambda row: int(row["order"]))))
+
+
+def _corrected(blocks: list[SampleBlock], wire: Wire, topic: str, stage: StageDescription) -> list[SampleBlock]:
+    """Blocks of a topic as the package means them."""
+    contract = wire.named(topic)
+    response = stage.responses.get(contract.frame)
+    return [correct_block(block, contract.columns, response) for block in blocks]
 
 
 def _joined(blocks: list[SampleBlock]) -> tuple[NDArray[np.int64], Array]:

@@ -9,6 +9,8 @@ from typing import Any
 from rotary_error_monitor.description.harmonics import AngularHarmonic
 
 _COMMON = ("noise", "resolution", "range", "uncertainty", "zero", "gain")
+_ELSEWHERE = "latency"
+"""Is no number of the kind, but of the response of the instrument, which `StageDescription.responses` has."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ def name_of(stream: str, sensor: ListedSensor) -> str:
 
 
 def _sensor(row: Mapping[str, Any]) -> ListedSensor:
-    own = {name: value for name, value in row.items() if name not in ("kind", "form", *_COMMON)}
+    own = {name: value for name, value in row.items() if name not in ("kind", "form", _ELSEWHERE, *_COMMON)}
     return ListedSensor(
         kind=row["kind"],
         **{name: float(row[name]) for name in _COMMON if name in row},

@@ -13,6 +13,8 @@ from rotary_error_monitor.description.harmonics import AngularHarmonic as Angula
 from rotary_error_monitor.description.harmonics import PlanarHarmonic as PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor as ListedSensor
 from rotary_error_monitor.description.listed_sensors import listed_sensors
+from rotary_error_monitor.description.response import IDEAL, responses_of
+from rotary_error_monitor.description.response import Response as Response
 from rotary_error_monitor.description.stage_checks import contradictions
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.errors import InputError
@@ -70,7 +72,10 @@ class Turbulence:
 
 @dataclass(frozen=True)
 class Autocollimator:
-    """Autocollimator: measuring range ±`range`, `resolution` and `noise` (standard deviation), rad."""
+    """Autocollimator: measuring range ±`range`, `resolution` and `noise` (standard deviation), rad.
+
+    All three are of readings over the absolute gain: what they are in rad of tilt.
+    """
 
     range: float
     resolution: float
@@ -114,6 +119,7 @@ class StageDescription:
         uncertainty: standard uncertainty of parameters by dotted name, as in the file or its calibration, such as
             `encoder.eccentricity` or `sensors.top.gain`. A twin is exact in what is not named; live, eccentricity and
             tilt of the mirror are then as uncertain as the stage shows them.
+        responses: of instruments by stream, such as `head_a`; one that is not named reads what the package means.
     """
 
     encoder: Encoder
@@ -125,6 +131,7 @@ class StageDescription:
     reference_temperature: float = 20.0
     stated_limits: Mapping[str, float] = field(default_factory=dict)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
+    responses: Mapping[str, Response] = field(default_factory=dict)
 
     @property
     def tilt_instrument(self) -> Autocollimator:
@@ -136,6 +143,10 @@ class StageDescription:
         if self.autocollimator is None:
             raise InputError("the stage has no section 'autocollimator'")
         return self.autocollimator
+
+    def response(self, stream: str) -> Response:
+        """Response of the instrument behind a stream."""
+        return self.responses.get(stream, IDEAL)
 
     def timing(self, what: str) -> float:
         """Standard uncertainty of the stamps of `what` (encoder: of its heads; command) against the others, s."""
@@ -201,6 +212,7 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
         reference_temperature=float(stage.get("environment", {}).get("reference_temperature", 20.0)),
         stated_limits={name: float(value) for name, value in stage.get("limits", {}).items()},
         uncertainty=_calibrated(stage) | {name: float(value) for name, value in stage.get("uncertainty", {}).items()},
+        responses=responses_of(stage),
     )
 
 

@@ -26,7 +26,7 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
 }
 """What the section `uncertainty` may name of each section, whether a stage has that section or not."""
 
-_NO_PLACE = ("kind", "noise", "resolution", "range", "uncertainty", "zero", "form")
+_NO_PLACE = ("kind", "noise", "resolution", "range", "uncertainty", "zero", "form", "latency")
 """Of a listed sensor: what is no number that moves its reading, and what its own `uncertainty` is of."""
 
 

@@ -68,7 +68,7 @@ class ShaftRecording:
 
 
 def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Stream | None) -> ShaftRecording:
-    """Streams of the heads by their letters and of the autocollimator, brought to common times.
+    """Streams of the heads by their letters and of the autocollimator, corrected before, brought to common times.
 
     Raises:
         InputError: the streams hardly overlap.
@@ -114,12 +114,13 @@ def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Str
         return shaft
     mirror = sampled[-1]
     instrument = stage.tilt_instrument
+    saturated = check_saturation(tilt[1], instrument, stage.response("autocollimator"))
     spread = [tilt_variance(instrument, mirror.gain, mirror.travel[:, k]) for k in range(2)]
     return replace(
         shaft,
         tilt=mirror.values[valid],
         tilt_variances=np.stack(spread, axis=1)[valid],
-        tilt_valid=~_near_saturated(tilt, ticks[valid], period, check_saturation(tilt[1], instrument)),
+        tilt_valid=~_near_saturated(tilt, ticks[valid], period, saturated),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.response import IDEAL, Response
 from rotary_error_monitor.description.stage import Autocollimator
 from rotary_error_monitor.errors import InputError
 
@@ -35,7 +36,12 @@ def tilt_from_quadrants(
     return np.stack([-sensitivity * y, sensitivity * x], axis=1)
 
 
-def check_saturation(tilt: NDArray[np.float64], instrument: Autocollimator) -> NDArray[np.bool_]:
-    """(n,) whether a sample (n, 2) stands at the end of the measuring range, where it says nothing."""
+def check_saturation(
+    tilt: NDArray[np.float64], instrument: Autocollimator, response: Response = IDEAL
+) -> NDArray[np.bool_]:
+    """(n,) whether a corrected sample (n, 2) stands at the end of the measuring range, where it says nothing."""
+    # The range is of what the detector reads: zero shifts it and roll turns it against the tilts that are corrected.
+    if not response.changes_no_value:
+        tilt = response.readings(tilt) / abs(response.gain)
     limit = instrument.range - 0.5 * instrument.resolution
     return np.asarray((np.abs(tilt[:, 0]) >= limit) | (np.abs(tilt[:, 1]) >= limit))

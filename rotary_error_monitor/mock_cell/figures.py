@@ -12,11 +12,13 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import JointState
 from rotary_error_monitor.codec.messages import Decoder
 from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Topic, Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compare_with_lvdt
+from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.mock_cell.run import FORCE_CYCLE, SPEEDS, MockCell, Recording, seconds
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.plant.stage import StagePlant
@@ -126,7 +128,7 @@ def lvdt_comparisons(
     """
     if stage.lvdt is None:
         raise InputError("the stage has no section 'lvdt'")
-    times, radial = _samples(reader, wire.topic("lvdt_samples"))
+    times, radial = _samples(reader, wire.topic("lvdt_samples"), response=stage.responses.get("lvdt"))
     period = int(np.diff(replayed.stamp_ns).min())
     motion = replayed.motion
     for height, begin_ns, end_ns in recording.heights:
@@ -259,11 +261,11 @@ def _ages(reader: BagReader, topic: Topic, since_ns: int) -> Iterator[float]:
 
 
 def _samples(
-    reader: BagReader, topic: Topic, columns: tuple[str, ...] | None = None
+    reader: BagReader, topic: Topic, columns: tuple[str, ...] | None = None, response: Response | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     reader.check_topics([topic.name])
-    blocks = reader.read_blocks([topic.name])[topic.name]
     names = columns or topic.columns
+    blocks = [correct_block(block, names, response) for block in reader.read_blocks([topic.name])[topic.name]]
     times = np.concatenate([block.times_ns for block in blocks])
     return times, np.concatenate([block.columns(names) for block in blocks])
 

@@ -20,6 +20,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
+from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.metrology.rigid_motion import observable_components
 from rotary_error_monitor.metrology.tilt import check_saturation
 from rotary_error_monitor.pipeline.belief import Belief
@@ -149,7 +150,7 @@ class Estimator:
 
         Args:
             name: of the stream.
-            block: its samples.
+            block: its samples, as the instrument gave them.
             arrival_ns: when it arrived, timestamp (ns); without it the stamps are not held against a clock.
             recorded: it arrived at a recorder and is replayed: what was in the future there is refused as live; nothing
                 is too old, and no clock is set back.
@@ -160,8 +161,9 @@ class Estimator:
         """
         if name not in self._streams:
             raise InputError(f"no stream '{name}' in this stage; it has {', '.join(self._streams)}")
-        until_ns = None if arrival_ns is None else self._check_arrival(name, block, arrival_ns, recorded)
         stream = self._streams[name]
+        block = correct_block(block, stream.names, self._stage.responses.get(name))
+        until_ns = None if arrival_ns is None else self._check_arrival(name, block, arrival_ns, recorded)
         block = self._without_saturated(name, block)
         if stream.push(block, until_ns) == 0:
             return
@@ -227,7 +229,8 @@ class Estimator:
     def _without_saturated(self, name: str, block: SampleBlock) -> SampleBlock:
         """A block without the samples at the end of the instrument's range, where they say nothing."""
         if name == AUTOCOLLIMATOR:
-            saturated = check_saturation(block.columns(("tilt_x", "tilt_y")), self._stage.tilt_instrument)
+            tilt, response = block.columns(("tilt_x", "tilt_y")), self._stage.response(name)
+            saturated = check_saturation(tilt, self._stage.tilt_instrument, response)
         elif name in self._stage.sensors:
             sensor = self._stage.sensors[name]
             readings = block.columns(listed_kind(sensor).fields)[:, 0]
@@ -409,7 +412,9 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
     found: dict[str, tuple[tuple[str, ...], SampleLimits]]
     found = {f"head_{name}": (("angle",), angles) for name in encoder.azimuths}
     if instrument is not None:
-        tilts = SampleLimits(2.0 * instrument.range, noise=math.hypot(instrument.noise, instrument.resolution))
+        # Zero and axes of its own shift and turn what it can read against the tilts that are left of its readings.
+        largest = stage.response(AUTOCOLLIMATOR).largest(2.0 * instrument.range)
+        tilts = SampleLimits(largest, noise=math.hypot(instrument.noise, instrument.resolution))
         found[AUTOCOLLIMATOR] = ("tilt_x", "tilt_y"), tilts
     found[COMMAND] = ("angle",), angles
     for name, sensor in stage.sensors.items():

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, PlanarHarmonic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import geometry
@@ -38,6 +39,20 @@ def seen(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
     if stream == "lvdt":
         return as_columns(_touched(scene, faults))
     return _listed(stream, scene, faults)[:, None]
+
+
+def read_off(shown: Reals, response: Response | None) -> Reals:
+    """(n, fields) what an instrument with a zero, a sign, a gain and axes of its own reads where (n, fields) is shown.
+
+    A two-axis instrument has the plane turned before it; the latency is not of the values but of the stamps.
+    """
+    if response is None or response.changes_no_value:
+        return shown
+    zero = np.array(response.zero or (0.0,) * shown.shape[1])
+    if shown.shape[1] == 1:
+        return zero + response.gain * shown
+    plane = shown[:, 0] + 1j * shown[:, 1]
+    return as_columns(complex(*zero) + response.gain * np.exp(1j * response.roll) * plane)
 
 
 def planar(rows: Sequence[PlanarHarmonic], turns: Turns) -> Plane:

@@ -18,7 +18,7 @@ from rotary_error_monitor.plant.clocks import fields_of as fields_of
 from rotary_error_monitor.plant.clocks import stage_clocks as stage_clocks
 from rotary_error_monitor.plant.environment import Forces, Temperature
 from rotary_error_monitor.plant.geometry import Turns, as_columns
-from rotary_error_monitor.plant.instruments import planar, seen, waves
+from rotary_error_monitor.plant.instruments import planar, read_off, seen, waves
 from rotary_error_monitor.plant.motion import Course, reversing_motion
 from rotary_error_monitor.plant.noise import Noise, Turbulence
 from rotary_error_monitor.plant.noise_forms import NoiseForm
@@ -107,13 +107,16 @@ class StagePlant:
             if whole is not None:
                 return whole
         time = time - sum(fault.age(stream) for fault in self.faults)
+        response = self.stage.responses.get(stream)
+        if response is not None:
+            time = time - response.latency
         if stream == "command":
             return np.column_stack(self.motion.at(time))
         if stream == "force":
             return as_columns(self.forces.at(time))
         if stream == "temperature":
             return self.temperature.at(time)[:, None]
-        return seen(stream, self.scene(time), self.faults)
+        return read_off(seen(stream, self.scene(time), self.faults), response)
 
     def scene(self, time: NDArray[np.float64]) -> Scene:
         """The truth at `time` (n,) s after the epoch."""
@@ -166,21 +169,27 @@ class StagePlant:
     def _instrument(
         self, stream: str, shown: NDArray[np.float64], time: NDArray[np.float64], first: int
     ) -> NDArray[np.float64]:
-        """What comes out of an instrument: to what it shows noise is added first, then limits, then resolution."""
+        """What comes out of an instrument: to what it shows noise is added first, then limits, then resolution.
+
+        All of these are of what is shown, so that an instrument with a gain has them larger by it.
+        """
         encoder, lvdt = self.stage.encoder, self.stage.lvdt
+        scale = abs(self.stage.response(stream).gain)
         if stream.startswith(HEAD):
             return _rounded(shown + encoder.noise * self._noise(stream, first, shown.shape), encoder.resolution)
         if stream == "autocollimator":
             collimator = self.stage.tilt_instrument
-            noisy = shown + collimator.noise * self._noise(stream, first, shown.shape) + self._turbulence(time)
-            return _rounded(np.clip(noisy, -collimator.range, collimator.range), collimator.resolution)
+            noise = collimator.noise * self._noise(stream, first, shown.shape)
+            noisy = shown + scale * noise + scale * self._turbulence(time)
+            most = scale * collimator.range
+            return _rounded(np.clip(noisy, -most, most), scale * collimator.resolution)
         if stream in self.stage.sensors:
             sensor = self.stage.sensors[stream]
             noisy = shown + sensor.noise * self._noise(stream, first, shown.shape)
             limited = np.clip(noisy, -sensor.range, sensor.range)
             return _rounded(limited, sensor.resolution) if sensor.resolution else limited
         std = {"lvdt": lvdt.noise if lvdt else 0.0, "force": self.force_noise, "temperature": self.temperature_noise}
-        return shown + std[stream] * self._noise(stream, first, shown.shape) if stream in std else shown
+        return shown + scale * std[stream] * self._noise(stream, first, shown.shape) if stream in std else shown
 
     def _noise(self, stream: str, first: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
         count, fields = shape

@@ -38,4 +38,9 @@ class Autocollimator(Sensor):
 
     def within_range(self, stage: StageDescription, stream: str, shown: Array) -> Array:
         """The tilt, which the detector does not see beyond its range."""
-        return np.clip(shown, -stage.tilt_instrument.range, stage.tilt_instrument.range)
+        most, response = stage.tilt_instrument.range, stage.response(stream)
+        if response.changes_no_value:
+            return np.clip(shown, -most, most)
+        # The detector's range is of what it reads: about its zero and along its axes, which the tilts no longer are.
+        most *= abs(response.gain)
+        return response.corrected(np.clip(response.readings(shown), -most, most))

@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rotary_error_monitor.description.listed_sensors import sensors_section
+from rotary_error_monitor.description.listed_sensors import name_of, sensors_section
 from rotary_error_monitor.description.machine_section import machine_mapping as machine_mapping
+from rotary_error_monitor.description.response import head_rows, two_axis_rows
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import effect_named
@@ -27,7 +28,10 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
             "lines_per_revolution": encoder.lines_per_revolution,
             "counts_per_line": encoder.counts_per_line,
             "noise": encoder.noise,
-            "heads": {letter: {"azimuth": azimuth} for letter, azimuth in encoder.azimuths.items()},
+            "heads": {
+                letter: {"azimuth": azimuth} | head_rows(stage.response(f"head_{letter}"))
+                for letter, azimuth in encoder.azimuths.items()
+            },
             "eccentricity": list(encoder.eccentricity),
             "graduation": [{"order": row.order, "cos": row.cos, "sin": row.sin} for row in encoder.graduation],
         },
@@ -45,15 +49,18 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
     if stage.autocollimator is not None:
         content["autocollimator"] = {
             key: value for key, value in asdict(stage.autocollimator).items() if value is not None
-        }
+        } | two_axis_rows(stage.response("autocollimator"))
     if stage.lvdt is not None:
         content["lvdt"] = {
             "height": stage.lvdt.height,
             "noise": stage.lvdt.noise,
             "artefact_eccentricity": list(stage.lvdt.artefact_eccentricity),
-        }
+        } | two_axis_rows(stage.response("lvdt"))
     if stage.sensors:
         content["sensors"] = sensors_section(stage.sensors)
+        for stream, sensor in stage.sensors.items():
+            if latency := stage.response(stream).latency:
+                content["sensors"][name_of(stream, sensor)]["latency"] = latency
     if stage.stated_limits:
         content["limits"] = dict(stage.stated_limits)
     if stage.uncertainty:

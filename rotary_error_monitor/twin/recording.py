@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_kinds
 from rotary_error_monitor.sensors.listed import ListedKind
 from rotary_error_monitor.signals.blocks import SampleBlock
@@ -101,6 +103,7 @@ def record_stage(
     most_rate: float = MOST_RATE,
     without: Collection[str] = (),
     listed: Sequence[str] = (),
+    responses: Mapping[str, Response] | None = None,
 ) -> StageRecording:
     """Recording from the sample blocks of each topic.
 
@@ -113,6 +116,7 @@ def record_stage(
         most_rate: samples a second (Hz) of one sensor that are used; of one that is faster every so-manieth is.
         without: kinds of sensor that the stage does not have.
         listed: streams of the sensors that the stage lists.
+        responses: of the instruments by stream, by which the samples are corrected.
 
     Raises:
         InputError: topics are missing (all are named), too short, not finite, or their clocks do not overlap.
@@ -125,6 +129,8 @@ def record_stage(
             f"{without_section(missing)}"
         )
     present = [name for name in (*needed, *optional) if topics.get(samples_topic(name))]
+    if responses:
+        topics = _corrected(topics, present, responses)
     start = min(int(block.times_ns[0]) for name in present for block in topics[samples_topic(name)][:1])
     remarks = list(_coverage_remarks({samples_topic(name): topics[samples_topic(name)] for name in present}, start))
     absent = [samples_topic(name) for name in listed if name not in present]
@@ -141,6 +147,19 @@ def record_stage(
         else:
             streams[name] = found
     return thinned(StageRecording(start, streams, tuple(remarks)), most_rate)
+
+
+def _corrected(
+    topics: Mapping[str, Sequence[SampleBlock]], streams: Sequence[str], responses: Mapping[str, Response]
+) -> dict[str, Sequence[SampleBlock]]:
+    """Blocks of the topics as the package means them."""
+    found = dict(topics)
+    for name in streams:
+        response = responses.get(name)
+        if response is not None:
+            topic = samples_topic(name)
+            found[topic] = [correct_block(block, fields_of(name), response) for block in topics[topic]]
+    return found
 
 
 def without_section(missing: Collection[str]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
 
 from rotary_error_monitor.description.schema import schema_content
 
@@ -34,6 +35,9 @@ def contents(schema: Schema, root: Schema | None = None) -> st.SearchStrategy[An
         return st.sampled_from(schema["enum"])
     if "const" in schema:
         return st.just(schema["const"])
+    if "not" in schema:
+        drawn = contents({key: value for key, value in schema.items() if key != "not"}, root)
+        return drawn.filter(Draft202012Validator({"not": schema["not"]}).is_valid)
     kinds = schema.get("type", "object")
     if isinstance(kinds, list):
         return st.one_of([contents(schema | {"type": kind}, root) for kind in kinds])

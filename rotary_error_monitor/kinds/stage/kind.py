@@ -54,7 +54,7 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
             if elsewhere and window is not None:
                 lost = f"{', '.join(elsewhere)} and the others do not overlap in time: {window.remark}"
                 raise InputError(f"{reader.path}: {lost}")
-            recorded = record_stage(blocks, letters, most_rate, without, listed)
+            recorded = record_stage(blocks, letters, most_rate, without, listed, twin.description.responses)
             overlap = (window.remark,) if window is not None and window.remark else ()
             recorded = replace(recorded, remarks=(*reader.remarks, *overlap, *recorded.remarks))
             return stage_problem(twin.description, recorded, twin.effects, twin.known)

@@ -1,0 +1,129 @@
+"""How an instrument answers: its own zero, sign, gain, axes and delay, and what the package means by its readings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_TWO_AXES = ("autocollimator", "lvdt")
+
+
+@dataclass(frozen=True)
+class Response:
+    """Response of one instrument: `reading = zero + gain R(roll) true`, stamped `latency` after what it shows.
+
+    `R(roll)` takes components along the package's axes to those along the axes of an instrument that is mounted turned
+    by `-roll` about +z, which is the same as to turn what it shows by `roll`. Corrections undo this from the outside
+    in: `true = R(-roll) (reading - zero) / gain`, `time = stamp - latency`.
+
+    Attributes:
+        zero: reading of each field where nothing is to be shown, in the field's unit; empty where that is 0.
+        gain: reading per shown value, not 0; negative for an instrument that counts the other way, +1 or -1 of a head.
+        roll: angle about +z by which the plane of a two-axis instrument is turned, rad; 0 for all others.
+        latency: how long after what they show samples are stamped, s.
+    """
+
+    zero: tuple[float, ...] = ()
+    gain: float = 1.0
+    roll: float = 0.0
+    latency: float = 0.0
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether readings and stamps are what the package means by them."""
+        return self.changes_no_value and self.latency == 0.0
+
+    @property
+    def changes_no_value(self) -> bool:
+        """Whether readings are what the package means by them, whatever the stamps."""
+        return not any(self.zero) and self.gain == 1.0 and self.roll == 0.0
+
+    @property
+    def latency_ns(self) -> int:
+        """How long after what they show samples are stamped, ns."""
+        return round(self.latency * 1e9)
+
+    def corrected(self, readings: Array) -> Array:
+        """(n, k) what the package means by readings (n, k), in the field's unit."""
+        if self.changes_no_value:
+            return readings
+        return self._turned((readings - self.zero if self.zero else readings) / self.gain, -self.roll)
+
+    def readings(self, values: Array) -> Array:
+        """(n, k) readings that the package means values (n, k) by: the inverse of `corrected`."""
+        if self.changes_no_value:
+            return values
+        scaled = self.gain * self._turned(values, self.roll)
+        return np.asarray(scaled + self.zero if self.zero else scaled)
+
+    def largest(self, reading: float) -> float:
+        """Largest absolute corrected value where no reading is larger than `reading` times the absolute gain."""
+        along = [reading + abs(zero / self.gain) for zero in self.zero or (0.0,)]
+        if self.roll == 0.0:
+            return max(along)
+        cosine, sine = abs(math.cos(self.roll)), abs(math.sin(self.roll))
+        x, y = along[0], along[-1]
+        return max(cosine * x + sine * y, sine * x + cosine * y)
+
+    def _turned(self, values: Array, angle: float) -> Array:
+        if angle == 0.0:
+            return values
+        cosine, sine = math.cos(angle), math.sin(angle)
+        x, y = values[:, 0], values[:, 1]
+        return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+
+
+IDEAL = Response()
+"""Of an instrument whose readings are what the package means by them."""
+
+
+def responses_of(stage: Mapping[str, Any]) -> dict[str, Response]:
+    """Responses by stream, such as `head_a`, from a section `stage` that is valid by the schema; ideal ones left out.
+
+    Of listed sensors only the latency is here: zero and gain are parameters of them that a diagnosis may doubt.
+    """
+    found = {f"head_{letter}": _of_head(head) for letter, head in stage["encoder"]["heads"].items()}
+    found |= {name: _of_two_axes(stage[name]) for name in _TWO_AXES if name in stage}
+    for name, sensor in stage.get("sensors", {}).items():
+        found[f"{sensor['kind']}_{name}"] = Response(latency=float(sensor.get("latency", 0.0)))
+    return {stream: response for stream, response in found.items() if not response.is_ideal}
+
+
+def head_rows(response: Response) -> dict[str, float]:
+    """What a file says of the response of a head beside its azimuth; nothing of an ideal one."""
+    if response.is_ideal:
+        return {}
+    (zero,) = response.zero
+    return {"zero": zero, "sign": round(response.gain), "latency": response.latency}
+
+
+def two_axis_rows(response: Response) -> dict[str, Any]:
+    """What a file says of the response of autocollimator or LVDT in its section; nothing of an ideal one."""
+    if response.is_ideal:
+        return {}
+    rest = {"gain": response.gain, "roll": response.roll, "latency": response.latency}
+    return {"zero": list(response.zero), **rest}
+
+
+def _of_head(head: Mapping[str, Any]) -> Response:
+    zero, sign, latency = (float(head.get(name, default)) for name, default in _HEAD)
+    return Response((zero,), sign, 0.0, latency)
+
+
+_HEAD = (("zero", 0.0), ("sign", 1.0), ("latency", 0.0))
+
+
+def _of_two_axes(section: Mapping[str, Any]) -> Response:
+    x, y = section.get("zero", (0.0, 0.0))
+    gain, roll, latency = (float(section.get(name, default)) for name, default in _PLANE)
+    return Response((float(x), float(y)), gain, roll, latency)
+
+
+_PLANE = (("gain", 1.0), ("roll", 0.0), ("latency", 0.0))
