@@ -1,0 +1,60 @@
+"""Diagnosis of stages whose instruments have zero, sign, gain, axes and delay of their own, from files on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import yaml
+
+from rotary_error_monitor.blind_check.cases import write_case
+from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description.response import Response
+from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.loading import load_problem, load_twin
+from rotary_error_monitor.gap.verdict import Verdict
+
+RESPONSES = {
+    "head_a": Response((2.7,)),
+    "head_b": Response((-1.9,), -1.0),
+    "head_c": Response((5.1,), latency=3e-4),
+    "head_d": Response((0.4,), -1.0),
+    "autocollimator": Response((2e-5, -3e-5), 1.02, math.radians(12), 2e-3),
+    "lvdt": Response((1e-5, -2e-5), -0.98, 0.4, 1e-3),
+}
+DURATION = 20.0
+
+
+def written(folder, seed, kind="null", effects=None, known=RESPONSES):
+    """Case of the plant with such instruments, and a twin that knows of them what is `known`."""
+    case = make_stage_case(seed, kind, effects, duration=DURATION)
+    plant = replace(case.plant, description=replace(case.plant.description, responses=RESPONSES))
+    blocks = {
+        stream: [plant.samples(stream, 0, plant.index_at(stream, plant.epoch_ns + round(DURATION * 1e9)))]
+        for stream in plant.streams
+    }
+    write_case(replace(case, plant=plant, blocks=blocks, twin=replace(case.twin, responses=known)), folder)
+    return folder / "bag", folder / "twin.yaml"
+
+
+@pytest.mark.parametrize("seed", [31, 32])
+def test_a_healthy_recording_has_no_gap(seed, tmp_path):
+    bag, twin = written(tmp_path / "case", seed)
+    diagnosis = diagnose(load_problem(bag, load_twin(twin)))
+    assert diagnosis.verdict is Verdict.NO_GAP
+    assert diagnosis.gap.before == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_fault_is_named_as_behind_ideal_instruments(tmp_path):
+    bag, twin = written(tmp_path / "case", 5, "single", ["mirror_wobble"])
+    diagnosis = diagnose(load_problem(bag, load_twin(twin)))
+    assert [found.cause.effect.name for found in diagnosis.causes] == ["mirror_wobble"]
+
+
+def test_a_head_whose_sign_is_not_described_is_told(tmp_path):
+    bag, twin = written(tmp_path / "case", 31, known={**RESPONSES, "head_b": Response((-1.9,))})
+    content = yaml.safe_load(twin.read_text(encoding="utf-8"))
+    assert content["stage"]["encoder"]["heads"]["b"]["sign"] == 1
+    diagnosis = diagnose(load_problem(bag, load_twin(twin)))
+    assert diagnosis.verdict is Verdict.UNKNOWN and diagnosis.where[0].channel == "/stage/head_b/samples.angle"
