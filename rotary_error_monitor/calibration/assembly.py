@@ -112,7 +112,8 @@ def calibrate_assembly(
         stage_file: the stage as described so far.
         output: where to write.
         day: of the calibration.
-        delay: age of the autocollimator's values and its standard uncertainty, as known before, s.
+        delay: age of the autocollimator's values beyond its described latency, and its standard uncertainty, as known
+            before, s.
         centres: how well the centres hold the shaft; by default as `Centres` has it.
         force: write what does not fit.
 

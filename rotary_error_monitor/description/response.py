@@ -54,14 +54,16 @@ class Response:
         """(n, k) what the package means by readings (n, k), in the field's unit."""
         if self.changes_no_value:
             return readings
-        return self._turned((readings - self.zero if self.zero else readings) / self.gain, -self.roll)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite stays so, and is refused behind
+            return _turned((readings - self.zero if self.zero else readings) / self.gain, -self.roll)
 
     def readings(self, values: Array) -> Array:
-        """(n, k) readings that the package means values (n, k) by: the inverse of `corrected`."""
+        """(n, k) what the instrument reads where values (n, k) are to be shown: the inverse of `corrected`."""
         if self.changes_no_value:
             return values
-        scaled = self.gain * self._turned(values, self.roll)
-        return np.asarray(scaled + self.zero if self.zero else scaled)
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = self.gain * _turned(values, self.roll)
+            return np.asarray(scaled + self.zero if self.zero else scaled)
 
     def largest(self, reading: float) -> float:
         """Largest absolute corrected value where no reading is larger than `reading` times the absolute gain."""
@@ -71,13 +73,6 @@ class Response:
         cosine, sine = abs(math.cos(self.roll)), abs(math.sin(self.roll))
         x, y = along[0], along[-1]
         return max(cosine * x + sine * y, sine * x + cosine * y)
-
-    def _turned(self, values: Array, angle: float) -> Array:
-        if angle == 0.0:
-            return values
-        cosine, sine = math.cos(angle), math.sin(angle)
-        x, y = values[:, 0], values[:, 1]
-        return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
 
 
 IDEAL = Response()
@@ -113,17 +108,20 @@ def two_axis_rows(response: Response) -> dict[str, Any]:
 
 
 def _of_head(head: Mapping[str, Any]) -> Response:
-    zero, sign, latency = (float(head.get(name, default)) for name, default in _HEAD)
-    return Response((zero,), sign, 0.0, latency)
-
-
-_HEAD = (("zero", 0.0), ("sign", 1.0), ("latency", 0.0))
+    zero, sign = float(head.get("zero", 0.0)), float(head.get("sign", 1))
+    return Response((zero,), sign, latency=float(head.get("latency", 0.0)))
 
 
 def _of_two_axes(section: Mapping[str, Any]) -> Response:
     x, y = section.get("zero", (0.0, 0.0))
-    gain, roll, latency = (float(section.get(name, default)) for name, default in _PLANE)
-    return Response((float(x), float(y)), gain, roll, latency)
+    rest = {name: float(section[name]) for name in ("gain", "roll", "latency") if name in section}
+    return Response((float(x), float(y)), **rest)
 
 
-_PLANE = (("gain", 1.0), ("roll", 0.0), ("latency", 0.0))
+def _turned(values: Array, angle: float) -> Array:
+    """(n, k) values; those of two axes turned about +z by an angle, rad."""
+    if angle == 0.0:
+        return values
+    cosine, sine = math.cos(angle), math.sin(angle)
+    x, y = values[:, 0], values[:, 1]
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import yaml
 
+from rotary_error_monitor.description import schema
 from rotary_error_monitor.description.response import IDEAL, Response
 from rotary_error_monitor.description.stage import Autocollimator, load_stage, stage_from_mapping
 from rotary_error_monitor.errors import InputError
@@ -72,6 +76,12 @@ def test_other_columns_stay_and_the_block_that_came_is_not_changed():
         correct_block(raw, TILT, Response((0.0, 1.0)))
 
 
+def test_what_is_not_finite_stays_so_without_a_warning():
+    values = np.array([[np.inf, 0.0], [1e308, np.nan], [0.0, 0.0]])
+    block = corrected(Response((1e-5, 0.0), 0.001, 0.3), values)
+    assert np.isfinite(block.columns(TILT)).all(axis=1).tolist() == [False, False, True]
+
+
 def test_the_range_is_of_what_the_instrument_reads():
     instrument = Autocollimator(5e-4, 1e-7, 1e-7)
     response = Response((2e-4, 0.0), -2.0, np.radians(30))
@@ -81,6 +91,16 @@ def test_the_range_is_of_what_the_instrument_reads():
     corners = np.array([[x, y] for x in (-1e-3, 1e-3) for y in (-1e-3, 1e-3)])
     largest = np.abs(response.corrected(corners)).max()
     assert largest <= response.largest(5e-4) <= 1.2 * largest
+
+
+def test_the_example_of_the_documentation_is_read():
+    text = (Path(__file__).parents[2] / "doc" / "devices.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```yaml\n(heads:.*?)```", text, re.DOTALL)
+    rows = yaml.safe_load(example)
+    encoder = {"disc_radius": 0.1, "lines_per_revolution": 31488, "counts_per_line": 100, "noise": 3e-7}
+    content = {"encoder": encoder | {"heads": rows["heads"]}, "autocollimator": rows["autocollimator"]}
+    schema.check({"stage": content}, "stage", "devices.md")
+    assert set(stage_from_mapping(content).responses) == {"head_a", "head_b", "autocollimator"}
 
 
 def described(folder, **changes):
