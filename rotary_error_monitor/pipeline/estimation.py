@@ -10,7 +10,6 @@ believed, a replay repeats the decision.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -22,7 +21,6 @@ from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.metrology.rigid_motion import observable_components
-from rotary_error_monitor.metrology.tilt import check_saturation
 from rotary_error_monitor.pipeline.belief import Belief
 from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR as AUTOCOLLIMATOR
 from rotary_error_monitor.pipeline.error_motion_rows import COLUMNS as COLUMNS
@@ -35,8 +33,8 @@ from rotary_error_monitor.pipeline.evidence import WINDOW_NS, Evidence
 from rotary_error_monitor.pipeline.listed_sensors import ListedSensors
 from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication, redundancy_of
 from rotary_error_monitor.pipeline.repetition import Repetition
-from rotary_error_monitor.sensors.library import listed_kind
-from rotary_error_monitor.signals.admission import LARGEST_ANGLE, ArrivalCheck, SampleLimits
+from rotary_error_monitor.pipeline.stream_limits import is_saturated, stream_limits
+from rotary_error_monitor.signals.admission import ArrivalCheck
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 from rotary_error_monitor.signals.resampling import Resampled, count_decided, resample_all, tick_times
 from rotary_error_monitor.signals.streams import SampleStream
@@ -228,15 +226,7 @@ class Estimator:
 
     def _without_saturated(self, name: str, block: SampleBlock) -> SampleBlock:
         """A block without the samples at the end of the instrument's range, where they say nothing."""
-        if name == AUTOCOLLIMATOR:
-            tilt, response = block.columns(("tilt_x", "tilt_y")), self._stage.response(name)
-            saturated = check_saturation(tilt, self._stage.tilt_instrument, response)
-        elif name in self._stage.sensors:
-            sensor = self._stage.sensors[name]
-            readings = block.columns(listed_kind(sensor).fields)[:, 0]
-            saturated = np.abs(readings) >= sensor.range - 0.5 * sensor.resolution
-        else:
-            return block
+        saturated = is_saturated(self._stage, name, block)
         if not saturated.any():
             return block
         self.status.saturated += int(saturated.sum())
@@ -402,22 +392,3 @@ class Estimator:
         if layout not in self._layouts:
             self._layouts[layout] = layout.hidden_orders(HIGHEST_ORDER)
         return self._layouts[layout]
-
-
-def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], SampleLimits]]:
-    """Fields and limits of each stream of a stage, by its name."""
-    encoder, instrument = stage.encoder, stage.autocollimator
-    count = 6.0 * math.hypot(encoder.noise, encoder.resolution)
-    angles = SampleLimits(LARGEST_ANGLE, stage.limits.speed, turns=True, jitter=count + stage.limits.following_error)
-    found: dict[str, tuple[tuple[str, ...], SampleLimits]]
-    found = {f"head_{name}": (("angle",), angles) for name in encoder.azimuths}
-    if instrument is not None:
-        # Zero and axes of its own shift and turn what it can read against the tilts that are left of its readings.
-        largest = stage.response(AUTOCOLLIMATOR).largest(2.0 * instrument.range)
-        tilts = SampleLimits(largest, noise=math.hypot(instrument.noise, instrument.resolution))
-        found[AUTOCOLLIMATOR] = ("tilt_x", "tilt_y"), tilts
-    found[COMMAND] = ("angle",), angles
-    for name, sensor in stage.sensors.items():
-        step = math.hypot(sensor.noise, sensor.resolution)
-        found[name] = listed_kind(sensor).fields, SampleLimits(2.0 * sensor.range, noise=step)
-    return found

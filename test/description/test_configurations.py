@@ -25,7 +25,8 @@ from rotary_error_monitor.kinds.mount.description import load_mount, mount_machi
 from rotary_error_monitor.kinds.quadrature.description import load_quadrature
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.pipeline.estimation import Estimator, stream_limits
+from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.stream_limits import stream_limits
 from rotary_error_monitor.signals.blocks import block_from_samples
 from rotary_error_monitor.twin.document import stage_mapping
 

@@ -1,0 +1,45 @@
+"""What the samples of each stream of a stage can be, by the description of its instrument."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.tilt import check_saturation
+from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR, COMMAND
+from rotary_error_monitor.sensors.library import listed_kind
+from rotary_error_monitor.signals.admission import LARGEST_ANGLE, SampleLimits
+from rotary_error_monitor.signals.blocks import SampleBlock
+
+
+def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], SampleLimits]]:
+    """Fields and limits of each stream of a stage, by its name."""
+    encoder, instrument = stage.encoder, stage.autocollimator
+    count = 6.0 * math.hypot(encoder.noise, encoder.resolution)
+    angles = SampleLimits(LARGEST_ANGLE, stage.limits.speed, turns=True, jitter=count + stage.limits.following_error)
+    found: dict[str, tuple[tuple[str, ...], SampleLimits]]
+    found = {f"head_{name}": (("angle",), angles) for name in encoder.azimuths}
+    if instrument is not None:
+        # Zero and axes of its own shift and turn what it can read against the tilts that are left of its readings.
+        largest = stage.response(AUTOCOLLIMATOR).largest(2.0 * instrument.range)
+        tilts = SampleLimits(largest, noise=math.hypot(instrument.noise, instrument.resolution))
+        found[AUTOCOLLIMATOR] = ("tilt_x", "tilt_y"), tilts
+    found[COMMAND] = ("angle",), angles
+    for name, sensor in stage.sensors.items():
+        step = math.hypot(sensor.noise, sensor.resolution)
+        found[name] = listed_kind(sensor).fields, SampleLimits(2.0 * sensor.range, noise=step)
+    return found
+
+
+def is_saturated(stage: StageDescription, name: str, block: SampleBlock) -> NDArray[np.bool_]:
+    """(n,) which samples of stream `name` stand at the end of the instrument's range, where they say nothing."""
+    if name == AUTOCOLLIMATOR:
+        return check_saturation(block.columns(("tilt_x", "tilt_y")), stage.tilt_instrument, stage.response(name))
+    if name in stage.sensors:
+        sensor = stage.sensors[name]
+        readings = block.columns(listed_kind(sensor).fields)[:, 0]
+        return np.asarray(np.abs(readings) >= sensor.range - 0.5 * sensor.resolution)
+    return np.zeros(len(block.rows), np.bool_)
