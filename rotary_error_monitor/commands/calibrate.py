@@ -147,7 +147,7 @@ def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
         "--delay-ms",
         type=finite,
         default=0.0,
-        help="age of the autocollimator's values, as far as it is known (default 0)",
+        help="age of the autocollimator's values beyond its described latency, as far as it is known (default 0)",
     )
     parser.add_argument(
         "--delay-std-ms",
