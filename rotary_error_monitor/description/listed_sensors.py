@@ -41,8 +41,12 @@ class ListedSensor:
 
 
 def listed_sensors(section: Mapping[str, Mapping[str, Any]]) -> dict[str, ListedSensor]:
-    """Sensors by the name of their stream, such as `axial_probe_top`, from a section that is valid by the schema."""
-    return {f"{row['kind']}_{name}": _sensor(row) for name, row in section.items()}
+    """Sensors by the name of their stream, such as `axial_probe_top`, from a section that is valid by the schema.
+
+    They are in the order of these names, which is that of their bits in masks, however the file lists them.
+    """
+    found = {f"{row['kind']}_{name}": _sensor(row) for name, row in section.items()}
+    return {stream: found[stream] for stream in sorted(found)}
 
 
 def sensors_section(sensors: Mapping[str, ListedSensor]) -> dict[str, dict[str, Any]]:

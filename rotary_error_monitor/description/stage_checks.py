@@ -26,12 +26,25 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
 }
 """What the section `uncertainty` may name of each section, whether a stage has that section or not."""
 
+MOST_STREAMS = 51
+"""Heads and listed sensors: with autocollimator and command as many bits as a float64, in which masks travel, holds."""
+
 _NO_PLACE = ("kind", "noise", "resolution", "range", "uncertainty", "zero", "form", "latency")
 """Of a listed sensor: what is no number that moves its reading, and what its own `uncertainty` is of."""
 
 
 def contradictions(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
     """Where a section that is valid by the schema contradicts itself, and what would be right."""
+    heads, sensors = section["encoder"]["heads"], section.get("sensors", {})
+    if len(heads) + len(sensors) > MOST_STREAMS:
+        yield (
+            ["sensors"],
+            f"{len(sensors)} sensors beside {len(heads)} heads; a mask of streams has place for {MOST_STREAMS} of both",
+        )
+    for name, sensor in sensors.items():
+        for limit in ("resolution", "zero"):
+            if abs(sensor.get(limit, 0.0)) >= sensor["range"]:
+                yield ["sensors", name, limit], f"{sensor[limit]} is beyond the range of {sensor['range']} m"
     for name in section.get("uncertainty", {}):
         part, _, parameter = name.rpartition(".")
         known = _parameters(section, part)

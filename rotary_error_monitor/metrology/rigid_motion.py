@@ -63,6 +63,20 @@ def combine(
         displacement: (m, p) what each sees, m.
         variance: (m, p) of that, m², above 0.
     """
+    solution = _solved(motion, sensitivity, displacement, variance)
+    hidden = ~solution.observable[0]
+    solution.components[:, hidden] = 0.0
+    solution.covariance[:, hidden, :] = solution.covariance[:, :, hidden] = 0.0
+    return solution
+
+
+def _solved(
+    motion: ErrorMotion,
+    sensitivity: NDArray[np.float64],
+    displacement: NDArray[np.float64],
+    variance: NDArray[np.float64],
+) -> ErrorMotion:
+    """As `combine`, with what is determined of the components that are not determined alone."""
     known = motion.observable[0]
     basis, outside = _seen(known, sensitivity)
     count = len(motion.theta)
@@ -81,9 +95,49 @@ def combine(
     components = (covariance @ vector[:, :, None])[:, :, 0] / _SCALE
     covariance /= np.outer(_SCALE, _SCALE)
     observable = np.abs(outside).max(axis=1, initial=0.0) < _SEEN
-    components[:, ~observable] = 0.0
-    covariance[:, ~observable, :] = covariance[:, :, ~observable] = 0.0
     return ErrorMotion(motion.theta, components, np.tile(observable, (len(motion.theta), 1)), covariance)
+
+
+def extend(
+    motion: ErrorMotion,
+    sensitivity: NDArray[np.float64],
+    displacement: NDArray[np.float64],
+    variance: NDArray[np.float64],
+) -> ErrorMotion:
+    """What is known, to the last bit, and what sensors add to it: arguments as `combine`.
+
+    The components that were not known come from all together, with their covariances with what was (a consider filter,
+    Schmidt 1966). A mistake in the description of a sensor then does not spoil what is known without it.
+    """
+    joined = combine(motion, sensitivity, displacement, variance)
+    known = motion.observable[0]
+    at = np.ix_(np.arange(len(motion.theta)), known, known)
+    joined.components[:, known] = motion.components[:, known]
+    joined.covariance[at] = motion.covariance[at]
+    return joined
+
+
+def disagreement(
+    motion: ErrorMotion,
+    sensitivity: NDArray[np.float64],
+    displacement: NDArray[np.float64],
+    variance: NDArray[np.float64],
+) -> tuple[float, int]:
+    """Chi-square by which sensors contradict one another and what is known, with its degrees of freedom.
+
+    Arguments as `combine`, at the first of the times.
+    """
+    joined, known = _solved(motion, sensitivity, displacement, variance), motion.observable[0]
+    basis, _ = _seen(known, sensitivity)
+    apart = displacement[0] - sensitivity @ joined.components[0]
+    chi_square = float((apart**2 / variance[0]).sum())
+    if known.any():
+        scale = _SCALE[known]
+        moved = (joined.components[0, known] - motion.components[0, known]) * scale
+        covariance = motion.covariance[0][np.ix_(known, known)] * np.outer(scale, scale)
+        covariance += LEAST_VARIANCE * np.eye(len(scale))
+        chi_square += float(moved @ np.linalg.solve(covariance, moved))
+    return chi_square, int(known.sum()) + len(sensitivity) - basis.shape[1]
 
 
 def _seen(

@@ -223,6 +223,15 @@ class ErrorEstimator(ManagedNode):
                 "a head that was silent may have lost counts: no other would contradict it, and the ring is not where "
                 "it was at this angle before",
             )
+        raised = self._estimator.sensor_conflict
+        if raised > _TOLD_SCALE:
+            yield (
+                Level.WARN,
+                f"the listed sensors contradict one another: their uncertainty is raised {raised:.1f} times",
+            )
+        for name in status.sparse:
+            if name in self.stage.sensors:
+                yield Level.WARN, f"samples of {name} are too far apart for max_gap: not joined"
         if belief.heads.contradicted > _TOLD_SCALE:
             raised = belief.heads.contradicted
             yield Level.WARN, f"the heads contradict one another: their uncertainty is raised {raised:.1f} times"

@@ -56,7 +56,7 @@ MORE_COVARIANCES = {
 }
 """Those that listed sensors make beside."""
 
-SENSOR_COLUMNS = (*MORE_COVARIANCES.values(), "sensor_scale")
+SENSOR_COLUMNS = (*MORE_COVARIANCES.values(), "sensor_scale", "sensor_conflict")
 """Columns that follow on `COLUMNS` where the stage lists sensors."""
 
 COLUMN = {name: place for place, name in enumerate(COLUMNS)}

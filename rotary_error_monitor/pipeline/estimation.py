@@ -81,6 +81,7 @@ class Estimator:
         # As the wire contract numbers them, also for a stage without autocollimator.
         names = (*self._heads, AUTOCOLLIMATOR, COMMAND, *stage.sensors)
         self._bits = {name: 1 << i for i, name in enumerate(names)}
+        self._judged_bits = sum(bit for name, bit in self._bits.items() if name not in stage.sensors)
         self._head_bits = sum(self._bits[name] for name in self._heads)
         self._repetition = None if decisions is None else Repetition(decisions, self._bits)
         self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
@@ -120,6 +121,11 @@ class Estimator:
         if self._listed is not None:
             known = observable_components(known, self._listed.sensitivity)
         return tuple(name for name, seen in zip(COMPONENTS, known.tolist(), strict=True) if seen)
+
+    @property
+    def sensor_conflict(self) -> float:
+        """By which the standard deviations of the listed sensors are raised, for they contradict one another."""
+        return 1.0 if self._listed is None else self._listed.conflict
 
     @property
     def reasons(self) -> Iterator[tuple[str, str]]:
@@ -347,7 +353,11 @@ class Estimator:
         seen = evidence.values[:done, EVIDENCE["heads"]] > 0.0
         if self._listed is not None:
             known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
-            said = {place: decision.sensor_scale for place, decision in decided.items() if place < done}
+            said = {
+                place: (decision.sensor_scale, decision.sensor_conflict)
+                for place, decision in decided.items()
+                if place < done
+            }
             rows = self._listed.complete(first, rows, publish & seen, known, rates, said, evidence.values[:done])
         if self._repetition is None:
             self.status.unobservable += int((~seen).sum())
@@ -382,7 +392,12 @@ class Estimator:
             redundancy[chosen] = redundancy_of(made.layout)
             if made.layout is not None:
                 self.status.unseen_orders = self._unseen_orders(made.layout)
-        return rows, Evidence(first + np.arange(count), values, parity, there), disagreement, redundancy
+        return (
+            rows,
+            Evidence(first + np.arange(count), values, parity, there & self._judged_bits),
+            disagreement,
+            redundancy,
+        )
 
     def _names(self, mask: int) -> tuple[str, ...]:
         """Streams of a bit mask."""

@@ -173,7 +173,8 @@ class SensorBelief:
         self.scale = math.sqrt(self._own_excess.factor + unseen**2 / window.own)
         # one tick is less sure than the mean of a window, and may be a window and a half away
         noise = window.deviation * math.sqrt(1.0 + window.samples) * self._noise_scale()
-        self.middle, self.reach = window.surplus, 1.5 * window.rate * window.duration + SIGMAS * noise
+        digit = self._sensor.resolution / abs(self._sensor.gain)
+        self.middle, self.reach = window.surplus, 1.5 * window.rate * window.duration + digit + SIGMAS * noise
 
     def _is_stuck(self, window: SensorWindow) -> str:
         """Equal readings for longer than chance allows, or while what is predicted must have moved them."""
@@ -218,7 +219,8 @@ class SensorBelief:
         step = abs(window.surplus - self._last.surplus)
         noise = self._noise_scale() * math.hypot(window.deviation, self._last.deviation)
         noise = math.hypot(noise, math.sqrt(window.others))
-        if step <= max(window.rate, self._last.rate) * passed + SIGMAS * noise:
+        digit = self._sensor.resolution / abs(self._sensor.gain)
+        if step <= max(window.rate, self._last.rate) * passed + digit + SIGMAS * noise:
             return ""
         return f"a step of {step * 1e6:.3g} µm within {passed * 1e3:.3g} ms that no bearing makes"
 

@@ -35,6 +35,7 @@ class ListedTicks:
 
     Attributes:
         theta: (m,) rotation, rad.
+        components, covariance, observable: (m, 6), (m, 6, 6), (m, 6) error motion without them.
         there: (m, p) whether it can be used.
         raw: (m, p) what the sensor says, m.
         reading: (m, p) displacement, m, less what the sensor says of a perfect axis.
@@ -50,6 +51,9 @@ class ListedTicks:
     """
 
     theta: Array
+    components: Array
+    covariance: Array
+    observable: NDArray[np.bool_]
     there: NDArray[np.bool_]
     raw: Array
     reading: Array
@@ -87,6 +91,7 @@ class ListedReadings:
     Attributes:
         sensors: with their kinds, by stream.
         sensitivity: (p, 6) what each sees of the components.
+        stated: (p,) variance of zero and form as stated, m².
     """
 
     def __init__(self, stage: StageDescription) -> None:
@@ -102,7 +107,7 @@ class ListedReadings:
         rate = [limits.radial_rate, limits.radial_rate, limits.axial_rate, limits.tilt_rate, limits.tilt_rate, 0.0]
         self._most, self._rate = np.abs(self.sensitivity) * LIMIT * most, np.abs(self.sensitivity) * np.array(rate)
         described = [sensor for sensor, _ in self.sensors.values()]
-        self._stated = np.array([sensor.uncertainty**2 for sensor in described])
+        self.stated = np.array([sensor.uncertainty**2 for sensor in described])
         self._forms = np.array([sum(row.cos**2 + row.sin**2 for row in sensor.form) for sensor in described])
 
     def make(
@@ -140,13 +145,16 @@ class ListedReadings:
         raised = np.maximum(rows[:, COLUMN["head_scale"]] ** 2 - 1.0, 0.0)
         return ListedTicks(
             motion.theta,
+            motion.components,
+            motion.covariance,
+            motion.observable,
             there,
             raw,
             reading,
             reading - _summed(expected, self.sensitivity),
             reading - _summed(described, self.sensitivity),
             noise,
-            self._stated + elsewhere[:, None] * self._forms,
+            self.stated + elsewhere[:, None] * self._forms,
             noise + noisy,
             np.maximum(self._known(motion.covariance) - noisy, 0.0),
             np.sqrt(raised[:, None] * by_heads),

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
-from rotary_error_monitor.metrology.rigid_motion import combine
+from rotary_error_monitor.metrology.rigid_motion import disagreement, extend
 from rotary_error_monitor.pipeline.error_motion_rows import (
     COLUMN,
     COLUMNS,
@@ -19,6 +22,7 @@ from rotary_error_monitor.pipeline.error_motion_rows import (
     observable_of,
 )
 from rotary_error_monitor.pipeline.evidence import WindowGrid
+from rotary_error_monitor.pipeline.head_belief import SHORT
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief, SensorWindow
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
 from rotary_error_monitor.signals.resampling import Resampled
@@ -27,10 +31,10 @@ Array = NDArray[np.float64]
 
 
 class ListedSensors:
-    """Combines each tick's error motion with what the listed sensors show, by weighted least squares.
+    """Joins what the listed sensors show to each tick's error motion, by weighted least squares.
 
     The sensors never enter what heads and autocollimator say: those are judged and published without them, and each
-    listed sensor is judged beside them.
+    listed sensor is judged beside them, and all beside one another.
 
     Attributes:
         sensitivity: (p, 6) what each sensor sees of the components.
@@ -44,6 +48,7 @@ class ListedSensors:
         self._bits = np.array([bits[stream] for stream in stage.sensors], np.int64)
         self._judges = {stream: SensorBelief(sensor) for stream, sensor in stage.sensors.items()}
         self._pending: tuple[int, ListedTicks] | None = None
+        self._conflicts: deque[float] = deque(maxlen=SHORT)
 
     @property
     def reasons(self) -> Iterator[tuple[str, str]]:
@@ -53,6 +58,7 @@ class ListedSensors:
     def reset(self) -> None:
         """Believe all sensors again."""
         self._pending = None
+        self._conflicts.clear()
         for judge in self._judges.values():
             judge.reset()
 
@@ -69,7 +75,7 @@ class ListedSensors:
         usable: NDArray[np.bool_],
         sampled: Mapping[str, Resampled],
         rates: Mapping[str, float],
-        decided: Mapping[int, float],
+        decided: Mapping[int, tuple[float, float]],
         evidence: Array,
     ) -> Array:
         """(m, k) rows with the columns `COLUMNS` and `SENSOR_COLUMNS`, from rows (m, l) with the first of these.
@@ -80,20 +86,22 @@ class ListedSensors:
             usable: (m,) which of the rows may be published: the rotation of the others is not known.
             sampled: each stream at the ticks.
             rates: samples per s of each stream.
-            decided: for ticks, by their place, whose choice of streams is that of a live run, its `sensor_scale`.
+            decided: for ticks, by their place, whose choice of streams is that of a live run, its `sensor_scale` and
+                `sensor_conflict`.
             evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
         """
         masks = rows[:, COLUMN["streams"]].astype(np.int64)
         completed = np.hstack([rows, np.zeros((len(rows), len(SENSOR_COLUMNS)))])
         there = (masks[:, None] & self._bits != 0) & usable[:, None]
         shown = self._readings.make(rows, _motion(completed), evidence, there, sampled)
-        used, scale = self._assess(first, shown, rates)
+        used, scale, conflict = self._assess(first, shown, rates)
         for place, said in decided.items():
-            used[place], scale[place] = there[place], said
+            used[place], (scale[place], conflict[place]) = there[place], said
         choices = (used * self._bits).sum(axis=1)
         completed[:, COLUMN["streams"]] = masks & ~int(self._bits.sum()) | choices
-        completed[:, -1] = scale
-        self._join(completed, choices, shown.reading, shown.noise * scale[:, None] ** 2 + shown.systematic)
+        completed[:, -2], completed[:, -1] = scale, conflict
+        variance = (shown.noise * scale[:, None] ** 2 + shown.systematic) * conflict[:, None] ** 2
+        self._join(completed, choices, shown.reading, variance)
         return completed
 
     def _join(self, rows: Array, choices: NDArray[np.int64], reading: Array, variance: Array) -> None:
@@ -103,11 +111,14 @@ class ListedSensors:
             chosen = np.flatnonzero((observable == bits) & (choices == choice))
             sensors = np.flatnonzero(self._bits & choice)
             at = np.ix_(chosen, sensors)
-            joined = combine(_motion(rows[chosen]), self.sensitivity[sensors], reading[at], variance[at])
+            joined = extend(_motion(rows[chosen]), self.sensitivity[sensors], reading[at], variance[at])
             rows[chosen] = _with_motion(rows[chosen], joined)
 
-    def _assess(self, first: int, shown: ListedTicks, rates: Mapping[str, float]) -> tuple[NDArray[np.bool_], Array]:
-        """(m, p) which sensors are used, and (m,) by which their standard deviations are multiplied.
+    def _assess(
+        self, first: int, shown: ListedTicks, rates: Mapping[str, float]
+    ) -> tuple[NDArray[np.bool_], Array, Array]:
+        """(m, p) which sensors are used, and (m,) each by which their standard deviations are multiplied: for noise
+        beyond what is stated, and for contradictions among them.
 
         What windows say holds for the ticks after them, however many of these come at once.
         """
@@ -116,20 +127,51 @@ class ListedSensors:
         if pending is not None and pending[0] + len(pending[1].there) == first:
             first, before = pending[0], len(pending[1].there)
             shown = pending[1].followed_by(shown)
-        used, scale = np.zeros((count, len(self._judges)), np.bool_), np.ones(count)
+        used, scale, conflict = np.zeros((count, len(self._judges)), np.bool_), np.ones(count), np.ones(count)
         begin = 0
         while begin < len(shown.there):
             end = min((self._grid.number(first + begin) + 1) * self._grid.ticks - first, len(shown.there))
             part = shown.part(slice(begin, end))
             fresh = slice(max(begin - before, 0), end - before)
             used[fresh] = self._allowed(shown.part(slice(max(begin, before), end)))
+            conflict[fresh] = self.conflict
             scale[fresh] = max((judge.scale for judge in self._judges.values() if not judge.doubt), default=1.0)
             if end - begin == self._grid.ticks:
                 self._judge(self._grid.number(first + begin), part, rates)
+                self._contradict(part, rates)
             elif end == len(shown.there) and (first + begin) % self._grid.ticks == 0:
                 self._pending = first + begin, part
             begin = end
-        return used, scale
+        return used, scale, conflict
+
+    @property
+    def conflict(self) -> float:
+        """By which standard deviations of the sensors are raised, for they contradict one another.
+
+        A contradiction cannot be laid at one of them: the uncertainty of all is what it was seen to be (Birge 1932).
+        """
+        return max(self._conflicts, default=1.0)
+
+    def _contradict(self, shown: ListedTicks, rates: Mapping[str, float]) -> None:
+        """Take in how far the sensors that are believed contradict one another over a window."""
+        judges = enumerate(self._judges.items())
+        chosen = [place for place, (_, judge) in judges if not judge.doubt and shown.there[:, place].all()]
+        if not chosen or not (shown.observable == shown.observable[0]).all():
+            return
+        ticks, streams = self._grid.ticks, list(self._judges)
+        samples = np.array([max(1.0, ticks * min(1.0, rates[streams[place]] * self._period)) for place in chosen])
+        motion = ErrorMotion(
+            shown.theta[:1],
+            shown.components.sum(axis=0, keepdims=True) / ticks,
+            shown.observable[:1],
+            shown.covariance.sum(axis=0, keepdims=True) / ticks,
+        )
+        reading = shown.reading[:, chosen].sum(axis=0) / ticks
+        # held against what is stated, also while more counts: it may cease to from one window to the next
+        variance = shown.noise[:, chosen].sum(axis=0) / ticks / samples + self._readings.stated[chosen]
+        chi_square, freedom = disagreement(motion, self.sensitivity[chosen], reading[None], variance[None])
+        ratio = chi_square / freedom if freedom else 0.0
+        self._conflicts.append(math.sqrt(ratio) if freedom and ratio > chi_square_bound(freedom) else 1.0)
 
     def _allowed(self, shown: ListedTicks) -> NDArray[np.bool_]:
         judges = list(self._judges.values())

@@ -30,7 +30,7 @@ class Decision:
         streams: bit mask of the streams that were used.
         doubts, head_scale, tilt_scale, lag, unresolved, unresolved_tilt: as in `Verdict`; none where a run of an
             earlier version did not say.
-        sensor_scale: by which standard deviations of the listed sensors were multiplied.
+        sensor_scale, sensor_conflict: by which standard deviations of the listed sensors were multiplied.
     """
 
     streams: int
@@ -41,6 +41,7 @@ class Decision:
     unresolved: float = 0.0
     unresolved_tilt: float = 0.0
     sensor_scale: float = 1.0
+    sensor_conflict: float = 1.0
 
 
 Decisions: TypeAlias = Mapping[int, Decision]
@@ -57,7 +58,7 @@ def decisions_from_block(block: SampleBlock) -> dict[int, Decision]:
     times = block.times_ns.tolist()
     if "doubts" not in block.names:
         return {time: Decision(mask) for time, mask in zip(times, streams, strict=True)}
-    scale = ("sensor_scale",) if "sensor_scale" in block.names else ()
+    scale = tuple(name for name in ("sensor_scale", "sensor_conflict") if name in block.names)
     said = block.columns(("streams", "doubts", *_UNCERTAIN, *scale)).tolist()
     return {time: Decision(int(row[0]), int(row[1]), *row[2:]) for time, row in zip(times, said, strict=True)}
 

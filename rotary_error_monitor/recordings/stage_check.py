@@ -75,7 +75,9 @@ def check_stage(bag: Path | str, stage: StageDescription) -> StageCheck:
         InputError: there is no such bag, it lacks two heads, or nothing can be estimated from it.
     """
     reader = BagReader(bag)
-    inputs = input_topics(reader, wire_of(stage), stage)
+    # Sensors that the stage lists are of use, not needed.
+    found = input_topics(reader, wire_of(stage), stage)
+    inputs = {topic: name for topic, name in found.items() if name not in stage.sensors or topic in reader.topics}
     estimator = Estimator(stage, EstimatorSettings())
     log, ahead = _Log(), Counter[tuple[str, str]]()
     window = reader.window(list(inputs))

@@ -73,9 +73,12 @@ def load(kind: str, content: Any, folder: Path) -> Any:
 
 @st.composite
 def stages(draw: st.DrawFn) -> Any:
-    """What the schema allows, and states the uncertainty of parameters that there are."""
+    """What the schema allows, states the uncertainty of parameters that there are, and probes that reach their zero."""
     content = draw(schemas.contents(schemas.load("stage")))
     section = content["stage"]
+    for sensor in section.get("sensors", {}).values():
+        sensor["zero"] = 0.5 * sensor["range"] * draw(st.floats(-1.0, 1.0))
+        sensor["resolution"] = min(sensor["resolution"], 0.5 * sensor["range"])
     names = [f"{part}.{name}" for part, known in PARAMETERS.items() for name in known]
     names += [f"sensors.{name}.gain" for name in section.get("sensors", {})]
     if "uncertainty" in section:

@@ -107,7 +107,7 @@ def described(folder, **changes):
     """File with changed sections; heads by their letters, the others by their names."""
     content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
     stage = content["stage"]
-    probe = {"kind": "axial_probe", "radius": 0.0, "noise": 1e-8, "resolution": 0, "range": 1e-3, "uncertainty": 0}
+    probe = {"kind": "axial_probe", "radius": 0.0, "noise": 1e-8, "resolution": 0, "range": 1e-3, "uncertainty": 1e-9}
     stage["sensors"] = {"top": probe}
     places = stage["encoder"]["heads"] | {"top": probe} | stage
     for name, rows in changes.items():

@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+import yaml
 
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.stage import Autocollimator, Lvdt, load_stage
 from rotary_error_monitor.description.stage_checks import PARAMETERS
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.resources import config
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
+PROBE = {"kind": "axial_probe", "radius": 0.0, "noise": 1e-8, "resolution": 1e-8, "range": 1e-4, "uncertainty": 1e-8}
 FILE = """\
 stage:
   encoder:
@@ -22,7 +25,7 @@ stage:
     noise: 3.0e-07
     heads: {a: {azimuth: 0.0}, b: {azimuth: 3.14159}}
   sensors:
-    top: {kind: axial_probe, radius: 0.0, noise: 1.0e-08, resolution: 1.0e-09, range: 0.0001, uncertainty: 0.0}
+    top: {kind: axial_probe, radius: 0.0, noise: 1.0e-08, resolution: 1.0e-09, range: 0.0001, uncertainty: 1.0e-09}
     low: {kind: radial_probe, azimuth: 0, height: 0.1, noise: 1.0e-08, resolution: 0, range: 0.01, uncertainty: 1.0e-07}
   uncertainty:
     encoder.eccentricity: 5.0e-08
@@ -40,7 +43,7 @@ def test_what_the_file_names_is_uncertain(tmp_path):
     named = {parameter.name: parameter.uncertainty for parameter in uncertain_parameters(stage)}
     assert named["sensors.low.gain"] == 0.01 and named["sensors.low.height"] == 1e-4
     assert named["sensors.low.zero"] == named["sensors.low.form[order 1][cos]"] == 1e-7, "of the sensor's own section"
-    assert not any(name.startswith("sensors.top") for name in named)
+    assert {size for name, size in named.items() if name.startswith("sensors.top")} == {1e-9}
 
 
 @pytest.mark.parametrize(
@@ -88,3 +91,34 @@ def test_each_name_that_is_accepted_is_one_that_the_twin_knows():
     for name in ("encoder.mass", "sensors.top.zero", "sensors.high.gain"):
         with pytest.raises(InputError, match=f"no parameter is called '{name}'"):
             uncertain_parameters(replace(stage, uncertainty={name: 1e-9}))
+
+
+@pytest.mark.parametrize(
+    ("heads", "sensors", "own", "message"),
+    [
+        (14, 38, {}, r"stage\.sensors: 38 sensors beside 14 heads; a mask of streams has place for 51 of both"),
+        (4, 1, {"zero": 1e-3}, r"stage\.sensors\.s0\.zero: 0\.001 is beyond the range of 0\.0001 m"),
+        (4, 1, {"resolution": 2e-4}, r"stage\.sensors\.s0\.resolution: 0\.0002 is beyond the range"),
+        (4, 1, {"uncertainty": 0.0}, r"stage\.sensors\.s0\.uncertainty: .* 0\.1 nm or more"),
+    ],
+)
+def test_sensors_that_cannot_be_are_refused_with_their_line(tmp_path, heads, sensors, own, message):
+    content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
+    content["stage"]["encoder"]["heads"] = {f"h{i}": {"azimuth": 0.1 * i} for i in range(heads)}
+    content["stage"]["sensors"] = {f"s{i}": PROBE | own for i in range(sensors)}
+    path = tmp_path / "stage.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    with pytest.raises(InputError, match=rf"stage\.yaml:\d+: {message}"):
+        load_stage(path)
+
+
+def test_the_order_in_the_file_is_not_that_of_the_bits(tmp_path):
+    """A replay with the same sensors in another order reads the masks of the live run as they were written."""
+    content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
+    found = []
+    for names in (("top", "nose"), ("nose", "top")):
+        content["stage"]["sensors"] = dict.fromkeys(names, PROBE)
+        path = tmp_path / "stage.yaml"
+        path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+        found.append(tuple(load_stage(path).sensors))
+    assert found[0] == found[1] == ("axial_probe_nose", "axial_probe_top")

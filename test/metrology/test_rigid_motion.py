@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.metrology.rigid_motion import combine, observable_components, redundancy_numbers
+from rotary_error_monitor.metrology.rigid_motion import (
+    combine,
+    disagreement,
+    extend,
+    observable_components,
+    redundancy_numbers,
+)
 
 AXIAL = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 
@@ -143,3 +149,41 @@ def test_the_bits_of_a_time_do_not_depend_on_how_many_there_are():
         alone = combine(motion.at(index), rows, shown[part], variance[part])
         assert (alone.components == whole.components[part]).all()
         assert (alone.covariance == whole.covariance[part]).all()
+
+
+def test_what_is_known_stays_and_the_rest_is_as_by_all_together():
+    """And with its true covariances: over 4000 draws, the error of what is new against that of what was known."""
+    draw, count = np.random.default_rng(7), 4000
+    rows = np.array([radial(0.0, 0.05), radial(0.0, 0.25), face(1.0, 0.05)])
+    truth = np.array([1e-6, 0.0, 3e-7, 0.0, 5e-6, 0.0])
+    motion = known(count, exc=(1e-6, 3e-8), eac=(0.0, 1e-7))
+    motion.components[:, 0] += draw.normal(size=count) * 3e-8
+    motion.components[:, 3] += draw.normal(size=count) * 1e-7
+    std = np.array([2e-8, 1e-8, 1e-8])
+    shown = rows @ truth + draw.normal(size=(count, 3)) * std
+    variance = np.tile(std**2, (count, 1))
+    found, joined = (each(motion, rows, shown, variance) for each in (extend, combine))
+    assert (found.components[:, [0, 3]] == motion.components[:, [0, 3]]).all()
+    assert (found.covariance[:, 0, 0] == motion.covariance[:, 0, 0]).all()
+    assert (found.components[:, [2, 4]] == joined.components[:, [2, 4]]).all()
+    scale = np.array([1e-8, 1e-8, 1e-7, 1e-7])
+    off = (found.components - truth)[:, [0, 2, 3, 4]] / scale
+    stated = found.covariance[0][np.ix_([0, 2, 3, 4], [0, 2, 3, 4])] / np.outer(scale, scale)
+    np.testing.assert_allclose(np.cov(off.T), stated, atol=5 * np.abs(stated).max() / np.sqrt(count))
+    assert np.linalg.eigvalsh(stated).min() > 0
+
+
+def test_disagreement_is_chi_square_of_what_is_redundant():
+    draw, rows = np.random.default_rng(8), np.array([face(a, 0.08) for a in (0.0, 2.0, 4.0)] + [AXIAL, AXIAL])
+    std, found = 1e-8, []
+    for _ in range(600):
+        shown = rows @ np.array([0.0, 0.0, 4e-7, 3e-6, -2e-6, 0.0]) + draw.normal(size=5) * std
+        chi_square, freedom = disagreement(known(1, exc=(1e-6, 1e-8)), rows, shown[None], np.full((1, 5), std**2))
+        assert freedom == 2
+        found.append(chi_square)
+    assert np.mean(found) == pytest.approx(2.0, abs=5 * 2 / np.sqrt(600))
+    one = np.array([radial(0.5, 0.1)])  # alone it contradicts nothing, though what it mixes is not told apart
+    assert disagreement(known(1, exc=(1e-6, 1e-8)), one, np.array([[1e-6]]), np.full((1, 1), 1e-16)) == (
+        pytest.approx(0.0, abs=1e-9),
+        0,
+    )
