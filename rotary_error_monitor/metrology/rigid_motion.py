@@ -30,20 +30,16 @@ def observable_components(known: NDArray[np.bool_], sensitivity: NDArray[np.floa
     return np.asarray(np.abs(outside).max(axis=1, initial=0.0) < _SEEN)
 
 
-def redundancy_numbers(
-    motion: ErrorMotion, sensitivity: NDArray[np.float64], variance: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(m, p) part of a fault of each sensor that would show in its residual (Baarda 1968), 0 to 1.
+def redundant_sensors(known: NDArray[np.bool_], sensitivity: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(p,) whether what a sensor sees is determined without it: a fault of it alone would show (Baarda 1968).
 
-    Args:
-        motion: what is known without the sensors, at m times of one `observable`.
-        sensitivity: (p, 6).
-        variance: (m, p) of the sensors' readings, m².
+    Arguments as `observable_components`.
     """
-    joined = combine(motion, sensitivity, np.zeros_like(variance), variance)
-    fitted = np.einsum("pi,mij,pj->mp", sensitivity, joined.covariance, sensitivity)
-    determined = _is_determined(motion.observable[0], sensitivity)
-    return np.where(determined, np.clip(1.0 - fitted / variance, 0.0, 1.0), 0.0)
+    found = []
+    for place, row in enumerate(sensitivity / _SCALE):
+        _, outside = _seen(known, np.delete(sensitivity, place, axis=0))
+        found.append(bool(np.abs(row @ outside).max(initial=0.0) < _SEEN))
+    return np.array(found, np.bool_)
 
 
 def combine(
@@ -148,12 +144,3 @@ def _seen(
     _, sizes, vectors = np.linalg.svd(rows, full_matrices=True)
     rank = int(np.count_nonzero(sizes > _SEEN))
     return vectors[:rank].T, vectors[rank:].T
-
-
-def _is_determined(known: NDArray[np.bool_], sensitivity: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(p,) whether what each sensor sees is determined by what is known and by the other sensors."""
-    found = []
-    for place, row in enumerate(sensitivity / _SCALE):
-        _, outside = _seen(known, np.delete(sensitivity, place, axis=0))
-        found.append(bool(np.abs(row @ outside).max(initial=0.0) < _SEEN))
-    return np.array(found, np.bool_)

@@ -21,6 +21,7 @@ from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 NAME = "error_estimator"
@@ -212,7 +213,7 @@ class ErrorEstimator(ManagedNode):
             yield (Level.ERROR if what in ("heads", "ring") else Level.WARN), f"{what}: {why}"
         yield Level.WARN, f"without {', '.join(status.absent)}" if status.absent else ""
         # What the stage has no sensor for is no fault: the topic's bit mask says it.
-        possible = self._estimator.components
+        possible = possible_components(self.stage)
         hidden = [name for bit, name in enumerate(COMPONENTS) if name in possible and not self._components >> bit & 1]
         yield Level.WARN, f"not observable: {', '.join(hidden)}" if hidden and not silent else ""
         if belief.heads.lost:
@@ -264,6 +265,8 @@ class ErrorEstimator(ManagedNode):
             "disagreement_sigma": status.disagreement,
             "head_uncertainty_scale": belief.verdict.head_scale,
             "tilt_uncertainty_scale": belief.verdict.tilt_scale,
+            "sensor_conflict": self._estimator.sensor_conflict,
+            "sensors_without_redundancy": ", ".join(unchecked_sensors(self.stage)) or "none",
             "command_delay_ms": belief.command.delay * 1e3,
             "verified": belief.verified,
             "unresolved_radial_um": belief.verdict.unresolved * 1e6,

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
-from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.metrology.responses import correct_block
-from rotary_error_monitor.metrology.rigid_motion import observable_components
 from rotary_error_monitor.pipeline.belief import Belief
 from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR as AUTOCOLLIMATOR
 from rotary_error_monitor.pipeline.error_motion_rows import COLUMNS as COLUMNS
@@ -112,15 +110,6 @@ class Estimator:
     def inputs(self) -> tuple[str, ...]:
         """Names of the streams that are taken: `head_<letter>`, `autocollimator`, `command`, listed sensors."""
         return tuple(self._streams)
-
-    @property
-    def components(self) -> tuple[str, ...]:
-        """Components of error motion that the sensors of the stage can determine together."""
-        tilt = self._stage.autocollimator is not None
-        known = np.array([True, True, False, tilt, tilt, True])
-        if self._listed is not None:
-            known = observable_components(known, self._listed.sensitivity)
-        return tuple(name for name, seen in zip(COMPONENTS, known.tolist(), strict=True) if seen)
 
     @property
     def sensor_conflict(self) -> float:

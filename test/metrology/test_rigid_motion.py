@@ -11,7 +11,7 @@ from rotary_error_monitor.metrology.rigid_motion import (
     disagreement,
     extend,
     observable_components,
-    redundancy_numbers,
+    redundant_sensors,
 )
 
 AXIAL = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
@@ -128,14 +128,14 @@ def test_what_is_exact_already_stays():
 
 
 def test_redundancy_says_which_fault_would_show():
-    motion = known(1, exc=(0.0, 1e-8), eyc=(0.0, 1e-8))
-    rows = np.array([AXIAL, radial(0.0, 0.0)])
-    assert redundancy_numbers(motion, rows, np.full((1, 2), 1e-16))[0] == pytest.approx([0.0, 0.5], rel=1e-6)
-    twice = np.array([AXIAL, AXIAL, AXIAL])
-    assert redundancy_numbers(motion, twice, np.full((1, 3), 1e-16))[0] == pytest.approx([2 / 3] * 3, rel=1e-6)
-    # numbers of redundancy sum up to the degrees of freedom
-    three = np.array([face(a, 0.08) for a in (0.0, 2.0, 4.0)] + [AXIAL])
-    assert redundancy_numbers(motion, three, np.full((1, 4), 1e-16)).sum() == pytest.approx(1.0, rel=1e-6)
+    radials = np.array([True, True, False, False, False, False])
+    assert redundant_sensors(radials, np.array([AXIAL, radial(0.0, 0.0)])).tolist() == [False, True]
+    assert redundant_sensors(radials, np.array([AXIAL, AXIAL])).all()
+    three = [face(azimuth, 0.08) for azimuth in (0.0, 2.0, 4.0)]
+    assert not redundant_sensors(radials, np.array(three)).any()
+    assert redundant_sensors(radials, np.array([*three, AXIAL])).all()
+    # beside a known tilt each of the three has the others
+    assert redundant_sensors(np.array([True, True, False, True, True, True]), np.array(three)).all()
 
 
 def test_the_bits_of_a_time_do_not_depend_on_how_many_there_are():

@@ -13,6 +13,7 @@ from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.publication import decisions_from_block
 from rotary_error_monitor.signals.blocks import block_from_samples
 
@@ -179,6 +180,20 @@ def test_columns_are_those_of_the_contract():
     assert topic.field("streams").bits == (*NAMES, *AXIAL)
     assert topic.field("streams").names_in(result.column("streams")[-1]) == (*NAMES, *AXIAL)
     assert load_wire().topic("error_motion_samples").columns == topic.columns[: len(topic.columns) - 15]
+
+
+def test_what_a_stage_can_determine_and_what_it_cannot_check():
+    none = described({}), described({}, tilt=False)
+    assert [possible_components(stage) for stage in none] == [
+        ("exc", "eyc", "eac", "ebc", "ecc"),
+        ("exc", "eyc", "ecc"),
+    ]
+    assert possible_components(described(AXIAL)) == COMPONENTS
+    assert possible_components(described(RADIAL, tilt=False)) == ("exc", "eyc", "eac", "ebc", "ecc")
+    assert possible_components(described(FACE, tilt=False)) == COMPONENTS
+    assert unchecked_sensors(described(AXIAL | RADIAL)) == ("axial_probe_top",)
+    assert unchecked_sensors(described(FACE, tilt=False)) == tuple(FACE)
+    assert unchecked_sensors(described(FACE | AXIAL, tilt=False)) == ()
 
 
 def in_blocks(pairs, draw):

@@ -1,0 +1,33 @@
+"""What the sensors of a stage can determine together, with all of them there."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.metrology.error_motion import COMPONENTS
+from rotary_error_monitor.metrology.rigid_motion import observable_components, redundant_sensors
+from rotary_error_monitor.sensors.library import listed_kind
+
+
+def possible_components(stage: StageDescription) -> tuple[str, ...]:
+    """Components of error motion that heads, command, autocollimator and listed sensors determine."""
+    seen = observable_components(_without_listed(stage), _sensitivity(stage))
+    return tuple(name for name, there in zip(COMPONENTS, seen.tolist(), strict=True) if there)
+
+
+def unchecked_sensors(stage: StageDescription) -> tuple[str, ...]:
+    """Listed sensors of which a fault would not show in what all others say."""
+    checked = redundant_sensors(_without_listed(stage), _sensitivity(stage))
+    return tuple(name for name, seen in zip(stage.sensors, checked.tolist(), strict=True) if not seen)
+
+
+def _without_listed(stage: StageDescription) -> NDArray[np.bool_]:
+    tilt = stage.autocollimator is not None
+    return np.array([True, True, False, tilt, tilt, True])
+
+
+def _sensitivity(stage: StageDescription) -> NDArray[np.float64]:
+    rows = [listed_kind(sensor).sensitivity(sensor.place) for sensor in stage.sensors.values()]
+    return np.array(rows).reshape(-1, len(COMPONENTS))
