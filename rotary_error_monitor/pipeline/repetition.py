@@ -11,6 +11,9 @@ from rotary_error_monitor.pipeline.publication import Decision, Decisions
 
 _NONE = Decision(0)
 
+OTHERS = "listed sensors"
+"""Name of streams for whose bits the description lists no sensor."""
+
 
 class Repetition:
     """Repeats the decisions of a live run where the recording holds what they rested on.
@@ -53,7 +56,7 @@ class Repetition:
         """Take note of which ticks (m,) were reckoned; give which of them the live run published (m,)."""
         found = self._found(ticks)
         lacking = np.where(self._is_lost(ticks), self._lacking(found, there), 0)
-        for name, bit in self._bits.items():
+        for name, bit in (*self._bits.items(), (OTHERS, ~sum(self._bits.values()))):
             if (lost := ticks[lacking & bit != 0]).size:
                 self.unrepeated.setdefault(name, []).append(lost)
         return np.array([decision is not None for decision in found], np.bool_)

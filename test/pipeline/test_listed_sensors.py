@@ -15,6 +15,7 @@ from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_bl
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.publication import decisions_from_block
+from rotary_error_monitor.pipeline.repetition import OTHERS
 from rotary_error_monitor.signals.blocks import block_from_samples
 
 NOISE, STEP = 2e-8, 1e-8
@@ -214,6 +215,17 @@ def test_a_replay_gives_the_same_bits_however_blocks_come():
         out += estimator.advance()
     again = joined([*out, *estimator.finish()])
     assert again.names == live.names and (again.rows == live.rows).all()
+
+
+def test_a_description_without_the_sensors_of_the_live_run_does_not_repeat_it():
+    pairs = recorded(AXIAL, duration=0.5)
+    _, live, _ = run(pairs, described(AXIAL))
+    again = Estimator(described({}), EstimatorSettings(), decisions_from_block(live))
+    for name, block in pairs:
+        if name not in AXIAL:
+            again.push(name, block)
+    again.finish()
+    assert again.unrepeated.keys() == {OTHERS} and len(np.concatenate(again.unrepeated[OTHERS])) > 300
 
 
 def jumping(which, when, by):
