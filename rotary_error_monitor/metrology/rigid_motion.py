@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +21,21 @@ LEAST_VARIANCE = 1e-24
 """Variance, m², below which nothing counts as known, so that what is known exactly has a weight: a picometre."""
 
 
+@dataclass(frozen=True)
+class Seen:
+    """What p sensors see of the rotor's error motion at m times.
+
+    Attributes:
+        sensitivity: (p, 6) displacement for each of exc eyc ezc (1) eac ebc ecc (m).
+        displacement: (m, p) that each sees, m.
+        variance: (m, p) of that, m², above 0.
+    """
+
+    sensitivity: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    variance: NDArray[np.float64]
+
+
 def observable_components(known: NDArray[np.bool_], sensitivity: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(6,) which components are determined by what is known of them (6,) and by sensors.
 
@@ -26,7 +43,7 @@ def observable_components(known: NDArray[np.bool_], sensitivity: NDArray[np.floa
         known: components that are determined without the sensors.
         sensitivity: (p, 6) what each sensor sees of exc eyc ezc eac ebc ecc.
     """
-    _, outside = _seen(known, sensitivity)
+    _, outside = _determined(known, sensitivity)
     return np.asarray(np.abs(outside).max(axis=1, initial=0.0) < _SEEN)
 
 
@@ -37,17 +54,12 @@ def redundant_sensors(known: NDArray[np.bool_], sensitivity: NDArray[np.float64]
     """
     found = []
     for place, row in enumerate(sensitivity / _SCALE):
-        _, outside = _seen(known, np.delete(sensitivity, place, axis=0))
+        _, outside = _determined(known, np.delete(sensitivity, place, axis=0))
         found.append(bool(np.abs(row @ outside).max(initial=0.0) < _SEEN))
     return np.array(found, np.bool_)
 
 
-def combine(
-    motion: ErrorMotion,
-    sensitivity: NDArray[np.float64],
-    displacement: NDArray[np.float64],
-    variance: NDArray[np.float64],
-) -> ErrorMotion:
+def combine(motion: ErrorMotion, seen: Seen) -> ErrorMotion:
     """The error motion that agrees best with what is known of it and with what sensors see.
 
     Generalised least squares with what is known as one observation of its own covariance; without sensors it comes
@@ -55,32 +67,25 @@ def combine(
 
     Args:
         motion: what is known without the sensors, at m times with the same `observable`.
-        sensitivity: (p, 6) what each sensor sees of exc eyc ezc (1) eac ebc ecc (m).
-        displacement: (m, p) what each sees, m.
-        variance: (m, p) of that, m², above 0.
+        seen: what the sensors see at these times.
     """
-    solution = _solved(motion, sensitivity, displacement, variance)
+    solution = _solved(motion, seen)
     hidden = ~solution.observable[0]
     solution.components[:, hidden] = 0.0
     solution.covariance[:, hidden, :] = solution.covariance[:, :, hidden] = 0.0
     return solution
 
 
-def _solved(
-    motion: ErrorMotion,
-    sensitivity: NDArray[np.float64],
-    displacement: NDArray[np.float64],
-    variance: NDArray[np.float64],
-) -> ErrorMotion:
+def _solved(motion: ErrorMotion, seen: Seen) -> ErrorMotion:
     """As `combine`, with what is determined of the components that are not determined alone."""
     known = motion.observable[0]
-    basis, outside = _seen(known, sensitivity)
+    basis, outside = _determined(known, seen.sensitivity)
     count = len(motion.theta)
     information, vector = np.zeros((count, 6, 6)), np.zeros((count, 6))
     # one after another, and each time by itself: the bits of a time do not depend on how many there are
-    for place, row in enumerate(sensitivity / _SCALE):
-        information += np.outer(row, row) / variance[:, place, None, None]
-        vector += row * (displacement[:, place] / variance[:, place])[:, None]
+    for place, row in enumerate(seen.sensitivity / _SCALE):
+        information += np.outer(row, row) / seen.variance[:, place, None, None]
+        vector += row * (seen.displacement[:, place] / seen.variance[:, place])[:, None]
     if known.any():
         at, scale = np.ix_(np.arange(count), known, known), _SCALE[known]
         least = LEAST_VARIANCE * np.eye(len(scale))
@@ -94,18 +99,13 @@ def _solved(
     return ErrorMotion(motion.theta, components, np.tile(observable, (len(motion.theta), 1)), covariance)
 
 
-def extend(
-    motion: ErrorMotion,
-    sensitivity: NDArray[np.float64],
-    displacement: NDArray[np.float64],
-    variance: NDArray[np.float64],
-) -> ErrorMotion:
+def extend(motion: ErrorMotion, seen: Seen) -> ErrorMotion:
     """What is known, to the last bit, and what sensors add to it: arguments as `combine`.
 
     The components that were not known come from all together, with their covariances with what was (a consider filter,
     Schmidt 1966). A mistake in the description of a sensor then does not spoil what is known without it.
     """
-    joined = combine(motion, sensitivity, displacement, variance)
+    joined = combine(motion, seen)
     known = motion.observable[0]
     at = np.ix_(np.arange(len(motion.theta)), known, known)
     joined.components[:, known] = motion.components[:, known]
@@ -113,30 +113,25 @@ def extend(
     return joined
 
 
-def disagreement(
-    motion: ErrorMotion,
-    sensitivity: NDArray[np.float64],
-    displacement: NDArray[np.float64],
-    variance: NDArray[np.float64],
-) -> tuple[float, int]:
+def disagreement(motion: ErrorMotion, seen: Seen) -> tuple[float, int]:
     """Chi-square by which sensors contradict one another and what is known, with its degrees of freedom.
 
     Arguments as `combine`, at the first of the times.
     """
-    joined, known = _solved(motion, sensitivity, displacement, variance), motion.observable[0]
-    basis, _ = _seen(known, sensitivity)
-    apart = displacement[0] - sensitivity @ joined.components[0]
-    chi_square = float((apart**2 / variance[0]).sum())
+    joined, known = _solved(motion, seen), motion.observable[0]
+    basis, _ = _determined(known, seen.sensitivity)
+    apart = seen.displacement[0] - seen.sensitivity @ joined.components[0]
+    chi_square = float((apart**2 / seen.variance[0]).sum())
     if known.any():
         scale = _SCALE[known]
         moved = (joined.components[0, known] - motion.components[0, known]) * scale
         covariance = motion.covariance[0][np.ix_(known, known)] * np.outer(scale, scale)
         covariance += LEAST_VARIANCE * np.eye(len(scale))
         chi_square += float(moved @ np.linalg.solve(covariance, moved))
-    return chi_square, int(known.sum()) + len(sensitivity) - basis.shape[1]
+    return chi_square, int(known.sum()) + len(seen.sensitivity) - basis.shape[1]
 
 
-def _seen(
+def _determined(
     known: NDArray[np.bool_], sensitivity: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(6, r) basis of the directions that are determined, (6, 6 - r) of the others, angles times `LEVER`."""

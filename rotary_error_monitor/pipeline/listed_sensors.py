@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
-from rotary_error_monitor.metrology.rigid_motion import disagreement, extend
+from rotary_error_monitor.metrology.rigid_motion import Seen, disagreement, extend
 from rotary_error_monitor.pipeline.error_motion_rows import (
     COLUMN,
     COLUMNS,
@@ -111,7 +111,7 @@ class ListedSensors:
             chosen = np.flatnonzero((observable == bits) & (choices == choice))
             sensors = np.flatnonzero(self._bits & choice)
             at = np.ix_(chosen, sensors)
-            joined = extend(_motion(rows[chosen]), self.sensitivity[sensors], reading[at], variance[at])
+            joined = extend(_motion(rows[chosen]), Seen(self.sensitivity[sensors], reading[at], variance[at]))
             rows[chosen] = _with_motion(rows[chosen], joined)
 
     def _assess(
@@ -169,7 +169,7 @@ class ListedSensors:
         reading = shown.reading[:, chosen].sum(axis=0) / ticks
         # held against what is stated, also while more counts: it may cease to from one window to the next
         variance = shown.noise[:, chosen].sum(axis=0) / ticks / samples + self._readings.stated[chosen]
-        chi_square, freedom = disagreement(motion, self.sensitivity[chosen], reading[None], variance[None])
+        chi_square, freedom = disagreement(motion, Seen(self.sensitivity[chosen], reading[None], variance[None]))
         ratio = chi_square / freedom if freedom else 0.0
         self._conflicts.append(math.sqrt(ratio) if freedom and ratio > chi_square_bound(freedom) else 1.0)
 

@@ -7,6 +7,7 @@ import pytest
 
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.rigid_motion import (
+    Seen,
     combine,
     disagreement,
     extend,
@@ -37,7 +38,7 @@ def known(count: int, **components: tuple[float, float]) -> ErrorMotion:
 
 
 def test_an_axial_probe_alone_is_the_axial_error_motion():
-    found = combine(known(1, exc=(1e-6, 1e-8)), np.array([AXIAL]), np.array([[3e-7]]), np.array([[4e-16]]))
+    found = combine(known(1, exc=(1e-6, 1e-8)), Seen(np.array([AXIAL]), np.array([[3e-7]]), np.array([[4e-16]])))
     assert found.observable[0].tolist() == [True, False, True, False, False, False]
     np.testing.assert_allclose(found.components[0], [1e-6, 0, 3e-7, 0, 0, 0], rtol=1e-9, atol=0)
     np.testing.assert_allclose(np.diag(found.covariance[0]), [1e-16, 0, 4e-16, 0, 0, 0], rtol=1e-7)
@@ -45,7 +46,7 @@ def test_an_axial_probe_alone_is_the_axial_error_motion():
 
 def test_two_readings_of_one_thing_are_weighed_by_their_variances():
     motion = known(1, exc=(2e-6, 2e-8))
-    found = combine(motion, np.array([radial(0.0, 0.0)]), np.array([[1e-6]]), np.array([[1e-16]]))
+    found = combine(motion, Seen(np.array([radial(0.0, 0.0)]), np.array([[1e-6]]), np.array([[1e-16]])))
     np.testing.assert_allclose(found.components[0, 0], (2e-6 / 4 + 1e-6) / (1 / 4 + 1), rtol=1e-7)
     np.testing.assert_allclose(found.covariance[0, 0, 0], 1 / (1 / 4e-16 + 1 / 1e-16), rtol=1e-7)
 
@@ -55,7 +56,7 @@ def test_two_heights_show_the_tilt_as_their_difference_over_the_distance():
     low, high, noise = 0.05, 0.25, 1e-8
     rows = np.array([radial(0.0, low), radial(0.0, high), radial(np.pi / 2, low), radial(np.pi / 2, high)])
     shown = np.array([[1e-6, 5e-6, 2e-6, -3e-6]])
-    found = combine(known(1), rows, shown, np.full((1, 4), noise**2))
+    found = combine(known(1), Seen(rows, shown, np.full((1, 4), noise**2)))
     ebc, eac = (5e-6 - 1e-6) / (high - low), -(-3e-6 - 2e-6) / (high - low)
     assert found.observable[0].tolist() == [True, True, False, True, True, False]
     np.testing.assert_allclose(found.components[0, [3, 4]], [eac, ebc], rtol=1e-9)
@@ -69,7 +70,7 @@ def test_three_probes_on_a_face_show_its_tilt_and_the_axial_error_motion():
     radius, azimuths = 0.08, 2 * np.pi / 3 * np.arange(3)
     truth = np.array([0.0, 0.0, 4e-7, 3e-6, -2e-6, 0.0])
     rows = np.array([face(each, radius) for each in azimuths])
-    found = combine(known(1), rows, (rows @ truth)[None], np.full((1, 3), 1e-16))
+    found = combine(known(1), Seen(rows, (rows @ truth)[None], np.full((1, 3), 1e-16)))
     assert found.observable[0].tolist() == [False, False, True, True, True, False]
     np.testing.assert_allclose(found.components[0], truth, rtol=1e-9, atol=1e-18)
     # three equal weights: the axial one is the mean, each tilt has two thirds of the readings' information
@@ -80,7 +81,7 @@ def test_three_probes_on_a_face_show_its_tilt_and_the_axial_error_motion():
 
 def test_what_a_single_radial_probe_mixes_is_not_called_determined():
     motion = known(1, exc=(1e-6, 1e-8))
-    found = combine(motion, np.array([radial(np.pi / 4, 0.1)]), np.array([[2e-6]]), np.array([[1e-16]]))
+    found = combine(motion, Seen(np.array([radial(np.pi / 4, 0.1)]), np.array([[2e-6]]), np.array([[1e-16]])))
     assert found.observable[0].tolist() == [True, False, False, False, False, False]
     np.testing.assert_allclose(found.components[0, 0], 1e-6, rtol=1e-9)
     np.testing.assert_allclose(found.covariance[0, 0, 0], 1e-16, rtol=1e-7)
@@ -106,7 +107,7 @@ def test_estimates_scatter_as_their_covariance_says(seed):
     std = draw.uniform(1e-8, 5e-8, len(rows))
     shown = rows @ truth + draw.normal(size=(count, len(rows))) * std
     found = combine(
-        ErrorMotion(np.zeros(count), components, observable, covariance), rows, shown, np.tile(std**2, (count, 1))
+        ErrorMotion(np.zeros(count), components, observable, covariance), Seen(rows, shown, np.tile(std**2, (count, 1)))
     )
     assert found.observable.all()
     whitener = np.linalg.inv(np.linalg.cholesky(prior))
@@ -123,7 +124,9 @@ def test_estimates_scatter_as_their_covariance_says(seed):
 
 
 def test_what_is_exact_already_stays():
-    found = combine(known(1, exc=(1e-6, 0.0)), np.array([radial(0.0, 0.0)]), np.array([[2e-6]]), np.array([[1e-16]]))
+    found = combine(
+        known(1, exc=(1e-6, 0.0)), Seen(np.array([radial(0.0, 0.0)]), np.array([[2e-6]]), np.array([[1e-16]]))
+    )
     np.testing.assert_allclose(found.components[0, 0], 1e-6, rtol=1e-6)
 
 
@@ -143,10 +146,10 @@ def test_the_bits_of_a_time_do_not_depend_on_how_many_there_are():
     rows = np.array([face(1.0, 0.08), radial(2.0, 0.1), radial(0.3, 0.2)])
     shown, variance = draw.normal(size=(40, 3)) * 1e-6, draw.uniform(1e-17, 1e-15, (40, 3))
     motion = known(40, exc=(1e-6, 1e-8), eac=(1e-6, 1e-7))
-    whole = combine(motion, rows, shown, variance)
+    whole = combine(motion, Seen(rows, shown, variance))
     for part in (slice(0, 1), slice(7, 12), slice(12, 40)):
         index = np.arange(40)[part]
-        alone = combine(motion.at(index), rows, shown[part], variance[part])
+        alone = combine(motion.at(index), Seen(rows, shown[part], variance[part]))
         assert (alone.components == whole.components[part]).all()
         assert (alone.covariance == whole.covariance[part]).all()
 
@@ -162,7 +165,7 @@ def test_what_is_known_stays_and_the_rest_is_as_by_all_together():
     std = np.array([2e-8, 1e-8, 1e-8])
     shown = rows @ truth + draw.normal(size=(count, 3)) * std
     variance = np.tile(std**2, (count, 1))
-    found, joined = (each(motion, rows, shown, variance) for each in (extend, combine))
+    found, joined = (each(motion, Seen(rows, shown, variance)) for each in (extend, combine))
     assert (found.components[:, [0, 3]] == motion.components[:, [0, 3]]).all()
     assert (found.covariance[:, 0, 0] == motion.covariance[:, 0, 0]).all()
     assert (found.components[:, [2, 4]] == joined.components[:, [2, 4]]).all()
@@ -178,12 +181,12 @@ def test_disagreement_is_chi_square_of_what_is_redundant():
     std, found = 1e-8, []
     for _ in range(600):
         shown = rows @ np.array([0.0, 0.0, 4e-7, 3e-6, -2e-6, 0.0]) + draw.normal(size=5) * std
-        chi_square, freedom = disagreement(known(1, exc=(1e-6, 1e-8)), rows, shown[None], np.full((1, 5), std**2))
+        chi_square, freedom = disagreement(known(1, exc=(1e-6, 1e-8)), Seen(rows, shown[None], np.full((1, 5), std**2)))
         assert freedom == 2
         found.append(chi_square)
     assert np.mean(found) == pytest.approx(2.0, abs=5 * 2 / np.sqrt(600))
     one = np.array([radial(0.5, 0.1)])  # alone it contradicts nothing, though what it mixes is not told apart
-    assert disagreement(known(1, exc=(1e-6, 1e-8)), one, np.array([[1e-6]]), np.full((1, 1), 1e-16)) == (
+    assert disagreement(known(1, exc=(1e-6, 1e-8)), Seen(one, np.array([[1e-6]]), np.full((1, 1), 1e-16))) == (
         pytest.approx(0.0, abs=1e-9),
         0,
     )

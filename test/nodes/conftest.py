@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from nodes.mock_cells import mock_parameters
 
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.plant.stage import StagePlant
@@ -29,12 +30,6 @@ def plant(settings: MockSettings) -> StagePlant:
 
 @pytest.fixture
 def cell(settings: MockSettings) -> Iterator[Cell]:
-    parameters = {
-        "block_period": BLOCK_PERIOD,
-        "mock.seed": settings.seed,
-        "mock.epoch": settings.epoch_ns,
-        "mock.speeds": list(settings.speeds),
-        "mock.forces": settings.forces,
-    }
+    parameters = mock_parameters(settings, BLOCK_PERIOD)
     with Cell(parameters=parameters) as cell:
         yield cell

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from geometry_msgs.msg import Vector3Stamped
+from nodes.mock_cells import mock_parameters
 from nodes.probes import STREAMS, stage_with_probes
 
 from rotary_error_monitor.bags.reader import BagReader
@@ -28,14 +29,7 @@ def stage_file(tmp_path) -> Path:
 
 @pytest.fixture
 def probed(settings, stage_file) -> Iterator[Cell]:
-    parameters = {
-        "stage": str(stage_file),
-        "block_period": 0.05,
-        "mock.seed": settings.seed,
-        "mock.epoch": settings.epoch_ns,
-        "mock.speeds": list(settings.speeds),
-        "mock.forces": settings.forces,
-    }
+    parameters = mock_parameters(settings, stage=stage_file)
     with Cell(parameters=parameters, sensors=STREAMS) as cell:
         yield cell
 

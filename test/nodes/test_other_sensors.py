@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from nodes.mock_cells import mock_parameters
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
@@ -45,14 +46,7 @@ def stage_file(tmp_path) -> Path:
 
 @pytest.fixture
 def five(settings, stage_file) -> Iterator[Cell]:
-    parameters = {
-        "stage": str(stage_file),
-        "block_period": 0.05,
-        "mock.seed": settings.seed,
-        "mock.epoch": settings.epoch_ns,
-        "mock.speeds": list(settings.speeds),
-        "mock.forces": settings.forces,
-    }
+    parameters = mock_parameters(settings, stage=stage_file)
     with Cell(HEADS, parameters) as cell:
         yield cell
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from nodes.mock_cells import mock_parameters
 from nodes.probes import INSTEAD, stage_with_probes_instead
 
 from rotary_error_monitor.description.machine import load_machine
@@ -27,14 +28,7 @@ SIGMAS = 6.0
 def test_all_six_components_are_observable_and_right(settings, tmp_path):
     path = stage_with_probes_instead(tmp_path)
     stage = load_stage(path)
-    parameters = {
-        "stage": str(path),
-        "block_period": 0.05,
-        "mock.seed": settings.seed,
-        "mock.epoch": settings.epoch_ns,
-        "mock.speeds": list(settings.speeds),
-        "mock.forces": settings.forces,
-    }
+    parameters = mock_parameters(settings, stage=path)
     with Cell(HEADS, parameters, sensors=tuple(stage.sensors)) as cell:
         estimates = cell.collect(cell.wire.topic("error_motion_samples"))
         recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))

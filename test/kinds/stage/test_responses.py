@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import pytest
 import yaml
+from pipeline.test_responses import RESPONSES
 
 from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.cases.making import make_stage_case
@@ -15,14 +15,6 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.loading import load_problem, load_twin
 from rotary_error_monitor.gap.verdict import Verdict
 
-RESPONSES = {
-    "head_a": Response((2.7,)),
-    "head_b": Response((-1.9,), -1.0),
-    "head_c": Response((5.1,), latency=3e-4),
-    "head_d": Response((0.4,), -1.0),
-    "autocollimator": Response((2e-5, -3e-5), 1.02, math.radians(12), 2e-3),
-    "lvdt": Response((1e-5, -2e-5), -0.98, 0.4, 1e-3),
-}
 DURATION = 20.0
 
 
