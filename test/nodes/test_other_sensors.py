@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import yaml
 from nodes.mock_cells import mock_parameters
+from nodes.replayed_motion import REPEATED, assert_repeated
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.compensation import Compensation
@@ -72,28 +72,28 @@ def test_error_motion_and_corrections_from_five_heads_alone(five, settings, stag
     stage = load_stage(stage_file)
     plant = mock_stage(stage, settings)
     streams = five.wire.topic("error_motion_samples").field("streams")
-    for message in estimates[2:]:
+    listed = tuple(f"head_{head}" for head in HEADS) + ("command",)
+    used, whole = [], []
+    for message in estimates:
         block = messages.block_from_message(message)
         motion = error_motion_from_block(block)
-        seen = [name for name, there in zip(COMPONENTS, motion.observable.all(axis=0), strict=True) if there]
-        assert seen == ["exc", "eyc", "ecc"]
         assert not motion.observable[:, 2:5].any()
+        seen = motion.observable[:, [0, 1, 5]]
         truth = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
         deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))
-        assert (np.abs(motion.components - truth) <= SIGMAS * deviation)[:, [0, 1, 5]].all()
-        assert (deviation[:, [0, 1]] < 1e-5).all(), "an uncertainty that bounds something"
-        used = streams.names_in(float(block.column("streams")[-1]))
-        assert used == tuple(f"head_{head}" for head in HEADS) + ("command",)
+        assert (np.abs(motion.components - truth) <= SIGMAS * deviation)[:, [0, 1, 5]][seen].all()
+        assert (deviation[:, [0, 1]] < 1e-5)[seen[:, :2]].all(), "an uncertainty that bounds something"
+        whole.append(seen.all())
+        used.append(streams.names_in(float(block.column("streams")[-1])))
+    # a head that the estimator discovers later than the others, or whose block is late, is missing and said to be
+    assert all(set(names) <= set(listed) for names in used)
+    assert listed in used, "the estimate that was called complete"
+    assert np.mean(whole) > REPEATED
 
     replayed = replay_bag(
         tmp_path / "bag", stage, load_machine("xyzac_trt"), EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
     )
-    published = {int(s): row for m in estimates for s, row in zip(*stamped(m), strict=True)}
-    again = {int(s): row for s, row in zip(replayed.stamp_ns, np.nan_to_num(replayed.error_motion), strict=True)}
-    shared = published.keys() & again.keys()
-    assert len(shared) > 0.9 * len(published)
-    for stamp in shared:
-        np.testing.assert_array_equal(published[stamp], again[stamp])
+    assert_repeated(estimates, replayed)
 
 
 def test_a_recording_with_an_autocollimator_that_the_description_does_not_have(cell, tmp_path):
@@ -111,12 +111,6 @@ def test_a_recording_with_an_autocollimator_that_the_description_does_not_have(c
     (said,) = [remark for remark in replayed.remarks if "cannot be repeated" in remark]
     assert "used samples of autocollimator which this stage's description does not have; they follow" in said
     assert np.isnan(replayed.error_motion[:, 3:5]).all()
-
-
-def stamped(message):
-    """Stamps (ns) of a block of error motion and its components."""
-    block = messages.block_from_message(message)
-    return block.times_ns, np.stack([block.column(name) for name in COMPONENTS], axis=1)
 
 
 def test_the_node_of_an_instrument_that_the_stage_does_not_have_says_so(five):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from nodes.mock_cells import mock_parameters
 from nodes.probes import INSTEAD, stage_with_probes_instead
+from nodes.replayed_motion import assert_repeated
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
@@ -60,14 +61,4 @@ def test_all_six_components_are_observable_and_right(settings, tmp_path):
     replayed = replay_bag(
         tmp_path / "bag", stage, load_machine("xyzac_trt"), EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
     )
-    again = {int(s): row for s, row in zip(replayed.stamp_ns, np.nan_to_num(replayed.error_motion), strict=True)}
-    blocks = [messages.block_from_message(message) for message in estimates]
-    published = {int(s): row for block in blocks for s, row in zip(block.times_ns, components(block), strict=True)}
-    shared = published.keys() & again.keys()
-    assert len(shared) > 0.9 * len(published)
-    for stamp in shared:
-        np.testing.assert_array_equal(published[stamp], again[stamp])
-
-
-def components(block):
-    return error_motion_from_block(block).components
+    assert_repeated(estimates, replayed)

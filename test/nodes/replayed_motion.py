@@ -1,0 +1,39 @@
+"""Error motion that a cell published, held against a replay of its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
+from rotary_error_monitor.recordings.replayed import Replay
+
+REPEATED = 0.9
+"""Least share of the estimates that a replay repeats with the same streams.
+
+A head that the estimator discovered later than the recorder did, or whose block was late, is in the recording alone.
+"""
+
+
+def assert_repeated(published: Sequence[Any], replayed: Replay) -> None:
+    """Every estimate that a replay makes from the same streams is the published one to the last bit."""
+    again = {
+        int(stamp): (int(mask), row)
+        for stamp, mask, row in zip(
+            replayed.stamp_ns, replayed.streams, np.nan_to_num(replayed.error_motion), strict=True
+        )
+    }
+    rows = 0
+    same = 0
+    for message in published:
+        block = messages.block_from_message(message)
+        components = error_motion_from_block(block).components
+        for stamp, mask, row in zip(block.times_ns, block.column("streams"), components, strict=True):
+            rows += 1
+            if int(stamp) in again and again[int(stamp)][0] == int(mask):
+                same += 1
+                np.testing.assert_array_equal(again[int(stamp)][1], row)
+    assert same > REPEATED * rows
