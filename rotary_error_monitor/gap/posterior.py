@@ -19,7 +19,7 @@ from rotary_error_monitor.gap.departures import SHARE, Departing, FittedDepartur
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.hypotheses import price_of
 from rotary_error_monitor.gap.normal import combine, solve_scaled, stack, width_of
-from rotary_error_monitor.gap.problem import FIRST_ORDER, Array, Columns, Finding, Problem, Rows
+from rotary_error_monitor.gap.problem import Array, Columns, Finding, Problem, Rows
 
 FREE = 3
 """Directions beside that of a cause in which something unknown may lie.
@@ -98,9 +98,7 @@ def summed(powers: Sequence[Powers]) -> Powers:
 
 def is_structured(findings: Sequence[Finding], log_alarm: float, powers: Powers) -> bool:
     """Whether structure is left that the twin, as accurate as it is, does not leave of what the causes do there."""
-    whole = sum(powers.values())
-    alarming = [f for f in findings if f.log_p_value < log_alarm]
-    return any(f.excess > FIRST_ORDER**2 * powers.get(f.channel, whole) for f in alarming)
+    return any(f.exceeds(powers) for f in findings if f.log_p_value < log_alarm)
 
 
 def weigh_against_unknown(

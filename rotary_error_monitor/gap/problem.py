@@ -7,6 +7,7 @@ chi-square and one unit means the same on every channel.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -65,6 +66,8 @@ class Finding:
         log_p_value: natural logarithm of the chance of this under noise.
         excess: power above noise in rows' units, as far as the test measures it.
         pattern: what was found, in words.
+        reach: by channel, squares of the excess for each square that a twin leaves there; None where what is left of
+            the channel is in the excess itself.
     """
 
     channel: str
@@ -72,6 +75,15 @@ class Finding:
     log_p_value: float
     excess: float
     pattern: str
+    reach: Mapping[str, float] | None = None
+
+    def exceeds(self, powers: Mapping[str, float]) -> bool:
+        """Whether a twin that is as accurate as it is (`FIRST_ORDER`) leaves less of causes with these powers."""
+        if self.reach is None:
+            return self.excess > FIRST_ORDER**2 * powers.get(self.channel, sum(powers.values()))
+        # What it leaves of one cause goes the same way on all channels.
+        left = sum(FIRST_ORDER * math.sqrt(powers.get(channel, 0.0) * part) for channel, part in self.reach.items())
+        return bool(self.excess > left**2)
 
 
 @dataclass(frozen=True)
