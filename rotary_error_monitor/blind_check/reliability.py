@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,6 +75,22 @@ def calibration_error(bins: Sequence[Bin]) -> float:
     """Expected calibration error: mean of |stated - share|, weighted by how often (Naeini et al., AAAI 2015)."""
     count = sum(own.count for own in bins)
     return sum(abs(own.stated - own.share) * own.count for own in bins) / count if count else 0.0
+
+
+def error_by_chance(bins: Sequence[Bin]) -> float:
+    """Expected calibration error where every statement comes true as often as stated: few statements scatter.
+
+    The mean absolute deviation of a binomial count is 2 k (1 - p) P(k) with k the first whole number above n p
+    (De Moivre 1730; Diaconis and Zabell, Statistical Science 6, 1991).
+    """
+    from scipy.stats import binom  # loads for a second or two
+
+    off = 0.0
+    for own in bins:
+        k = math.floor(own.count * own.stated) + 1
+        off += 2 * k * (1 - own.stated) * float(binom.pmf(k, own.count, own.stated))
+    count = sum(own.count for own in bins)
+    return off / count if count else 0.0
 
 
 def read_told(path: Path) -> list[Told]:

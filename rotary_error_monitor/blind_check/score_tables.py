@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from rotary_error_monitor.blind_check.reliability import SURE, Told, bins_of, calibration_error
+from rotary_error_monitor.blind_check.reliability import SURE, Told, bins_of, calibration_error, error_by_chance
 from rotary_error_monitor.blind_check.scores import FINDABLE, Outcome
 
 SIZES = (0.0, 3.0, 6.0, 8.0, 10.0, 20.0, 40.0, 80.0, 160.0, 1e9)
@@ -182,7 +182,10 @@ def _floor(outcome: Outcome) -> str:
 
 
 def format_calibration(of_what: str, told: Sequence[Told]) -> str:
-    """Reliability by bins, and the expected calibration error: of all, and of those below and from `SURE` on."""
+    """Reliability by bins, and the expected calibration error: of all, and of those below and from `SURE` on.
+
+    Beside it stands what chance makes of statements that are calibrated.
+    """
     bins = bins_of(told)
     if not bins:
         return ""
@@ -194,11 +197,14 @@ def format_calibration(of_what: str, told: Sequence[Told]) -> str:
     table = _table(["told", "mean", "share right", "right", "95 % interval"], rows)
     parts = {"below": [own for own in bins if own.low < SURE], "from": [own for own in bins if own.low >= SURE]}
     apart = ", ".join(
-        f"{words} {SURE:g} {calibration_error(part):.3f} of {sum(own.count for own in part)}"
+        f"{words} {SURE:g} {calibration_error(part):.3f} of {sum(own.count for own in part)}, "
+        f"{error_by_chance(part):.3f} by chance"
         for words, part in parts.items()
         if part
     )
-    error = f"expected calibration error: {calibration_error(bins):.3f} ({apart})"
+    error = (
+        f"expected calibration error: {calibration_error(bins):.3f} ({apart}; by chance: of statements all calibrated)"
+    )
     return f"Calibration of probabilities of {of_what}\n{table}\n{error}"
 
 

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm
 
-from rotary_error_monitor.blind_check.reliability import EDGES, SURE, Bin, bins_of, calibration_error, read_told
+from rotary_error_monitor.blind_check.reliability import (
+    EDGES,
+    SURE,
+    Bin,
+    bins_of,
+    calibration_error,
+    error_by_chance,
+    read_told,
+)
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.errors import InputError
 
@@ -73,9 +81,24 @@ def test_outcomes_of_several_runs_are_taken_together(tmp_path, capsys):
         assert main(["gap-benchmark", *arguments, "--reliability", str(diagram)]) == 0
         assert diagram.read_bytes().startswith(begin)
     error = (0.3 + 0.93 + 2 * 0.04) / 4
-    assert f"expected calibration error: {error:.3f} (below 0.9 0.300 of 1, from 0.9 0.337 of 3)" in (
-        capsys.readouterr().out
-    )
+    # by chance: E|X - p| = 2 p (1 - p) of one statement, and 4 p^2 (1 - p) of two with p = 0.96
+    by_chance = 2 * 0.3 * 0.7, (2 * 0.93 * 0.07 + 4 * 0.96**2 * 0.04) / 3
+    assert (
+        f"expected calibration error: {error:.3f} (below 0.9 0.300 of 1, {by_chance[0]:.3f} by chance, "
+        f"from 0.9 0.337 of 3, {by_chance[1]:.3f} by chance"
+    ) in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("count", [3, 30, 300])
+def test_the_error_by_chance_is_the_mean_of_that_of_calibrated_statements(count):
+    draw = np.random.default_rng(count)
+    stated = np.repeat([0.25, 0.55, 0.93, 1.0], count)
+    errors = []
+    for _ in range(2000):
+        hits = draw.uniform(size=len(stated)) < stated
+        errors.append(calibration_error(bins_of(list(zip(stated.tolist(), hits.tolist(), strict=True)))))
+    expected = error_by_chance(bins_of([(p, True) for p in stated.tolist()]))
+    assert abs(np.mean(errors) - expected) < 5 * np.std(errors) / np.sqrt(len(errors))
 
 
 def test_files_that_hold_no_outcomes_are_refused(tmp_path, capsys):
