@@ -202,9 +202,7 @@ def format_calibration(of_what: str, told: Sequence[Told]) -> str:
         for words, part in parts.items()
         if part
     )
-    error = (
-        f"expected calibration error: {calibration_error(bins):.3f} ({apart}; by chance: of statements all calibrated)"
-    )
+    error = f"expected calibration error: {calibration_error(bins):.3f} ({apart} if all are calibrated)"
     return f"Calibration of probabilities of {of_what}\n{table}\n{error}"
 
 
