@@ -6,7 +6,7 @@ that were left out. The recording is read once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -195,6 +195,20 @@ class _Sheet:
             table[place : place + len(own)] = rows.T
             place += len(own)
         return index, table.T
+
+
+def grams_by_channel(problem: Problem, columns: Sequence[Columns], channels: Iterable[str]) -> dict[str, Array]:
+    """(p, p) products of all columns with one another, one after the other, as far as each channel shows them."""
+    places = np.concatenate([[0], np.cumsum([width_of(rows) for rows in columns])]).astype(np.intp)
+    found = {channel: np.zeros((places[-1], places[-1])) for channel in channels}
+    for stretch in range(problem.conditions.stretches):
+        made = [rows_in(rows, stretch) for rows in columns]
+        for channel, gram in found.items():
+            acting = _acting(made, places, channel)
+            if acting:
+                index, table = np.concatenate([own for own, _ in acting]), np.hstack([rows for _, rows in acting])
+                gram[np.ix_(index, index)] += table.T @ table
+    return found
 
 
 def own_rest(problem: Problem, data: Rows, nuisance: Columns) -> tuple[Rows, dict[str, float]]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from rotary_error_monitor.gap.fitting import Fit
-from rotary_error_monitor.gap.normal import solve_scaled, stack, width_of
+from rotary_error_monitor.gap.normal import grams_by_channel, solve_scaled, width_of
 from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.posterior import powers_of, summed
 from rotary_error_monitor.gap.problem import Array, Finding, Problem
@@ -59,10 +59,6 @@ def _reach(problem: Problem, fit: Fit) -> dict[str, Array]:
     prior = np.repeat([1.0, 1e-12, 1.0], [count, sum(widths[1 : 1 + len(fit.columns)]), len(fit.departure_values)])
     gram = fit.blocks.total().gram + np.diag(prior)
     inverse = solve_scaled(gram, np.eye(len(gram)))[:count]
-    found = {}
-    for channel, power in summed(powers_of(problem, fit)).items():
-        if power > 0:
-            rows = {channel: np.zeros((len(problem.times(channel)), 1))}
-            own = stack(problem, rows, columns, None, problem.conditions.as_one()).total().gram
-            found[channel] = np.einsum("ij,jk,ik->i", inverse, own, inverse)
-    return found
+    acting = [channel for channel, power in summed(powers_of(problem, fit)).items() if power > 0]
+    grams = grams_by_channel(problem, columns, acting)
+    return {channel: np.einsum("ij,jk,ik->i", inverse, own, inverse) for channel, own in grams.items()}

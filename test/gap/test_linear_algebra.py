@@ -11,7 +11,7 @@ from scipy.stats import chi2, multivariate_normal
 
 from rotary_error_monitor.gap.fitting import fit_causes
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
-from rotary_error_monitor.gap.normal import combine, own_rest, stack, subtract
+from rotary_error_monitor.gap.normal import combine, grams_by_channel, own_rest, stack, subtract
 from rotary_error_monitor.gap.problem import SparseRows
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import measure_gap
@@ -200,6 +200,19 @@ def test_leading_columns_need_no_second_look(linear, rng):
     spared = stack(linear, linear.data, [nuisance, *columns], stack(linear, linear.data, [nuisance]).gram)
     np.testing.assert_allclose(spared.gram, whole.gram, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(spared.moment, whole.moment, rtol=1e-12)
+
+
+def test_products_by_channel_are_those_of_the_columns_that_act_there(linear, rng):
+    first = SparseRows(3, {"x": rng.normal(size=(800, 2))}, {"x": np.array([0, 2])})
+    second = {"x": rng.normal(size=(800, 1)), "y": rng.normal(size=(800, 1))}
+    grams = grams_by_channel(linear, [first, second], ["x", "y"])
+    dense = np.zeros((800, 4))
+    dense[:, [0, 2, 3]] = np.hstack([first.rows["x"], second["x"]])
+    np.testing.assert_allclose(grams["x"], dense.T @ dense, rtol=1e-12)
+    assert grams["y"][3, 3] == pytest.approx(float(np.sum(second["y"] ** 2)))
+    assert np.count_nonzero(grams["y"]) == 1
+    whole = stack(linear, linear.data, [first, second]).total().gram
+    np.testing.assert_allclose(grams["x"] + grams["y"], whole, rtol=1e-10, atol=1e-9)
 
 
 def test_effects_of_very_unequal_usual_sizes_are_weighed_together(linear):
