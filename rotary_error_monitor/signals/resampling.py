@@ -171,8 +171,28 @@ def _interpolate(
         total = total + weight[:, None] * (samples[i] - samples[1])
         gain = gain + weight * weight
     result = np.where(valid[:, None], samples[1] + total, 0.0)
-    bend = np.abs((samples[3] - samples[0]) - 3 * (samples[2] - samples[1]))
-    return Resampled(result, gain, np.abs(samples[3] - samples[0]), bend, valid)
+    return Resampled(result, gain, np.abs(samples[3] - samples[0]), _bend(samples, before, middle, behind), valid)
+
+
+def _bend(
+    samples: Sequence[NDArray[np.float64]],
+    before: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    behind: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """(m, k) third difference of four samples, of which a cubic misses as much if they are evenly spaced.
+
+    It is made of their divided differences: that of the samples as they are would be as large as the signal moves in
+    what their distances differ by. Between the middle ones a cubic misses the product of the distances to all four.
+    """
+    speeds = [
+        (end - begin) / passed[:, None]
+        for begin, end, passed in zip(samples[:-1], samples[1:], (before, middle, behind), strict=True)
+    ]
+    first = (speeds[1] - speeds[0]) / (before + middle)[:, None]
+    second = (speeds[2] - speeds[1]) / (middle + behind)[:, None]
+    square = 2 / 3 * middle * np.sqrt((0.5 * middle + before) * (0.5 * middle + behind))  # of the even distance
+    return np.asarray(np.abs(second - first) * (6 * square * np.sqrt(square) / (before + middle + behind))[:, None])
 
 
 def _fit(signals: list[_Cells], period_ns: int) -> list[Resampled]:

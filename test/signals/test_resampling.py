@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rotary_error_monitor.metrology.error_motion import bend_variance
 from rotary_error_monitor.signals.resampling import count_decided, resample, tick_times
 
 PERIOD = 1_000_000
@@ -62,6 +63,47 @@ def test_brisk_acceleration_is_held_where_a_straight_line_errs():
     line = np.interp(ticks, times, motion(times))
     assert np.abs(line - motion(ticks)).max() > 5e-5
     assert np.abs(result.values[:, 0] - motion(ticks)).max() < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_interpolation_cannot_follow_is_told_whatever_the_distances_of_samples(seed):
+    """Third differences of even samples; of the same signal by stamps that scatter about the same."""
+    draw = np.random.default_rng(seed)
+    even = 10_000_000 * np.arange(200, dtype=np.int64)
+    ticks = 5_000_000 * np.arange(20, 380, dtype=np.int64)
+    speed, bent = draw.uniform(1, 6), draw.uniform(10, 90)
+
+    def bend(times, cubic):
+        t = times * 1e-9
+        values = (speed * t + 0.7 * t**2 + cubic * t**3)[:, None]
+        found = resample(times, values, ticks, 5_000_000, 40_000_000)
+        assert found.valid.all()
+        return found.bend[:, 0]
+
+    np.testing.assert_allclose(bend(even, bent), 6 * bent * 0.01**3, rtol=1e-5)
+    scattered = even + np.rint(draw.uniform(-2.4e6, 2.4e6, len(even))).astype(np.int64)
+    assert bend(scattered, 0.0).max() < 1e-9, "of a parabola there is none; its samples differ by 0.02 rad"
+    assert (np.abs(bend(scattered, bent) / (6 * bent * 0.01**3) - 1) < 1.0).all()
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.24])
+@pytest.mark.parametrize("seed", range(5))
+def test_what_interpolation_cannot_follow_bounds_what_it_misses(seed, scatter):
+    """Motion whose speed goes up and down in ramps, by samples 10 ms apart: closed form between them."""
+    draw = np.random.default_rng(seed)
+    moments, levels = np.cumsum(draw.uniform(0.03, 0.4, 40)), draw.uniform(-6, 6, 40)
+    fine = np.arange(0.0, moments[-1], 1e-5)
+    speeds = np.interp(fine, moments, levels)
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * 1e-5)])
+    times = 10_000_000 * np.arange(int(moments[-1] * 100), dtype=np.int64)
+    times = times + np.rint(draw.uniform(-scatter, scatter, len(times)) * 1e7).astype(np.int64)
+    ticks = 1_000_000 * np.arange(50, int(moments[-1] * 1000) - 60, dtype=np.int64)
+    found = resample(times, np.interp(times * 1e-9, fine, angle)[:, None], ticks, 1_000_000, 40_000_000)
+    missed = np.abs(found.values[:, 0] - np.interp(ticks * 1e-9, fine, angle))[found.valid]
+    bound = 6 * np.sqrt(bend_variance(np.column_stack([0 * found.bend[:, 0], found.bend[:, 0]])))[found.valid]
+    assert found.valid.mean() > 0.95
+    assert np.mean(missed > bound + 1e-8) <= 0.002
+    assert np.median(bound) < 2e-4, "an uncertainty that bounds something"
 
 
 def test_a_missing_block_leaves_no_value_and_no_neighbour_is_made_up():
