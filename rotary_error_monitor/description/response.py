@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -51,11 +51,12 @@ class Response:
         return round(self.latency * 1e9)
 
     def corrected(self, readings: Array) -> Array:
-        """(n, k) what the package means by readings (n, k), in the field's unit."""
+        """(n, k) what the package means by readings (n, k) of the first k fields, in the field's unit."""
         if self.changes_no_value:
             return readings
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite stays so, and is refused behind
-            return _turned((readings - self.zero if self.zero else readings) / self.gain, -self.roll)
+            from_zero = readings - self.zero[: readings.shape[1]] if self.zero else readings
+            return _turned(from_zero / self.gain, -self.roll)
 
     def readings(self, values: Array) -> Array:
         """(n, k) what the instrument reads where values (n, k) are to be shown: the inverse of `corrected`."""
@@ -86,16 +87,18 @@ def responses_of(stage: Mapping[str, Any]) -> dict[str, Response]:
     """
     found = {f"head_{letter}": _of_head(head) for letter, head in stage["encoder"]["heads"].items()}
     found |= {name: _of_two_axes(stage[name]) for name in _TWO_AXES if name in stage}
+    if "command" in stage:
+        found["command"] = _of_command(stage["command"])
     for name, sensor in stage.get("sensors", {}).items():
         found[f"{sensor['kind']}_{name}"] = Response(latency=float(sensor.get("latency", 0.0)))
     return {stream: response for stream, response in found.items() if not response.is_ideal}
 
 
-def head_rows(response: Response) -> dict[str, float]:
-    """What a file says of the response of a head beside its azimuth; nothing of an ideal one."""
+def angle_rows(response: Response) -> dict[str, float]:
+    """What a file says of the response of a head beside its azimuth, or of the command; nothing of an ideal one."""
     if response.is_ideal:
         return {}
-    (zero,) = response.zero
+    zero, *_ = response.zero
     return {"zero": zero, "sign": round(response.gain), "latency": response.latency}
 
 
@@ -110,6 +113,12 @@ def two_axis_rows(response: Response) -> dict[str, Any]:
 def _of_head(head: Mapping[str, Any]) -> Response:
     zero, sign = float(head.get("zero", 0.0)), float(head.get("sign", 1))
     return Response((zero,), sign, latency=float(head.get("latency", 0.0)))
+
+
+def _of_command(section: Mapping[str, Any]) -> Response:
+    """Of an angle and its speed, which has the sign, but no zero."""
+    of_angle = _of_head(section)
+    return replace(of_angle, zero=(*of_angle.zero, 0.0))
 
 
 def _of_two_axes(section: Mapping[str, Any]) -> Response:

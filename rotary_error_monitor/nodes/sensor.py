@@ -46,8 +46,12 @@ class BlockSender:
         source: Source,
         period_ns: int,
         human: tuple[Topic, Callable[[SampleBlock], messages.Message]],
+        slowest: float = 0.0,
     ) -> None:
-        """Send blocks of `source` on `topic` each `period_ns`, and what `human` makes of a block on its topic."""
+        """Send blocks of `source` on `topic` each `period_ns`, and what `human` makes of a block on its topic.
+
+        A source may have nothing to give for `slowest` s before it counts as silent.
+        """
         self._node = node
         self._source = source
         self._period_ns = period_ns
@@ -59,7 +63,8 @@ class BlockSender:
         self._human_ns = 0
         began_ns = node.now_ns()
         period = period_ns / NANOSECONDS
-        self.watch = StreamWatch(topic.name, _LATE_PERIODS * period, _STALE_AFTER + 2 * period, began_ns, outgoing=True)
+        stale_after = _STALE_AFTER + 2 * period + slowest
+        self.watch = StreamWatch(topic.name, _LATE_PERIODS * period, stale_after, began_ns, outgoing=True)
         node.at_each(period_ns, self._send)
 
     def _send(self, due_ns: int) -> None:
@@ -83,15 +88,15 @@ class BlockSender:
 class Driver:
     """The topic of a third-party driver: its messages are gathered as samples, and its silence is said."""
 
-    def __init__(self, node: ManagedNode, source: Heard) -> None:
-        """Have `source` gather the samples of its topic.
+    def __init__(self, node: ManagedNode, source: Heard, slowest: float = 0.0) -> None:
+        """Have `source` gather the samples of its topic, of which two may be `slowest` s apart.
 
         Where several publish, nothing tells whose sample is whose, and none is taken.
         """
         self._node = node
         self._source = source
         self._topic = node.resolve_topic_name(source.topic)
-        self._watch = StreamWatch(self._topic, _STALE_AFTER, _SILENT_AFTER, node.now_ns())
+        self._watch = StreamWatch(self._topic, _STALE_AFTER + slowest, _SILENT_AFTER + slowest, node.now_ns())
         self._said = ""
         node.listen(self._topic, messages.message_class(source.type), driver_profile(), self._receive)
         node.every(_LOOK_PERIOD, self._look)
@@ -141,9 +146,13 @@ class SensorNode(ManagedNode):
 
     Attributes:
         kind: of the instrument, as devices name what they serve.
+        joint: name of the joint in its message for people, where that is a joint state; empty for that of the frame.
+        slowest: longest time between two samples of a usual instrument of the kind, s; 0 for those of many a second.
     """
 
     kind: ClassVar[str]
+    joint: ClassVar[str] = ""
+    slowest: ClassVar[float] = 0.0
 
     def __init__(self, name: str, **how: Any) -> None:  # noqa: ANN401 (as `ManagedNode`)
         """As `ManagedNode`; parameters are those of the devices as well.
@@ -172,8 +181,9 @@ class SensorNode(ManagedNode):
         instrument = Instrument(samples.frame, samples.columns, self.stage, self.setting, self.now_ns())
         with told_of(self.hardware):
             self._source = source = opened(self._devices[self.hardware], instrument)
-        self._sender = BlockSender(self, samples, source, period_ns, (people, partial(messages.latest_message, people)))
-        self._driver = Driver(self, source) if isinstance(source, Heard) else None
+        told = people, partial(messages.latest_message, people, joint=self.joint)
+        self._sender = BlockSender(self, samples, source, period_ns, told, self.slowest)
+        self._driver = Driver(self, source, self.slowest) if isinstance(source, Heard) else None
         if isinstance(source, Polled):
             self.at_each(round(NANOSECONDS / self.setting(POLL_RATE.name)), lambda _: self._poll(source))
 

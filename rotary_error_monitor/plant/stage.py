@@ -111,7 +111,7 @@ class StagePlant:
         if response is not None:
             time = time - response.latency
         if stream == "command":
-            return np.column_stack(self.motion.at(time))
+            return read_off(np.column_stack(self.motion.at(time)), response)
         if stream == "force":
             return as_columns(self.forces.at(time))
         if stream == "temperature":

@@ -122,6 +122,20 @@ class MockInstrument(Device):
         return _stream_of(mock_stage(instrument.stage, settings), instrument)
 
 
+class MockSurroundings(Device):
+    """What drives the true stage: its command, the force on its shaft, its temperature."""
+
+    name = MOCK
+    serves = ("stage_command", "stage_force", "stage_temperature")
+    settings = MOCK_SETTINGS
+
+    def open(self, instrument: Instrument) -> MockSource:
+        """The instrument's stream of the stage."""
+        return _stream_of(
+            mock_stage(instrument.stage, mock_settings(instrument.setting, instrument.now_ns)), instrument
+        )
+
+
 class MockLvdt(Device):
     """The LVDT of the true stage, at a height of the user's choice."""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rotary_error_monitor.description.listed_sensors import name_of, sensors_section
 from rotary_error_monitor.description.machine_section import machine_mapping as machine_mapping
-from rotary_error_monitor.description.response import head_rows, two_axis_rows
+from rotary_error_monitor.description.response import angle_rows, two_axis_rows
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import effect_named
@@ -29,7 +29,7 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
             "counts_per_line": encoder.counts_per_line,
             "noise": encoder.noise,
             "heads": {
-                letter: {"azimuth": azimuth} | head_rows(stage.response(f"head_{letter}"))
+                letter: {"azimuth": azimuth} | angle_rows(stage.response(f"head_{letter}"))
                 for letter, azimuth in encoder.azimuths.items()
             },
             "eccentricity": list(encoder.eccentricity),
@@ -56,6 +56,8 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
             "noise": stage.lvdt.noise,
             "artefact_eccentricity": list(stage.lvdt.artefact_eccentricity),
         } | two_axis_rows(stage.response("lvdt"))
+    if command := angle_rows(stage.response("command")):
+        content["command"] = command
     if stage.sensors:
         content["sensors"] = sensors_section(stage.sensors)
         for stream, sensor in stage.sensors.items():

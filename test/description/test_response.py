@@ -43,12 +43,14 @@ def test_an_ideal_instrument_costs_nothing():
         (Response((1e-5, -2e-5)), PLANE, [[0.0, 4e-5], [-4e-5, 2e-5], [-1e-5, -2e-5]]),
         (Response(gain=2.0), PLANE, PLANE / 2),
         (Response((0.25,), -1.0), ANGLE, [[-0.25], [1.25], [-7.0]]),
+        # of the command: the speed has no zero, but the sign; of the angle alone the same
+        (Response((0.25, 0.0), -1.0), [[0.5, 2.0]] * 3, [[-0.25, -2.0]] * 3),
         # what turned x to y by a quarter of a turn is turned back: y was x, and x was -y
         (Response(roll=np.pi / 2), PLANE, [[2e-5, -1e-5], [0.0, 3e-5], [-4e-5, 0.0]]),
         # zero first, then gain and roll: (4e-5, 0) over -2 is (-2e-5, 0), which had been turned from (0, 2e-5)
         (Response((-1e-5, 2e-5), -2.0, np.pi / 2), [[3e-5, 2e-5]] * 3, [[0.0, 2e-5]] * 3),
     ],
-    ids=["zero", "gain", "sign", "roll", "all"],
+    ids=["zero", "gain", "sign", "command", "roll", "all"],
 )
 def test_each_part_is_taken_off_in_its_turn(response, values, expected):
     fields = TILT[: np.shape(values)[1]]
@@ -108,7 +110,7 @@ def described(folder, **changes):
     content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
     stage = content["stage"]
     probe = {"kind": "axial_probe", "radius": 0.0, "noise": 1e-8, "resolution": 0, "range": 1e-3, "uncertainty": 1e-9}
-    stage["sensors"] = {"top": probe}
+    stage |= {"sensors": {"top": probe}, "command": {}}
     places = stage["encoder"]["heads"] | {"top": probe} | stage
     for name, rows in changes.items():
         places[name] |= rows
@@ -122,6 +124,7 @@ OWN = {
     "autocollimator": {"zero": [1e-5, 0.0], "gain": 1.02, "roll": 0.2, "latency": 2e-3},
     "lvdt": {"gain": -1.0},
     "top": {"latency": 5e-4, "zero": 1e-6, "gain": -2.0},
+    "command": {"zero": 1.3, "sign": -1, "latency": 4e-3},
 }
 
 
@@ -133,6 +136,7 @@ def test_a_file_says_how_its_instruments_answer_and_is_written_back(tmp_path):
         "autocollimator": Response((1e-5, 0.0), 1.02, 0.2, 2e-3),
         "lvdt": Response((0.0, 0.0), -1.0),
         "axial_probe_top": Response(latency=5e-4),
+        "command": Response((1.3, 0.0), -1.0, latency=4e-3),
     }
     assert stage.response("head_b") is IDEAL
     assert stage.sensors["axial_probe_top"].zero == 1e-6, "stays a parameter of the sensor"
@@ -151,6 +155,8 @@ def test_a_file_says_how_its_instruments_answer_and_is_written_back(tmp_path):
         ("autocollimator", {"zero": 1e-5}, r"autocollimator\.zero: .*expected: reading \[x, y\] of a mirror"),
         ("autocollimator", {"roll": 12}, r"autocollimator\.roll: .*expected: angle about \+z in rad"),
         ("lvdt", {"latency": -0.1}, r"lvdt\.latency: .*expected: how long after .* in s, from 0 to 1"),
+        ("command", {"sign": 0}, r"command\.sign: .*expected: 1, or -1 for a controller that counts the other way"),
+        ("command", {"gain": 2.0}, r"command: .*'gain' was unexpected"),
         ("top", {"latency": 2}, r"sensors\.top\.latency: .*expected: how long after"),
     ],
 )

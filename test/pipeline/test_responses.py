@@ -31,6 +31,7 @@ RESPONSES = {
     "head_d": Response((0.4,), -1.0),
     "autocollimator": Response((2e-5, -3e-5), 1.02, math.radians(12), 2e-3),
     "lvdt": Response((1e-5, -2e-5), -0.98, 0.4, 1e-3),
+    "command": Response((1.3, 0.0), -1.0, latency=4e-3),
 }
 OWN = replace(IDEAL, responses=RESPONSES)
 SEEN = [0, 1, 3, 4, 5]
@@ -84,8 +85,10 @@ def test_error_motion_is_that_of_ideal_instruments(seed):
         ("head_b", Response((-1.9,)), "head_b"),
         ("head_d", Response((0.41,), -1.0), "head_d"),
         ("autocollimator", Response((2e-5, -3e-5), -1.02, math.radians(12), 2e-3), "autocollimator"),
+        ("command", Response((1.3, 0.0), latency=4e-3), "command"),
+        ("command", Response((1.3, 0.0), -1.0), "command"),
     ],
-    ids=["sign", "zero", "gain"],
+    ids=["sign", "zero", "gain", "command's sign", "command's latency"],
 )
 def test_a_response_that_is_described_wrongly_is_told(stream, wrong, told):
     estimator, *_ = estimated(OWN, replace(OWN, responses={**RESPONSES, stream: wrong}))

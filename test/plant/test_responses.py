@@ -25,13 +25,20 @@ def test_zero_and_sign_of_a_head():
     assert np.array_equal(shown("head_b", head_a=Response((2.7,), -1.0)), shown("head_b"))
 
 
+def test_zero_and_sign_of_the_command():
+    """The speed has the sign, but no zero."""
+    angle, speed = shown("command").T
+    found = shown("command", command=Response((1.3, 0.0), -1.0))
+    np.testing.assert_allclose(found, np.stack([1.3 - angle, -speed], axis=1), rtol=0, atol=1e-15)
+
+
 def test_zero_gain_and_roll_of_two_axes():
     x, y = shown("lvdt").T
     found = shown("lvdt", lvdt=Response((1e-5, 3e-5), -2.0, np.pi / 2))
     np.testing.assert_allclose(found, np.stack([1e-5 + 2 * y, 3e-5 - 2 * x], axis=1), rtol=0, atol=1e-19)
 
 
-@pytest.mark.parametrize("stream", ["head_c", "autocollimator", "lvdt"])
+@pytest.mark.parametrize("stream", ["head_c", "autocollimator", "lvdt", "command"])
 def test_latency_stamps_later(stream):
     late = shown(stream, **{stream: Response(latency=2e-3)})
     np.testing.assert_allclose(late, shown(stream, TIME - 2e-3), rtol=0, atol=1e-15)

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.signals.blocks import SampleBlock
 
-from .recording import AUTOCOLLIMATOR, LVDT, Recording, head_topic, probe_topic
+from .recording import AUTOCOLLIMATOR, COMMAND, LVDT, Recording, head_topic, probe_topic
 
 
 def draw_responses(seed: int, stage: dict[str, Any]) -> dict[str, Any]:
@@ -27,6 +27,8 @@ def draw_responses(seed: int, stage: dict[str, Any]) -> dict[str, Any]:
                 "roll": float(rng.uniform(-3.0, 3.0)),
                 "latency": float(rng.uniform(0.0, 5e-3)),
             }
+    command = {"zero": float(rng.uniform(-6.0, 6.0)), "sign": int(rng.choice([-1, 1]))}
+    section["command"] = command | {"latency": float(rng.uniform(0.0, 5e-3))}
     for probe in section.get("sensors", {}).values():
         probe["latency"] = float(rng.uniform(0.0, 2e-3))
     return section
@@ -41,6 +43,9 @@ def answered(recording: Recording, section: dict[str, Any]) -> Recording:
         for_all = own.get("gain", own.get("sign", 1)) * _axes(own.get("roll", 0.0), 2 if "roll" in own else 1)
         zero = np.atleast_1d(own.get("zero", 0.0))
         changed[topic] = for_all, zero, own.get("latency", 0.0)
+    if "command" in section:
+        own = section["command"]
+        changed[COMMAND] = own["sign"] * np.eye(2), np.array([own["zero"], 0.0]), own["latency"]
     for name, own in section.get("sensors", {}).items():
         changed[probe_topic(name, own)] = np.eye(1), np.zeros(1), own["latency"]
     made = {}
