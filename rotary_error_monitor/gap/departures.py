@@ -260,6 +260,14 @@ class Departing(Protocol):
 
 
 @runtime_checkable
+class WithSlowNoise(Protocol):
+    """A problem whose noise may have a slow part, by which what is slow in white rows is weighed down."""
+
+    def without_slow_noise(self, columns: Columns) -> Columns | None:
+        """Columns as they would be beside white noise alone; None where that is what they are."""
+
+
+@runtime_checkable
 class LeavingOut(Protocol):
     """A problem that leaves outliers out, which it tells by how far they are from what is known of the others."""
 

@@ -9,8 +9,17 @@ import numpy as np
 
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.bounded import solve_within
-from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.normal import BlockNormal, combine, solve_scaled, stack, subtract, width_of
+from rotary_error_monitor.gap.departures import Departures, WithSlowNoise
+from rotary_error_monitor.gap.normal import (
+    BlockNormal,
+    acting_on,
+    combine,
+    grams_by_channel,
+    solve_scaled,
+    stack,
+    subtract,
+    width_of,
+)
 from rotary_error_monitor.gap.problem import Array, Columns, Problem, Rows, SparseRows
 from rotary_error_monitor.twin.finite import UnpredictableError
 
@@ -42,6 +51,8 @@ class Fit:
         departures: ways in which the causes depart from their textbook form.
         departure_values: how far each departs, in standard deviations of its prior.
         log_prior: logarithm of the prior of the kinds of departure that were chosen.
+        sizes: products of the columns of causes and departures with one another as they would be without slow noise;
+            None where those in `blocks` are.
     """
 
     causes: tuple[Cause, ...]
@@ -55,6 +66,7 @@ class Fit:
     departures: tuple[Departures, ...] = ()
     departure_values: Array = field(default_factory=lambda: np.zeros(0))
     log_prior: float = 0.0
+    sizes: Array | None = None
 
     @property
     def squares(self) -> float:
@@ -112,7 +124,25 @@ def fit_causes(
     taken = combine(problem, [uncertain, *departing], [moved[0], *_split(moved[1], departing)])
     rest = subtract(data, taken) if count or extra else data
     blocks = stacked.reordered(order) if extra else stacked
-    return Fit(fitted, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[1])
+    sizes = _sizes(problem, columns, departing) if departing else None
+    return Fit(
+        fitted, spread, data, uncertain, moved[0], columns, rest, blocks, tuple(departures), moved[1], sizes=sizes
+    )
+
+
+def _sizes(problem: Problem, columns: Sequence[Columns], departing: Sequence[Columns]) -> Array | None:
+    """Products of columns as they would be without slow noise: that weighs what is slow of a cause down, and so would
+    make of a departure that comes and goes a larger part of it than it is.
+    """
+    if not isinstance(problem, WithSlowNoise):
+        return None
+    both = [*columns, *departing]
+    plain = [problem.without_slow_noise(rows) for rows in both]
+    if all(rows is None for rows in plain):
+        return None
+    shown = [rows if own is None else own for own, rows in zip(plain, both, strict=True)]
+    channels = {channel for rows in shown for channel in acting_on(rows)}
+    return np.asarray(sum(grams_by_channel(problem, shown, channels).values()), np.float64)
 
 
 def _split(values: Array, columns: Sequence[Columns]) -> list[Array]:

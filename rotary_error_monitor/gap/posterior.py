@@ -303,8 +303,9 @@ def log_evidence(gram: Array, moment: Array, index: NDArray[np.intp]) -> float:
 
 def departures_of(fit: Fit) -> list[FittedDepartures]:
     """Departures of a fit with their values, beside the best textbook form of each cause."""
-    gram, first = fit.blocks.total().gram, len(fit.nuisance_values)
-    places = first + np.concatenate([[0], np.cumsum([width_of(columns) for columns in fit.columns])]).astype(np.intp)
+    first = len(fit.nuisance_values)
+    gram = fit.blocks.total().gram[first:, first:] if fit.sizes is None else fit.sizes
+    places = np.concatenate([[0], np.cumsum([width_of(columns) for columns in fit.columns])]).astype(np.intp)
     found, start = [], 0
     for departures in fit.departures:
         values = fit.departure_values[start : start + len(departures.kinds)]

@@ -257,6 +257,13 @@ class StageNoise:
             for channel, white in rows.items()
         }
 
+    def without_slow_noise(self, rows: Mapping[str, Array]) -> dict[str, Array] | None:
+        """White rows (m, p) by channel as they would be without slow noise; None where there is none."""
+        slow = {channel for channel in rows if (HEAD if channel == COMMAND else instrument_of(channel)) in self._slow}
+        if not slow:
+            return None
+        return {c: self._slow_noise(c).plain(white) if c in slow else white for c, white in rows.items()}
+
     def _slow_noise(self, channel: str) -> SlowNoise:
         if channel not in self._kept_slow:
             courses = self._shared_courses() if channel == COMMAND else self._slow[instrument_of(channel)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
-from rotary_error_monitor.gap.problem import Array, Rows
+from rotary_error_monitor.gap.problem import Array, Columns, LateRows, Rows, SparseRows
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, in_all, learn_slow_noise
 from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.kinds.stage.instrument import Instrument
@@ -146,6 +147,13 @@ class NoiseLearning:
             return False
         problem.noise.with_slow_noise(name, None if found is None else cosines(own.passed) * (found / own.usual))
         return True
+
+    def without_slow_noise(self, columns: Columns) -> Columns | None:
+        """As `StageProblem.without_slow_noise`."""
+        if isinstance(columns, LateRows):
+            return None
+        rows = self._problem.noise.without_slow_noise(columns.rows if isinstance(columns, SparseRows) else columns)
+        return replace(columns, rows=rows) if rows is not None and isinstance(columns, SparseRows) else rows
 
     def _rivals(self, own: Instrument) -> Iterator[Rivals]:
         """What else may be slow beside known effects: what goes with an input, and waves."""

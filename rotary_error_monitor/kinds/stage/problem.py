@@ -324,6 +324,10 @@ class StageProblem:
         check_extent(self.recording, raw, self.noise.std)
         check_stage(self.recording, raw, self.twin, self.effects, self.noise.std)
 
+    def without_slow_noise(self, columns: Columns) -> Columns | None:
+        """Columns as beside white noise alone; None where that is what they are, and of a long recording."""
+        return self._learning.without_slow_noise(columns)
+
     def where(self, causes: Sequence[Cause], rest: Rows, explained: bool) -> list[Share]:
         """Shares of the channels in topics and fields."""
         return stage_where(self, causes, explained)
