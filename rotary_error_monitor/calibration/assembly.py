@@ -72,7 +72,7 @@ def read_shaft_recording(path: Path | str, stage: StageDescription, remarks: lis
     """
     wire = wire_of(stage)
     reader = BagReader(path)
-    topics = {letter: wire.topic("head_samples", letter).name for letter in stage.encoder.azimuths}
+    topics = {letter: wire.topic("head_samples", letter).name for letter in stage.azimuths}
     heads = tuple(letter for letter, name in topics.items() if name in reader.topics and reader.topics[name].count)
     if len(heads) < 2:
         reader.check_topics(topics.values())
@@ -139,7 +139,7 @@ def calibrate_assembly(
     result = AssemblyResult(
         doubts.ring,
         doubts.mirror,
-        stage.encoder.disc_radius,
+        stage.ring.disc_radius,
         remark,
         len(recording.readings),
         written=False,

@@ -172,8 +172,8 @@ _ADVICE = {
 
 def _changes(stage: StageDescription, found: _Found) -> list[_Change]:
     """What the description has with an uncertainty, against what was found."""
-    old_vectors = {"encoder.eccentricity": stage.encoder.eccentricity, "mirror.tilt": stage.mirror.tilt}
-    graduation = {row.order: np.array([row.cos, row.sin]) for row in stage.encoder.graduation}
+    old_vectors = {"encoder.eccentricity": stage.ring.eccentricity, "mirror.tilt": stage.mirror.tilt}
+    graduation = {row.order: np.array([row.cos, row.sin]) for row in stage.ring.graduation}
     flatness = {row.order: np.array([*row.x, *row.y]) for row in stage.mirror.flatness}
     changes = []
     for name, (values, stds) in found.vectors.items():

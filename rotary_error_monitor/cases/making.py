@@ -146,7 +146,7 @@ def make_stage_case(
     twin = _rough_twin(draw_stage(draw)) if rough else draw_stage(draw)
     plain = _plain_stage(seed, draw, twin, names, rough, duration, motion)
     size = snr or ((300.0, 3000.0) if rough else (60.0, 600.0))
-    heads = tuple(plain.stage.encoder.azimuths)
+    heads = tuple(plain.stage.azimuths)
     drawn = Casting(kind, size, loudness).draw_faults(
         names,
         draw,

@@ -127,5 +127,5 @@ def noise_of(stage: StageDescription, stream: str) -> float:
     """Standard deviation of noise and rounding of one sample of a stream."""
     if stream == "lvdt":
         return stage.lvdt.noise if stage.lvdt else np.inf
-    instrument = stage.tilt_instrument if stream == "autocollimator" else stage.sensors.get(stream, stage.encoder)
+    instrument = stage.tilt_instrument if stream == "autocollimator" else stage.sensors.get(stream) or stage.ring
     return float(np.hypot(instrument.noise, instrument.resolution / np.sqrt(12)))

@@ -65,13 +65,13 @@ def vary_stage(
 
     graduation = [
         replace(row, cos=off("encoder.graduation", row.cos), sin=off("encoder.graduation", row.sin))
-        for row in stage.encoder.graduation
+        for row in stage.ring.graduation
     ]
     encoder = replace(
-        stage.encoder,
-        disc_radius=off("encoder.disc_radius", stage.encoder.disc_radius),
-        azimuths={head: off("encoder.azimuth", azimuth) for head, azimuth in stage.encoder.azimuths.items()},
-        eccentricity=pair("encoder.eccentricity", stage.encoder.eccentricity),
+        stage.ring,
+        disc_radius=off("encoder.disc_radius", stage.ring.disc_radius),
+        azimuths={head: off("encoder.azimuth", azimuth) for head, azimuth in stage.azimuths.items()},
+        eccentricity=pair("encoder.eccentricity", stage.ring.eccentricity),
         graduation=tuple(graduation),
     )
     mirror = replace(

@@ -85,7 +85,7 @@ def responses_of(stage: Mapping[str, Any]) -> dict[str, Response]:
 
     Of listed sensors only the latency is here: zero and gain are parameters of them that a diagnosis may doubt.
     """
-    found = {f"head_{letter}": _of_head(head) for letter, head in stage["encoder"]["heads"].items()}
+    found = {f"head_{letter}": _of_head(head) for letter, head in stage.get("encoder", {}).get("heads", {}).items()}
     found |= {name: _of_two_axes(stage[name]) for name in _TWO_AXES if name in stage}
     if "command" in stage:
         found["command"] = _of_command(stage["command"])

@@ -112,6 +112,7 @@ class StageDescription:
     """All that is known of a stage: the section `stage` of `config/stage.yaml` or of a digital twin.
 
     Attributes:
+        encoder: that measures the rotation; a stage without one turns as commanded, as far as is known.
         autocollimator: that measures the tilt; a stage without one has tilt error motion as described.
         lvdt: that measures the radial error motion at a height, to compare with.
         sensors: further ones by the name of their stream, such as `axial_probe_top`.
@@ -122,7 +123,7 @@ class StageDescription:
         responses: of instruments by stream, such as `head_a`; one that is not named reads what the package means.
     """
 
-    encoder: Encoder
+    encoder: Encoder | None = None
     autocollimator: Autocollimator | None = None
     mirror: Mirror = field(default_factory=Mirror)
     spindle: Spindle = field(default_factory=Spindle)
@@ -132,6 +133,22 @@ class StageDescription:
     stated_limits: Mapping[str, float] = field(default_factory=dict)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     responses: Mapping[str, Response] = field(default_factory=dict)
+
+    @property
+    def ring(self) -> Encoder:
+        """The encoder, where only a stage that has one makes sense.
+
+        Raises:
+            InputError: this stage has none.
+        """
+        if self.encoder is None:
+            raise InputError("the stage has no section 'encoder'")
+        return self.encoder
+
+    @property
+    def azimuths(self) -> Mapping[str, float]:
+        """Azimuth of each read head by its letter, rad about +z; none without an encoder."""
+        return {} if self.encoder is None else self.encoder.azimuths
 
     @property
     def tilt_instrument(self) -> Autocollimator:
@@ -183,18 +200,9 @@ def load_stage(path: Path | str | None = None) -> StageDescription:
 
 def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
     """Stage from the content of a `stage` section that is valid by the schema."""
-    encoder, mirror, spindle = stage["encoder"], stage.get("mirror", {}), stage.get("spindle", {})
-    lvdt = stage.get("lvdt")
+    mirror, spindle, lvdt = stage.get("mirror", {}), stage.get("spindle", {}), stage.get("lvdt")
     return StageDescription(
-        encoder=Encoder(
-            disc_radius=float(encoder["disc_radius"]),
-            lines_per_revolution=encoder["lines_per_revolution"],
-            counts_per_line=encoder["counts_per_line"],
-            noise=float(encoder["noise"]),
-            azimuths={name: float(head["azimuth"]) for name, head in encoder["heads"].items()},
-            eccentricity=_pair(encoder.get("eccentricity", (0.0, 0.0))),
-            graduation=_angular(encoder.get("graduation", ())),
-        ),
+        encoder=_encoder(stage["encoder"]) if "encoder" in stage else None,
         autocollimator=_autocollimator(stage["autocollimator"]) if "autocollimator" in stage else None,
         mirror=Mirror(_pair(mirror.get("tilt", (0.0, 0.0))), _planar(mirror.get("flatness", ()))),
         spindle=Spindle(
@@ -213,6 +221,18 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
         stated_limits={name: float(value) for name, value in stage.get("limits", {}).items()},
         uncertainty=_calibrated(stage) | {name: float(value) for name, value in stage.get("uncertainty", {}).items()},
         responses=responses_of(stage),
+    )
+
+
+def _encoder(section: Mapping[str, Any]) -> Encoder:
+    return Encoder(
+        disc_radius=float(section["disc_radius"]),
+        lines_per_revolution=section["lines_per_revolution"],
+        counts_per_line=section["counts_per_line"],
+        noise=float(section["noise"]),
+        azimuths={name: float(head["azimuth"]) for name, head in section["heads"].items()},
+        eccentricity=_pair(section.get("eccentricity", (0.0, 0.0))),
+        graduation=_angular(section.get("graduation", ())),
     )
 
 

@@ -35,7 +35,9 @@ _NO_PLACE = ("kind", "noise", "resolution", "range", "uncertainty", "zero", "for
 
 def contradictions(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
     """Where a section that is valid by the schema contradicts itself, and what would be right."""
-    heads, sensors = section["encoder"]["heads"], section.get("sensors", {})
+    heads, sensors = section.get("encoder", {}).get("heads", {}), section.get("sensors", {})
+    if not (heads or sensors or "autocollimator" in section):
+        yield [], "nothing measures the rotor; expected a section 'encoder', 'autocollimator' or 'sensors'"
     if len(heads) + len(sensors) > MOST_STREAMS:
         yield (
             ["sensors"],
@@ -45,6 +47,10 @@ def contradictions(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
         for limit in ("resolution", "zero"):
             if abs(sensor.get(limit, 0.0)) >= sensor["range"]:
                 yield ["sensors", name, limit], f"{sensor[limit]} is beyond the range of {sensor['range']} m"
+    for part in ("uncertainty", "calibration"):
+        for name in section.get(part, {}):
+            if "encoder" not in section and name.partition(".")[0] == "encoder":
+                yield [part, name], "the stage has no section 'encoder'; expected that section, or nothing about it"
     for name in section.get("uncertainty", {}):
         part, _, parameter = name.rpartition(".")
         known = _parameters(section, part)

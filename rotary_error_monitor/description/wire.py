@@ -211,7 +211,7 @@ def wire_of(stage: StageDescription) -> Wire:
     Raises:
         InputError: a file breaks the schema, or a head's letter makes no topic name.
     """
-    return load_wire(tuple(stage.encoder.azimuths), sensors=tuple(stage.sensors))
+    return load_wire(tuple(stage.azimuths), sensors=tuple(stage.sensors))
 
 
 def load_wire(

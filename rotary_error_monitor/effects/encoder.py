@@ -35,9 +35,9 @@ class DiscEccentricity(StageEffect):
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the shift to the eccentricity."""
-        x, y = stage.encoder.eccentricity
+        x, y = stage.ring.eccentricity
         shifted = (x + float(values[0]), y + float(values[1]))
-        return replace(stage, encoder=replace(stage.encoder, eccentricity=shifted))
+        return replace(stage, encoder=replace(stage.ring, eccentricity=shifted))
 
 
 class GraduationError(StageEffect):
@@ -60,7 +60,7 @@ class GraduationError(StageEffect):
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Add the order to the graduation."""
         row = AngularHarmonic(round(values[0]), float(values[1]), float(values[2]))
-        return replace(stage, encoder=replace(stage.encoder, graduation=(*stage.encoder.graduation, row)))
+        return replace(stage, encoder=replace(stage.ring, graduation=(*stage.ring.graduation, row)))
 
 
 class SubdivisionalError(StageEffect):
@@ -123,8 +123,8 @@ class HeadMisplacement(StageEffect):
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Move that head."""
         letter = location.removeprefix(f"{HEAD}_")
-        azimuths = {**stage.encoder.azimuths, letter: stage.encoder.azimuths[letter] + float(values[0])}
-        return replace(stage, encoder=replace(stage.encoder, azimuths=azimuths))
+        azimuths = {**stage.azimuths, letter: stage.azimuths[letter] + float(values[0])}
+        return replace(stage, encoder=replace(stage.ring, azimuths=azimuths))
 
 
 class HeadLatency(StageEffect):
@@ -190,5 +190,5 @@ class DiscScale(StageEffect):
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Scale the radius."""
-        radius = stage.encoder.disc_radius * (1 + float(values[0]))
-        return replace(stage, encoder=replace(stage.encoder, disc_radius=radius))
+        radius = stage.ring.disc_radius * (1 + float(values[0]))
+        return replace(stage, encoder=replace(stage.ring, disc_radius=radius))

@@ -52,7 +52,7 @@ class RotorState:
         force: (n, 2) force on the shaft, N.
         warming: (n,) temperature above the reference, K.
         command_at: commanded rotation at any times (m,).
-        lines: graduation lines per revolution.
+        lines: graduation lines per revolution; 0 without a ring.
         observed: (n,) what the sensor itself read, rad; only heads have it. It carries the phase of errors within a
             line, far finer than the command knows the rotation.
         age: how long before `time` the sensor saw the rotor, s; all but `time` is of then.
@@ -239,4 +239,4 @@ def effects_of(stage: StageDescription, effects: Iterable[Known]) -> tuple[Known
 
 def head_locations(stage: StageDescription) -> tuple[str, ...]:
     """Location of each read head."""
-    return tuple(f"{HEAD}_{letter}" for letter in sorted(stage.encoder.azimuths))
+    return tuple(f"{HEAD}_{letter}" for letter in sorted(stage.azimuths))

@@ -83,26 +83,26 @@ def estimate_ring_assembly(
             too much of the turn out.
     """
     readings = check_heads(stage, recording)
-    azimuths = np.array([stage.encoder.azimuths[name] for name in recording.heads])
+    azimuths = np.array([stage.azimuths[name] for name in recording.heads])
     contrasts = helmert(len(azimuths))
     theta = readings.mean(axis=1)
     told = told_orders(theta, recording, highest)
     kept = tuple(
         row
-        for row in stage.encoder.graduation
+        for row in stage.ring.graduation
         if not 2 <= row.order <= told or seen_part(azimuths, row.order) < LEAST_SEEN
     )
-    described = [row.order for row in stage.encoder.graduation if row not in kept]
+    described = [row.order for row in stage.ring.graduation if row not in kept]
     for limit in (1, told):  # eccentricity first: the mean of some layouts of heads is no rotation before
         psi = azimuths - theta[:, None]
         values = (readings - angular_sum(kept, psi)) @ contrasts.T
         seen = observe(theta, values, recording.reading_variances, recording.speed, recording.times)
         orders = [order for order in described if order <= limit]
-        solved = _fit_ring(seen, azimuths, contrasts, orders, limit, stage.encoder)
+        solved = _fit_ring(seen, azimuths, contrasts, orders, limit, stage.ring)
         fitted = solved.rows
         theta = (readings - angular_sum((*kept, *fitted), azimuths - readings)).mean(axis=1)
     constant = contrasts.T @ solved.fit.coefficients[0]
-    radius, discrepancy = stage.encoder.disc_radius, solved.judged.discrepancy
+    radius, discrepancy = stage.ring.disc_radius, solved.judged.discrepancy
     std = [tuple(np.hypot(pair, discrepancy).tolist()) for pair in solved.std]
     # eccentricity e reads (-e_x sin psi + e_y cos psi) / r: it is order 1 of the graduation
     return RingAssembly(

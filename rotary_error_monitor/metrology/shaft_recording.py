@@ -89,7 +89,7 @@ def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Str
     # The speed at a tick needs its neighbours as well.
     valid = np.all([one.valid for one in sampled], axis=0)
     # Where the speed changes so briskly that interpolation misses by more than the noise, heads seem to disagree.
-    noise = np.sqrt(stage.encoder.noise**2 + stage.encoder.resolution**2 / 12)
+    noise = np.sqrt(stage.ring.noise**2 + stage.ring.resolution**2 / 12)
     valid &= np.all(
         [bend_variance(np.repeat(one.bend, 2, axis=1)) <= 2 * noise**2 for one in sampled[: len(heads)]], axis=0
     )
@@ -98,7 +98,7 @@ def record_shaft(stage: StageDescription, heads: Mapping[str, Stream], tilt: Str
     if valid.sum() < FEWEST_TICKS:
         raise InputError(f"the streams have {int(valid.sum())} times in common without a gap; record more of them")
     speed = np.gradient(readings.mean(axis=1)) / (period * 1e-9)
-    variances = [head_variance(stage.encoder, one.gain, one.travel[:, 0]) for one in sampled[: len(heads)]]
+    variances = [head_variance(stage.ring, one.gain, one.travel[:, 0]) for one in sampled[: len(heads)]]
     # a fit over a cell draws on its half, an interpolation on the samples around
     dense = [interval * FEWEST_TO_FIT <= (1 - GUARD) * period for interval in intervals]
     reach = max(0.5 * period if fits else interval for fits, interval in zip(dense, intervals, strict=True)) * 1e-9
@@ -143,7 +143,7 @@ def check_heads(stage: StageDescription, recording: ShaftRecording) -> Array:
         raise InputError(
             f"{len(recording.heads)} read head in the recording; the eccentricity of the ring needs at least 2, opposed"
         )
-    azimuths = np.array([stage.encoder.azimuths[name] for name in recording.heads])
+    azimuths = np.array([stage.azimuths[name] for name in recording.heads])
     if seen_part(azimuths, 1) < LEAST_SEEN:
         raise InputError(
             f"heads at azimuths {azimuths.tolist()} rad stand at one place; opposed heads see eccentricity"

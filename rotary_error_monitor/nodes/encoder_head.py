@@ -39,13 +39,15 @@ class EncoderHead(SensorNode):
         """Letter of this head, by its parameter or by the name of the node.
 
         Raises:
-            InputError: the stage has no such head.
+            InputError: the stage has no such head, or no encoder at all.
         """
+        if self.stage.encoder is None:
+            raise InputError(f"{self.setting('stage') or 'stage.yaml'}: the stage has no section 'encoder'")
         head = str(self.setting("head") or self.get_name().removeprefix(f"{NAME}_"))
-        if head not in self.stage.encoder.azimuths:
+        if head not in self.stage.azimuths:
             raise InputError(
                 f"{self.get_fully_qualified_name()}: parameter 'head' is {head!r}; the stage has the heads "
-                f"{', '.join(self.stage.encoder.azimuths)} (or name the node {NAME}_<head>)"
+                f"{', '.join(self.stage.azimuths)} (or name the node {NAME}_<head>)"
             )
         return head
 

@@ -128,7 +128,7 @@ class GapMonitor(ManagedNode):
             self._kept_folder(),
         )
         needed = [
-            *(self.wire.topic("head_samples", head) for head in self.stage.encoder.azimuths),
+            *(self.wire.topic("head_samples", head) for head in self.stage.azimuths),
             *([] if self.stage.autocollimator is None else [self.wire.topic("autocollimator_samples")]),
             self.wire.topic("command_samples"),
         ]

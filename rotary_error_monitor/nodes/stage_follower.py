@@ -47,7 +47,7 @@ class StageFollower(ManagedNode):
         period_ns = round(self.setting("block_period") * NANOSECONDS)
         wire = self.wire.topic
         self._senders = []
-        instruments = [(wire("head_samples", h), wire("head_joint_states", h), "") for h in self.stage.encoder.azimuths]
+        instruments = [(wire("head_samples", h), wire("head_joint_states", h), "") for h in self.stage.azimuths]
         if self.stage.autocollimator is not None:
             instruments.append((wire("autocollimator_samples"), wire("autocollimator_tilt"), ""))
         instruments.append((wire("command_samples"), wire("command_joint_states"), messages.STAGE_JOINT))

@@ -111,7 +111,7 @@ class StageNoise:
     ) -> None:
         self.jitter = jitter or Jitter()
         self.grid = align_heads(recording)
-        encoder = stage.encoder
+        encoder = stage.ring
         self.std = noise_std(stage)
         self.levels = dict.fromkeys(self.std, 1.0)
         self._lines: Array = np.zeros(0)

@@ -74,7 +74,7 @@ def waves(rows: Sequence[AngularHarmonic], turns: Turns) -> Reals:
 
 
 def _angle(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
-    encoder = scene.stage.encoder
+    encoder = scene.stage.ring
     azimuth = encoder.azimuths[stream.removeprefix(HEAD)]
     centre = np.array([complex(*encoder.eccentricity)])
     for fault in faults:

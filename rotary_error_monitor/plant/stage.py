@@ -71,7 +71,7 @@ class StagePlant:
     @cached_property
     def streams(self) -> tuple[str, ...]:
         """Names of the streams that this stage has and that a clock drives."""
-        heads = tuple(f"{HEAD}{name}" for name in self.stage.encoder.azimuths)
+        heads = tuple(f"{HEAD}{name}" for name in self.stage.azimuths)
         absent = {name for name in ("autocollimator", "lvdt") if getattr(self.stage, name) is None}
         others = tuple(name for name in FIELDS if name not in absent)
         return tuple(name for name in (*heads, *others, *self.stage.sensors) if name in self.clocks)
@@ -173,7 +173,7 @@ class StagePlant:
 
         All of these are of what is shown, so that an instrument with a gain has them larger by it.
         """
-        encoder, lvdt = self.stage.encoder, self.stage.lvdt
+        encoder, lvdt = self.stage.ring, self.stage.lvdt
         scale = abs(self.stage.response(stream).gain)
         if stream.startswith(HEAD):
             return _rounded(shown + encoder.noise * self._noise(stream, first, shown.shape), encoder.resolution)

@@ -141,7 +141,7 @@ def input_topics(reader: BagReader, wire: Wire, stage: StageDescription) -> dict
     Raises:
         InputError: it has fewer than two heads.
     """
-    heads = {wire.topic("head_samples", name).name: f"head_{name}" for name in stage.encoder.azimuths}
+    heads = {wire.topic("head_samples", name).name: f"head_{name}" for name in stage.azimuths}
     present = [name for name in heads if name in reader.topics and reader.topics[name].count]
     if len(present) < 2:
         reader.check_topics([name for name in heads if name not in present])

@@ -26,15 +26,15 @@ class ReadHead(Sensor):
 
     def streams(self, stage: StageDescription) -> tuple[str, ...]:
         """One for each letter."""
-        return tuple(f"{HEAD}_{letter}" for letter in sorted(stage.encoder.azimuths))
+        return tuple(f"{HEAD}_{letter}" for letter in sorted(stage.azimuths))
 
     def noise(self, stage: StageDescription, stream: str) -> float:
         """Of a reading, rad."""
-        return float(np.hypot(stage.encoder.noise, stage.encoder.resolution / np.sqrt(12)))
+        return float(np.hypot(stage.ring.noise, stage.ring.resolution / np.sqrt(12)))
 
     def shown(self, stream: str, pose: Pose) -> Array:
         """(n,) reading, rad."""
-        encoder, state = pose.stage.encoder, pose.state
+        encoder, state = pose.stage.ring, pose.state
         azimuth = encoder.azimuths[stream.removeprefix(f"{HEAD}_")]
         ahead = _sight_line(azimuth, pose)
         reading = ahead + state.theta
@@ -49,7 +49,7 @@ class ReadHead(Sensor):
 
 def _sight_line(azimuth: float, pose: Pose) -> Array:
     """(m,) angle by which a head's sight line cuts the displaced ring beside where it would cut a centred one."""
-    encoder = pose.stage.encoder
+    encoder = pose.stage.ring
     sideways = np.array([-np.sin(azimuth), np.cos(azimuth)]) / encoder.disc_radius
     # The eccentricity turns with the ring: its sideways part is a wave of order 1.
     x, y = encoder.eccentricity

@@ -32,7 +32,7 @@ class CounterDevice(Device):
 
     def open(self, instrument: Instrument) -> Polled:
         """Source of the counter's angles; its counts are those of the stage's ring."""
-        encoder, setting = instrument.stage.encoder, instrument.setting
+        encoder, setting = instrument.stage.ring, instrument.setting
         counts = encoder.lines_per_revolution * encoder.counts_per_line
         folder = Path(setting("counter.device"))
         return Polled(instrument.fields, Counter(folder, counts, reverse=setting("counter.reverse")))

@@ -47,7 +47,7 @@ class FollowedStage:
 
 def followed_plant(stage: StageDescription, settings: MockSettings, motion: Course) -> StagePlant:
     """The true stage that turns as `motion` says."""
-    clocks = stage_clocks(tuple(stage.encoder.azimuths), settings.rate)
+    clocks = stage_clocks(tuple(stage.azimuths), settings.rate)
     return StagePlant(stage, settings.seed, settings.epoch_ns, motion, Forces(), clocks=clocks)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from rotary_error_monitor.description.listed_sensors import name_of, sensors_section
 from rotary_error_monitor.description.machine_section import machine_mapping as machine_mapping
 from rotary_error_monitor.description.response import angle_rows, two_axis_rows
-from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
+from rotary_error_monitor.description.stage import Encoder, PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Cause
 from rotary_error_monitor.effects.library import effect_named
 from rotary_error_monitor.errors import InputError, excerpt
@@ -21,20 +21,9 @@ Kind = TypeVar("Kind", bound=AnyEffect)
 
 def stage_mapping(stage: StageDescription) -> dict[str, Any]:
     """Content of a `stage` section: the inverse of `stage_from_mapping`."""
-    encoder, spindle = stage.encoder, stage.spindle
-    content: dict[str, Any] = {
-        "encoder": {
-            "disc_radius": encoder.disc_radius,
-            "lines_per_revolution": encoder.lines_per_revolution,
-            "counts_per_line": encoder.counts_per_line,
-            "noise": encoder.noise,
-            "heads": {
-                letter: {"azimuth": azimuth} | angle_rows(stage.response(f"head_{letter}"))
-                for letter, azimuth in encoder.azimuths.items()
-            },
-            "eccentricity": list(encoder.eccentricity),
-            "graduation": [{"order": row.order, "cos": row.cos, "sin": row.sin} for row in encoder.graduation],
-        },
+    spindle = stage.spindle
+    content: dict[str, Any] = {} if stage.encoder is None else {"encoder": _encoder_mapping(stage, stage.encoder)}
+    content |= {
         "mirror": {"tilt": list(stage.mirror.tilt), "flatness": _rows(stage.mirror.flatness)},
         "spindle": {
             "radial": _rows(spindle.radial),
@@ -68,6 +57,21 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
     if stage.uncertainty:
         content["uncertainty"] = dict(stage.uncertainty)
     return content
+
+
+def _encoder_mapping(stage: StageDescription, encoder: Encoder) -> dict[str, Any]:
+    return {
+        "disc_radius": encoder.disc_radius,
+        "lines_per_revolution": encoder.lines_per_revolution,
+        "counts_per_line": encoder.counts_per_line,
+        "noise": encoder.noise,
+        "heads": {
+            letter: {"azimuth": azimuth} | angle_rows(stage.response(f"head_{letter}"))
+            for letter, azimuth in encoder.azimuths.items()
+        },
+        "eccentricity": list(encoder.eccentricity),
+        "graduation": [{"order": row.order, "cos": row.cos, "sin": row.sin} for row in encoder.graduation],
+    }
 
 
 def effect_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:

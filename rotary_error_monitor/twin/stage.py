@@ -192,7 +192,7 @@ class StageTwin:
             force=np.asfortranarray(self.inputs.force(earlier)),
             warming=self.inputs.warming(earlier),
             command_at=self.inputs.command,
-            lines=self.stage.encoder.lines_per_revolution,
+            lines=0 if self.stage.encoder is None else self.stage.encoder.lines_per_revolution,
             observed=observed,
             age=delay,
         )

@@ -35,7 +35,7 @@ class UnlikeGains(Form):
         assert isinstance(fault, seen.SubdivisionalError)
         if stream != fault.location:
             return angle
-        lines = scene.stage.encoder.lines_per_revolution
+        lines = scene.stage.ring.lines_per_revolution
         phase, offset = lines * angle, lines * complex(-fault.sin, fault.cos)
         vector = np.cos(phase) + 1j * (1 + self.strength * abs(offset)) * np.sin(phase) + offset
         return np.asarray(angle + np.angle(vector * np.exp(-1j * phase)) / lines, np.float64)
@@ -210,7 +210,7 @@ class OvalRing(Form):
     def graduate(self, error: Reals, place: Reals, scene: Scene) -> Reals:
         """Lines moved along the ring."""
         assert isinstance(self.textbook, seen.DiscEccentricity)
-        squeeze = self.strength * abs(complex(*self.textbook.shift)) / scene.stage.encoder.disc_radius
+        squeeze = self.strength * abs(complex(*self.textbook.shift)) / scene.stage.ring.disc_radius
         return error - squeeze / 2 * np.sin(2 * (place - self.phase))
 
 
@@ -262,7 +262,7 @@ class CreepingBracket(Form):
 
     def read(self, angle: Reals, stream: str, scene: Scene) -> Reals:
         """Reading of a head that moves along the ring."""
-        fault, encoder = self.textbook, scene.stage.encoder
+        fault, encoder = self.textbook, scene.stage.ring
         assert isinstance(fault, seen.HeadMisplacement)
         if stream != fault.location:
             return angle

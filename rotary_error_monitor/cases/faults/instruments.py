@@ -47,7 +47,7 @@ class DiscScale(StageFault):
 
     def describe(self, stage: StageDescription) -> StageDescription:
         """Larger ring."""
-        encoder = replace(stage.encoder, disc_radius=stage.encoder.disc_radius * (1 + self.relative))
+        encoder = replace(stage.ring, disc_radius=stage.ring.disc_radius * (1 + self.relative))
         return replace(stage, encoder=encoder)
 
 
@@ -63,7 +63,7 @@ class SubdivisionalError(StageFault):
         """Wave in the reading."""
         if stream != self.location:
             return angle
-        phase = scene.stage.encoder.lines_per_revolution * angle
+        phase = scene.stage.ring.lines_per_revolution * angle
         return angle + self.cos * np.cos(phase) + self.sin * np.sin(phase)
 
 
@@ -77,8 +77,8 @@ class HeadMisplacement(StageFault):
     def describe(self, stage: StageDescription) -> StageDescription:
         """Other azimuth."""
         head = self.location.removeprefix(HEAD)
-        azimuths = {**stage.encoder.azimuths, head: stage.encoder.azimuths[head] + self.azimuth}
-        return replace(stage, encoder=replace(stage.encoder, azimuths=azimuths))
+        azimuths = {**stage.azimuths, head: stage.azimuths[head] + self.azimuth}
+        return replace(stage, encoder=replace(stage.ring, azimuths=azimuths))
 
 
 @vocabulary("head_latency")

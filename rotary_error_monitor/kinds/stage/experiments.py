@@ -87,9 +87,9 @@ def _experiments(problem: StageProblem) -> Iterable[Experiment]:
             yield Experiment("record again with the LVDT", plain, stage, True)
         moved = replace(stage, lvdt=replace(stage.lvdt, height=2 * stage.lvdt.height + 0.05))
         yield Experiment("record again with the LVDT at another height", plain, moved, True)
-    letter = sorted(stage.encoder.azimuths)[0]
-    azimuths = {**stage.encoder.azimuths, letter: stage.encoder.azimuths[letter] + np.radians(20)}
-    shifted = replace(stage, encoder=replace(stage.encoder, azimuths=azimuths))
+    letter = sorted(stage.azimuths)[0]
+    azimuths = {**stage.azimuths, letter: stage.azimuths[letter] + np.radians(20)}
+    shifted = replace(stage, encoder=replace(stage.ring, azimuths=azimuths))
     yield Experiment(f"move head {letter} by 20° along the ring and record again", plain, shifted, lvdt)
 
 

@@ -42,7 +42,7 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
         from rotary_error_monitor.kinds.stage.stretches import stage_problem
 
         with opened_bag(recording) as reader:
-            letters, without = sorted(twin.description.encoder.azimuths), absent_kinds(twin.description)
+            letters, without = sorted(twin.description.azimuths), absent_kinds(twin.description)
             listed = tuple(twin.description.sensors)
             streams = streams_with(letters, without, listed)
             needed, optional = ([samples_topic(name) for name in names] for names in streams)

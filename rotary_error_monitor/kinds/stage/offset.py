@@ -55,14 +55,14 @@ def _errors(twin: StageTwin, time: Array, causes: Sequence[Cause]) -> tuple[Arra
     """Rotation (m,), radial error motion (m, 2) and tilt (m, 2) as estimated, minus as they are."""
     stage, shown = twin.stage, twin.predict(causes)
     heads = [name for name in shown if name.startswith(HEAD)]
-    azimuth = np.array([stage.encoder.azimuths[name.removeprefix(f"{HEAD}_")] for name in heads])
-    readings = remove_graduation(np.column_stack([shown[name] for name in heads]), azimuth, stage.encoder.graduation)
+    azimuth = np.array([stage.azimuths[name.removeprefix(f"{HEAD}_")] for name in heads])
+    readings = remove_graduation(np.column_stack([shown[name] for name in heads]), azimuth, stage.ring.graduation)
     layout = HeadLayout(tuple(azimuth.tolist()))
-    ring = estimate_ring_pose(layout, stage.encoder.disc_radius, readings, np.ones_like(readings))
+    ring = estimate_ring_pose(layout, stage.ring.disc_radius, readings, np.ones_like(readings))
     theta, radial, tilt = twin.motion(time, causes)
     return (
         ring.theta - theta,
-        remove_eccentricity(ring.centre, ring.theta, stage.encoder) - radial,
+        remove_eccentricity(ring.centre, ring.theta, stage.ring) - radial,
         remove_mirror(shown[AUTOCOLLIMATOR], ring.theta, stage.mirror) - tilt,
     )
 
