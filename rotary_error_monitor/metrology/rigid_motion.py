@@ -118,17 +118,25 @@ def disagreement(motion: ErrorMotion, seen: Seen) -> tuple[float, int]:
 
     Arguments as `combine`, at the first of the times.
     """
+    chi_square, freedom = disagreements(motion, seen)
+    return float(chi_square[0]), freedom
+
+
+def disagreements(motion: ErrorMotion, seen: Seen) -> tuple[NDArray[np.float64], int]:
+    """(m,) the same at each of the times."""
     joined, known = _solved(motion, seen), motion.observable[0]
     basis, _ = _determined(known, seen.sensitivity)
-    apart = seen.displacement[0] - seen.sensitivity @ joined.components[0]
-    chi_square = float((apart**2 / seen.variance[0]).sum())
-    if known.any():
-        scale = _SCALE[known]
-        moved = (joined.components[0, known] - motion.components[0, known]) * scale
-        covariance = motion.covariance[0][np.ix_(known, known)] * np.outer(scale, scale)
-        covariance += LEAST_VARIANCE * np.eye(len(scale))
-        chi_square += float(moved @ np.linalg.solve(covariance, moved))
-    return chi_square, int(known.sum()) + len(seen.sensitivity) - basis.shape[1]
+    found = np.zeros(len(motion.theta))
+    for time in range(len(found)):
+        apart = seen.displacement[time] - seen.sensitivity @ joined.components[time]
+        found[time] = (apart**2 / seen.variance[time]).sum()
+        if known.any():
+            scale = _SCALE[known]
+            moved = (joined.components[time, known] - motion.components[time, known]) * scale
+            covariance = motion.covariance[time][np.ix_(known, known)] * np.outer(scale, scale)
+            covariance += LEAST_VARIANCE * np.eye(len(scale))
+            found[time] += moved @ np.linalg.solve(covariance, moved)
+    return found, int(known.sum()) + len(seen.sensitivity) - basis.shape[1]
 
 
 def _determined(

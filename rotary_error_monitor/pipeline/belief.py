@@ -7,11 +7,12 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage import Mirror, StageDescription
 from rotary_error_monitor.metrology.description_check import FigureCheck
+from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Evidence, Reach, Window, WindowGrid
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, PERSISTENT, SHORT, HeadBelief
-from rotary_error_monitor.pipeline.ring_belief import CommandBelief, RingBelief
+from rotary_error_monitor.pipeline.ring_belief import ABSENT, CommandBelief, RingBelief
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
 from rotary_error_monitor.signals.admission import LATE
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -44,7 +45,8 @@ class Verdict:
         most: contradiction of the heads that is borne, in standard deviations.
         settled: bit mask of the heads that have not been silent, or are where they were before; without redundancy a
             tick that rests on others is not verified.
-        lag: what a delay of heads and command, or of some heads, against one another makes at the present speed, rad.
+        lag: what a delay of heads and command, or of some heads, against one another makes at the present speed, rad;
+            without heads the standard uncertainty of the rotation.
         unresolved: what mistakes in the description that are not told from the rotor's motion, and heads that are late,
             make of the radial error motion, m; `unresolved_tilt` of the tilt, rad.
     """
@@ -151,11 +153,14 @@ class Belief:
         self._grid, self._period_ns = WindowGrid(period_ns), period_ns
         self.streams = StreamBelief(streams)
         self._check_turns = min(check_turns, 1.0)
-        self._radius, self._has_tilt = stage.encoder.disc_radius, stage.autocollimator is not None
-        self.heads = HeadBelief(heads, stage.encoder, stage.limits, disagreement_limit, stage.timing("encoder"))
+        encoder, self._commanded = stage.encoder or ABSENT, None if stage.encoder else CommandedRotation(stage)
+        self._radius, self._has_tilt = encoder.disc_radius, stage.autocollimator is not None
+        self.heads = HeadBelief(heads, encoder, stage.limits, disagreement_limit, stage.timing("encoder"))
         self.tilt = TiltBelief(stage)
         self.ring = RingBelief(stage)
-        self.command = CommandBelief(stage)
+        self.command = self._commanded or CommandBelief(stage)
+        # what is taken off at an angle moves by this for each rad that a command alone has wrong
+        self._figure_slope = _slope_of(stage.mirror) if self._commanded else 0.0
         self._pending: Evidence | None = None
         self._explained: set[str] = set()
         self._began: dict[str, int] = {}
@@ -211,7 +216,7 @@ class Belief:
     @property
     def verified(self) -> float:
         """Part of the turn for the check of the description that has been seen, 0 to 1."""
-        return self._part(self.ring.figure.covered)
+        return self._part(self._commanded.turned if self._commanded else self.ring.figure.covered)
 
     def _part(self, covered: float) -> float:
         return min(1.0, covered / self._check_turns) if self._check_turns > 0 else 1.0
@@ -273,7 +278,7 @@ class Belief:
         """The zero of the heads is that of before where the command says so; otherwise a turn has to show it again."""
         begin_ns = window.number * window.ticks * self._period_ns
         end_ns = begin_ns + round(window.duration * NANOSECONDS)
-        if self.streams.refuses_all(self._head_names, begin_ns, end_ns):
+        if self._head_names and self.streams.refuses_all(self._head_names, begin_ns, end_ns):
             self._zero_open = True
         if not self._zero_open or not window.has("heads"):
             return
@@ -334,7 +339,7 @@ class Belief:
             "autocollimator": excluded & self._bits["autocollimator"] != 0,
             "command": excluded & self._bits["command"] != 0,
             "redundancy": self.heads.lost,
-            "unverified": self._zero_open or self.heads.unsettled or self.verified < 1.0,
+            "unverified": self._zero_open or self.heads.unsettled or (not self._commanded and self.verified < 1.0),
             "unverified_tilt": self._has_tilt and (self._zero_open or self._part(self.tilt.figure.covered) < 1.0),
         }
         return Verdict(
@@ -345,13 +350,19 @@ class Belief:
             math.hypot(self.command.lag, self.ring.late / self._radius),
             # a component may have all of what is late, but only half the square of what turns with the rotor
             math.hypot(self._unresolved(self.ring.figure), math.sqrt(2.0) * self.ring.late),
-            self._unresolved(self.tilt.figure),
+            math.hypot(self._unresolved(self.tilt.figure), math.sqrt(2.0) * self._figure_slope * self.command.lag),
             self.heads.most,
             sum(self._bits[name] for name in self.heads.settled),
             self.tilt.reach,
             self.command.reach,
             self.heads.reach,
         )
+
+
+def _slope_of(mirror: Mirror) -> float:
+    """Largest change of what the mirror shows of itself per rotation, rad/rad."""
+    flatness = sum(row.order * math.hypot(*row.x, *row.y) for row in mirror.flatness)
+    return math.hypot(*mirror.tilt) + flatness
 
 
 def names_of(doubts: int) -> Sequence[str]:

@@ -120,6 +120,10 @@ class RowMaker:
         count = len(next(iter(sampled.values())).gain)
         rows, seen = np.zeros((count, len(COLUMNS))), np.zeros((count, len(evidence.COLUMNS)))
         parity, disagreement = np.zeros((count, len(self._heads))), np.zeros(count)
+        if not self._heads and COMMAND in there:
+            self._put_commanded(rows, seen, sampled[COMMAND].values[:, 0])
+            if AUTOCOLLIMATOR in there:
+                self._put_tilt(rows, seen, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
         heads = tuple(name for name in self._heads if name in used)
         everyone = tuple(name for name in self._heads if name in there)
         layout, ring = self._ring(heads, sampled)
@@ -146,7 +150,7 @@ class RowMaker:
         layout = self.layout(heads)
         if layout is None or "theta" not in layout.observable:
             return None, None
-        encoder = self._stage.encoder
+        encoder = self._stage.ring
         readings = np.column_stack([sampled[name].values for name in heads])
         readings = motion.remove_graduation(readings, np.array(layout.azimuths), encoder.graduation)
         gain = np.column_stack([sampled[name].gain for name in heads])
@@ -159,7 +163,7 @@ class RowMaker:
     ) -> None:
         stage, index = self._stage, evidence.INDEX
         rows[:, COLUMN["theta"]] = ring.theta
-        radial = motion.remove_eccentricity(ring.centre, ring.theta, stage.encoder)
+        radial = motion.remove_eccentricity(ring.centre, ring.theta, stage.ring)
         described = planar_sum(stage.spindle.radial, ring.theta)
         observable = 0
         for axis, name in enumerate(("x", "y")):
@@ -182,13 +186,19 @@ class RowMaker:
         seen[:, index["believed_agreement"]] = ring.disagreement**2
         seen[:, index["radial_variance"]] = self._radial_variance(layout, ring)
 
+    @staticmethod
+    def _put_commanded(rows: NDArray[np.float64], seen: NDArray[np.float64], command: NDArray[np.float64]) -> None:
+        """The rotation of a stage without heads; how far it is from the command is not observable."""
+        rows[:, COLUMN["theta"]] = seen[:, evidence.INDEX["theta"]] = command
+        seen[:, evidence.INDEX["commanded"]] = 1.0
+
     def _radial_variance(self, layout: HeadLayout, ring: RingPose) -> NDArray[np.float64]:
         """The larger variance of what is seen along x and y, m²."""
         if len(layout.observable) == 3:
             return np.maximum(ring.covariance[:, 1, 1], ring.covariance[:, 2, 2])
         # theta is seen free of the displacement: its variance is that of the readings over the number of heads
         reading = ring.covariance[:, 0, 0] / (layout.weights[0] ** 2).sum()
-        return np.asarray(reading * self._stage.encoder.disc_radius**2 * (layout.view[0] ** 2).sum(axis=1).max())
+        return np.asarray(reading * self._stage.ring.disc_radius**2 * (layout.view[0] ** 2).sum(axis=1).max())
 
     def _put_tilt(self, rows: NDArray[np.float64], seen: NDArray[np.float64], sampled: Resampled, rate: float) -> None:
         stage, index = self._stage, evidence.INDEX

@@ -70,7 +70,7 @@ class Estimator:
         """
         self._stage = stage
         self._settings = settings or EstimatorSettings()
-        self._heads = {f"head_{name}": azimuth for name, azimuth in stage.encoder.azimuths.items()}
+        self._heads = {f"head_{name}": azimuth for name, azimuth in stage.azimuths.items()}
         self._streams = {
             name: SampleStream(fields, self._settings.patience_ns, limits)
             for name, (fields, limits) in stream_limits(stage).items()
@@ -339,7 +339,7 @@ class Estimator:
         publish = self._publication.finish(
             rows, evidence.values[:done], used, disagreement[:done], redundancy[:done], believed
         )
-        seen = evidence.values[:done, EVIDENCE["heads"]] > 0.0
+        seen = evidence.values[:done, [EVIDENCE["heads"], EVIDENCE["commanded"]]].max(axis=1) > 0.0
         if self._listed is not None:
             known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
             said = {

@@ -38,6 +38,7 @@ COLUMNS = (
     "tilt_surplus_x",  # tilt less all that the description predicts of it, rad
     "tilt_surplus_y",
     "tilt_variance",  # rad²
+    "commanded",  # whether the command alone tells the rotation, of a stage without heads
 )
 INDEX = {name: place for place, name in enumerate(COLUMNS)}
 
@@ -123,8 +124,13 @@ class Window:
         return self.mean[place], self.mean[place + 1]
 
     def has(self, what: str) -> bool:
-        """Whether `what` (heads, radial, command, tilt) was there at every tick."""
+        """Whether `what` (heads, commanded, radial, command, tilt) was there at every tick."""
         return self.mean[INDEX[what]] > 1.0 - 1e-9
+
+    @property
+    def tells_rotation(self) -> bool:
+        """Whether the rotation was known at every tick."""
+        return self.has("heads") or self.has("commanded")
 
 
 class WindowGrid:

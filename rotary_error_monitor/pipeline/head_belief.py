@@ -82,7 +82,7 @@ class HeadBelief:
         self._heads = dict(heads)
         self._radius, self._count = encoder.disc_radius, encoder.resolution
         self._limits, self._limit, self._timing = limits, limit, timing
-        self._described = HeadLayout(tuple(heads.values())).redundancy
+        self._described = HeadLayout(tuple(heads.values())).redundancy if heads else 0
         self.doubted: dict[str, str] = {}
         self.contradiction = ""
         self.scale = self.contradicted = self._tolerance = 1.0

@@ -28,6 +28,10 @@ LIMIT = 2.0
 """Times what the stage can do at most by which a displacement is no contradiction: the description may be the opposite
 of the truth."""
 
+TURNED = 1e-6
+"""Rotation, rad, over which the slope of a form is taken: a wave of the highest order that a file states is straight
+over it to a hundredth, and it is far above rounding."""
+
 
 @dataclass(frozen=True)
 class ListedTicks:
@@ -48,6 +52,8 @@ class ListedTicks:
         stamps: (m, p) standard deviation of that part of it which stamps make, m.
         unknown: (m, p) largest displacement by components that nothing else shows, m.
         rate: (m, p) fastest change of that, m/s.
+        turned: (m, p) displacement by form that one standard deviation of the rotation makes, where the command alone
+            tells it, m.
     """
 
     theta: Array
@@ -66,11 +72,20 @@ class ListedTicks:
     stamps: Array
     unknown: Array
     rate: Array
+    turned: Array
 
     @property
     def bound(self) -> Array:
         """(m, p) largest surplus of a tick that is no contradiction, m."""
         return np.asarray(self.unknown + SIGMAS * np.sqrt(self.variance + self.systematic + self.others))
+
+    @property
+    def common(self) -> Array:
+        """(m, p) variance of each reading by the rotation, m², as if each had a rotation of its own.
+
+        One rotation is wrong for all p alike: its covariance matrix is at most p times its diagonal (Cauchy).
+        """
+        return np.asarray(self.there.sum(axis=1, keepdims=True) * self.turned**2)
 
     def part(self, chosen: slice) -> ListedTicks:
         """The same of some of the ticks."""
@@ -96,7 +111,7 @@ class ListedReadings:
 
     def __init__(self, stage: StageDescription) -> None:
         """Sensors of `stage`."""
-        self._spindle = stage.spindle
+        self._spindle, self._commanded = stage.spindle, stage.encoder is None
         self.sensors: dict[str, tuple[ListedSensor, ListedKind]] = {
             stream: (sensor, listed_kind(sensor)) for stream, sensor in stage.sensors.items()
         }
@@ -129,13 +144,17 @@ class ListedReadings:
         """
         described = self._described(motion.theta)
         expected = np.where(motion.observable, motion.components, described)
-        raw, reading, noise = (np.zeros(there.shape) for _ in range(3))
+        raw, reading, noise, turned = (np.zeros(there.shape) for _ in range(4))
+        lag = rows[:, COLUMN["lag"]]
         for place, (stream, (sensor, kind)) in enumerate(self.sensors.items()):
             seen = sampled[stream]
             raw[:, place] = seen.values[:, 0]
             reading[:, place] = kind.displacement(sensor, seen.values[:, 0], motion.theta)
             noise[:, place] = reading_variance(sensor.noise, sensor.resolution, seen.gain, seen.travel[:, 0])
             noise[:, place] = np.maximum(noise[:, place] / sensor.gain**2, LEAST_VARIANCE)
+            if self._commanded:
+                ahead = kind.displacement(sensor, seen.values[:, 0], motion.theta + TURNED)
+                turned[:, place] = (ahead - reading[:, place]) * (lag / TURNED)
         # the form of a target is taken off at the wrong place while the zero of the rotation may be another one
         elsewhere = np.where(rows[:, COLUMN["doubts"]].astype(np.int64) & UNVERIFIED, 1.0, 0.0)
         seen_too, alone = motion.observable.astype(np.float64), np.where(motion.observable, 0.0, 1.0)
@@ -156,10 +175,11 @@ class ListedReadings:
             noise,
             self.stated + elsewhere[:, None] * self._forms,
             noise + noisy,
-            np.maximum(self._known(motion.covariance) - noisy, 0.0),
+            np.maximum(self._known(motion.covariance) - noisy, 0.0) + turned**2,
             np.sqrt(raised[:, None] * by_heads),
             _summed(alone, self._most),
             _summed(alone, self._rate),
+            turned,
         )
 
     def _known(self, covariance: Array) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
-from rotary_error_monitor.metrology.rigid_motion import Seen, disagreement, extend
+from rotary_error_monitor.metrology.rigid_motion import Seen, disagreement, disagreements, extend
 from rotary_error_monitor.pipeline.error_motion_rows import (
     COLUMN,
     COLUMNS,
@@ -22,7 +22,7 @@ from rotary_error_monitor.pipeline.error_motion_rows import (
     observable_of,
 )
 from rotary_error_monitor.pipeline.evidence import WindowGrid
-from rotary_error_monitor.pipeline.head_belief import SHORT
+from rotary_error_monitor.pipeline.head_belief import SHORT, WEAK
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief, SensorWindow
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
 from rotary_error_monitor.signals.resampling import Resampled
@@ -49,6 +49,7 @@ class ListedSensors:
         self._judges = {stream: SensorBelief(sensor) for stream, sensor in stage.sensors.items()}
         self._pending: tuple[int, ListedTicks] | None = None
         self._conflicts: deque[float] = deque(maxlen=SHORT)
+        self._alone = stage.encoder is None
 
     @property
     def reasons(self) -> Iterator[tuple[str, str]]:
@@ -99,20 +100,40 @@ class ListedSensors:
             used[place], (scale[place], conflict[place]) = there[place], said
         choices = (used * self._bits).sum(axis=1)
         completed[:, COLUMN["streams"]] = masks & ~int(self._bits.sum()) | choices
+        variance = shown.noise * scale[:, None] ** 2 + shown.systematic + shown.common
+        if self._alone:
+            conflict = np.maximum(conflict, self._conflict_of(completed, choices, shown.reading, variance))
         completed[:, -2], completed[:, -1] = scale, conflict
-        variance = (shown.noise * scale[:, None] ** 2 + shown.systematic) * conflict[:, None] ** 2
-        self._join(completed, choices, shown.reading, variance)
+        self._join(completed, choices, shown.reading, variance * conflict[:, None] ** 2)
         return completed
+
+    def _conflict_of(self, rows: Array, choices: NDArray[np.int64], reading: Array, variance: Array) -> Array:
+        """(m,) by which the standard deviations of the chosen sensors are raised for what a tick itself shows.
+
+        Where no heads show the radial error motion, a wrong probe is in it until the next window tells.
+        """
+        found = np.ones(len(rows))
+        for chosen, motion, seen in self._seen(rows, choices, reading, variance):
+            chi_square, freedom = disagreements(motion, seen)
+            ratio = chi_square / max(freedom, 1)
+            found[chosen] = np.where(ratio > WEAK**2, np.sqrt(ratio), 1.0)
+        return found
 
     def _join(self, rows: Array, choices: NDArray[np.int64], reading: Array, variance: Array) -> None:
         """Put what the chosen sensors, bit masks (m,), show into the rows."""
+        for chosen, motion, seen in self._seen(rows, choices, reading, variance):
+            rows[chosen] = _with_motion(rows[chosen], extend(motion, seen))
+
+    def _seen(
+        self, rows: Array, choices: NDArray[np.int64], reading: Array, variance: Array
+    ) -> Iterator[tuple[NDArray[np.intp], ErrorMotion, Seen]]:
+        """Places of rows that rest on the same sensors, what is known there without these, and what they see."""
         observable = rows[:, COLUMN["observable"]].astype(np.int64)
         for bits, choice in {(b, c) for b, c in zip(observable.tolist(), choices.tolist(), strict=True) if c}:
             chosen = np.flatnonzero((observable == bits) & (choices == choice))
             sensors = np.flatnonzero(self._bits & choice)
             at = np.ix_(chosen, sensors)
-            joined = extend(_motion(rows[chosen]), Seen(self.sensitivity[sensors], reading[at], variance[at]))
-            rows[chosen] = _with_motion(rows[chosen], joined)
+            yield chosen, _motion(rows[chosen]), Seen(self.sensitivity[sensors], reading[at], variance[at])
 
     def _assess(
         self, first: int, shown: ListedTicks, rates: Mapping[str, float]
@@ -169,6 +190,7 @@ class ListedSensors:
         reading = shown.reading[:, chosen].sum(axis=0) / ticks
         # held against what is stated, also while more counts: it may cease to from one window to the next
         variance = shown.noise[:, chosen].sum(axis=0) / ticks / samples + self._readings.stated[chosen]
+        variance += (shown.turned[:, chosen] ** 2).max(axis=0)
         chi_square, freedom = disagreement(motion, Seen(self.sensitivity[chosen], reading[None], variance[None]))
         ratio = chi_square / freedom if freedom else 0.0
         self._conflicts.append(math.sqrt(ratio) if freedom and ratio > chi_square_bound(freedom) else 1.0)

@@ -24,8 +24,8 @@ def unchecked_sensors(stage: StageDescription) -> tuple[str, ...]:
 
 
 def _without_listed(stage: StageDescription) -> NDArray[np.bool_]:
-    tilt = stage.autocollimator is not None
-    return np.array([True, True, False, tilt, tilt, True])
+    ring, tilt = stage.encoder is not None, stage.autocollimator is not None
+    return np.array([ring, ring, False, tilt, tilt, ring])
 
 
 def _sensitivity(stage: StageDescription) -> NDArray[np.float64]:

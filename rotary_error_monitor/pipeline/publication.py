@@ -16,6 +16,7 @@ from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.belief import DOUBTS, Verdict
 from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR, COLUMN, COMMAND
 from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
+from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -111,7 +112,8 @@ class Publication:
 
     def __init__(self, stage: StageDescription, bits: Mapping[str, int]) -> None:
         """Publication for `stage`, with the `bits` of its streams."""
-        self._radius, self._most = stage.encoder.disc_radius, stage.limits.radial
+        encoder = stage.encoder or ABSENT
+        self._radius, self._most = encoder.disc_radius, stage.limits.radial
         self._bits = bits
         others = (AUTOCOLLIMATOR, COMMAND, *stage.sensors)
         self._heads = sum(bit for name, bit in bits.items() if name not in others)
@@ -120,7 +122,7 @@ class Publication:
         # of one head shows only where no bearing makes it within a window. Its distribution is taken as rectangular,
         # as an unknown within bounds is (JCGM 100:2008, 4.3.7).
         # One of heads and command may round to the next count, the other down.
-        self._rounding = stage.encoder.resolution**2 / 12.0
+        self._rounding = encoder.resolution**2 / 12.0
         self._unseen = (stage.limits.radial_rate * WINDOW_NS * 1e-9) ** 2 / 3.0
         # What a description that was not held against a turn yet can be off by is bounded by what the stage can do.
         self._unproven = {"radial": stage.limits.radial**2 / 3.0, "tilt": stage.limits.tilt**2 / 3.0}
@@ -206,10 +208,10 @@ def _assembly_variance(stage: StageDescription) -> dict[str, float]:
 
     A vector that turns with the rotor adds that of one of its components at each angle; so does each order.
     """
-    stated = stage.uncertainty
-    graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(stage.encoder.graduation))
+    stated, encoder = stage.uncertainty, stage.encoder or ABSENT
+    graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(encoder.graduation))
     flatness = stated.get("mirror.flatness", 0.0) * math.sqrt(len(stage.mirror.flatness))
-    radial = stated.get("encoder.eccentricity", 0.0) ** 2 + 0.5 * (stage.encoder.disc_radius * graduation) ** 2
+    radial = stated.get("encoder.eccentricity", 0.0) ** 2 + 0.5 * (encoder.disc_radius * graduation) ** 2
     return {"radial": radial, "tilt": stated.get("mirror.tilt", 0.0) ** 2 + flatness**2}
 
 

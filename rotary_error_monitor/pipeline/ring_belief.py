@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage import Encoder, StageDescription
 from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, FigureCheck, departure
 from rotary_error_monitor.pipeline.evidence import Reach, Window
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
@@ -27,6 +27,10 @@ TURN_ORDERS = 3
 to and fro over the same angles makes alike with its speed. Higher ones are small in a bearing."""
 
 
+ABSENT = Encoder(disc_radius=1.0, lines_per_revolution=1, counts_per_line=1, noise=1.0, azimuths={})
+"""Stands for that of a stage which has none: no reading comes that it would be held against."""
+
+
 class RingBelief:
     """Judges whether the radial error motion can be that of the described stage, window by window.
 
@@ -39,8 +43,9 @@ class RingBelief:
 
     def __init__(self, stage: StageDescription) -> None:
         """Judge of the ring of a stage."""
-        self._limit, self._radius = stage.limits.radial, stage.encoder.disc_radius
-        noise = math.hypot(stage.encoder.noise, stage.encoder.resolution / math.sqrt(12.0)) * stage.encoder.disc_radius
+        encoder = stage.encoder or ABSENT
+        self._limit, self._radius = stage.limits.radial, encoder.disc_radius
+        noise = math.hypot(encoder.noise, encoder.resolution / math.sqrt(12.0)) * encoder.disc_radius
         self._noise = noise
         stated = stage.uncertainty.get("encoder.eccentricity")
         claim = None if stated is None else Claim(stated, departure(stage.spindle.radial))
@@ -164,7 +169,8 @@ class CommandBelief:
     def __init__(self, stage: StageDescription) -> None:
         """Judge of the command of a stage."""
         self._limits, self._timing = stage.limits, stage.timing("command")
-        self._noise = math.hypot(stage.encoder.noise, stage.encoder.resolution)
+        encoder = stage.encoder or ABSENT
+        self._noise = math.hypot(encoder.noise, encoder.resolution)
         farthest = stage.limits.following_error + stage.limits.latency * stage.limits.speed
         self._anywhere = Reach(0.0, 0.0, farthest)
         self.reset()
@@ -243,8 +249,8 @@ class CommandBelief:
         self.reach = Reach(window["ecc"], 0.0, reach)
 
     def _speed_of(self, window: Window, last: Window | None) -> float:
-        """Speed in a window by that before it, rad/s; where the heads do not tell it the largest that it can be."""
-        if last is None or window.number != last.number + 1 or not (window.has("heads") and last.has("heads")):
+        """Speed in a window by that before it, rad/s; where it is not told the largest that it can be."""
+        if last is None or window.number != last.number + 1 or not (window.tells_rotation and last.tells_rotation):
             return self._largest_speed(window.number)
         speed = (window["theta"] - last["theta"]) / window.duration
         self._told = window, speed

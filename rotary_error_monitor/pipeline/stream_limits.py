@@ -18,10 +18,10 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], SampleLimits]]:
     """Fields and limits of each stream of a stage, by its name."""
     encoder, instrument = stage.encoder, stage.autocollimator
-    count = 6.0 * math.hypot(encoder.noise, encoder.resolution)
+    count = 0.0 if encoder is None else 6.0 * math.hypot(encoder.noise, encoder.resolution)
     angles = SampleLimits(LARGEST_ANGLE, stage.limits.speed, turns=True, jitter=count + stage.limits.following_error)
     found: dict[str, tuple[tuple[str, ...], SampleLimits]]
-    found = {f"head_{name}": (("angle",), angles) for name in encoder.azimuths}
+    found = {f"head_{name}": (("angle",), angles) for name in stage.azimuths}
     if instrument is not None:
         # Zero and axes of its own shift and turn what it can read against the tilts that are left of its readings.
         largest = stage.response(AUTOCOLLIMATOR).largest(2.0 * instrument.range)

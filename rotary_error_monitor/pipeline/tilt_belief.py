@@ -89,10 +89,10 @@ class TiltBelief:
         self._gone = 0.0
 
     def judge(self, window: Window) -> None:
-        """Take in a window; the tilt counts only where the heads tell the rotation."""
+        """Take in a window; the tilt counts only where the rotation is known."""
         self.reach = self._anywhere
         self.scale = self._noise_scale
-        if not (window.has("tilt") and window.has("heads")):
+        if not (window.has("tilt") and window.tells_rotation):
             self._still = self._repeated = self._calm = None
             self._agreeing = self._gone = 0.0
             return

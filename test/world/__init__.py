@@ -2,14 +2,14 @@
 
 `make_recording` makes a healthy recording with the habits of real instruments, `random_stage` a stage to record,
 `FAULTS` holds what can go wrong in a recording and `PROBE_FAULTS` what beside that in one of a stage with displacement
-probes (`with_probes`), `DESCRIPTIONS` what can be wrong in the description of a stage.
+probes (`with_probes`, `with_probes_alone`), `DESCRIPTIONS` what can be wrong in the description of a stage.
 """
 
 from .descriptions import DESCRIPTIONS, Description
 from .faults import FAULTS, Fault, Injected
 from .faults_probes import PROBE_FAULTS
 from .options import MOTIONS, Options
-from .probes import with_probes
+from .probes import with_probes, with_probes_alone
 from .recording import Recording, samples
 from .rotor import Components, Rotor
 from .stage import make_recording
@@ -31,4 +31,5 @@ __all__ = [
     "random_stage",
     "samples",
     "with_probes",
+    "with_probes_alone",
 ]

@@ -23,6 +23,8 @@ class Options:
         start_angle: angle of the command in rad at the begin.
         start_ns: timestamp (ns) at which the recording begins.
         jitter: factor of the rotor's jitter about the command, which has a standard deviation near 2e-6 rad.
+        following_error: by how much the rotor stands off its command at rest in rad.
+        drive_lag: how long after its command the rotor turns in s.
         other_orders: part of the spindle's error motion that comes on top in orders of no description.
         asynchronous: standard deviation of the asynchronous radial motion in m, per axis.
         axial: standard deviation in m of the axial error motion of a spindle whose description has none.
@@ -53,6 +55,8 @@ class Options:
     start_angle: float | None = None
     start_ns: int | None = None
     jitter: float = 1.0
+    following_error: float = 0.0
+    drive_lag: float = 0.0
     other_orders: float = 0.05
     asynchronous: float = 3e-8
     axial: float = 2e-7

@@ -140,6 +140,28 @@ def with_probes(stage: Mapping[str, Any], seed: int) -> dict[str, Any]:
     return made
 
 
+def with_probes_alone(stage: Mapping[str, Any], seed: int) -> dict[str, Any]:
+    """A copy of a section `stage` without heads and autocollimator: three radial probes at 120° see one artefact.
+
+    They stand in the plane in which radial error motion counts. Azimuths and the artefact's form, off centre and out of
+    round, are drawn from the seed, and an amplifier for each probe.
+    """
+    rng = np.random.default_rng([seed, 20240401])
+    made = {name: part for name, part in deepcopy(dict(stage)).items() if name not in ("encoder", "autocollimator")}
+    start, form = float(rng.uniform(-np.pi, np.pi / 3)), _rows(rng, drawn_log(rng, 3e-7, 1e-5), (1, 2, 3, 5))
+    made["sensors"] = {
+        name: {
+            "kind": "radial_probe",
+            "azimuth": start + 2.0 * np.pi * place / 3.0,
+            "height": 0.0,
+            **_amplifier(rng),
+            "form": form,
+        }
+        for place, name in enumerate(("one", "two", "three"))
+    }
+    return made
+
+
 def _amplifier(rng: np.random.Generator) -> dict[str, float]:
     """Numbers of an amplifier, in m: capacitive, inductive or eddy current."""
     return {

@@ -57,7 +57,7 @@ class Recording:
     @property
     def head_topics(self) -> list[str]:
         """Topics of the heads that the stage has, in the order of its description."""
-        return [head_topic(head) for head in self.stage["encoder"]["heads"]]
+        return [head_topic(head) for head in self.stage.get("encoder", {}).get("heads", ())]
 
     @property
     def probes(self) -> dict[str, Mapping[str, Any]]:

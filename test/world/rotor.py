@@ -62,6 +62,7 @@ class Rotor:
         rng = seeds.generator("jitter")
         self._jitter = Smooth(rng, duration, rng.uniform(5.0, 18.0))
         self._jitter_size = options.jitter * 2e-6 * rng.uniform(0.5, 1.3)
+        self._behind, self._late = options.following_error, options.drive_lag
         spindle = stage.get("spindle", {})
         extra = _other_orders(seeds.generator("other orders"), spindle, options)
         self._synchronous = _Harmonics(spindle, extra, _axial(seeds, spindle, options))
@@ -77,6 +78,8 @@ class Rotor:
     def at(self, times: Array) -> Components:
         """Components at `times` (n,) in s since the begin."""
         jitter = self._jitter_size * self._jitter(times)[:, 0] if self._jitter_size else np.zeros(len(times))
+        if self._behind or self._late:
+            jitter = jitter + self._behind + self.motion.angle(times - self._late) - self.motion.angle(times)
         theta = self.motion.angle(times) + jitter
         moved = self._synchronous(theta) + self._asynchronous(theta, times)
         if self.environment.has_force:

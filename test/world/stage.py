@@ -61,13 +61,14 @@ class _Maker:
         rng = self.seeds.generator("rates")
         rates = _rates(rng, self.options)
         made = {}
-        for i, (head, place) in enumerate(self.stage["encoder"]["heads"].items()):
+        for i, (head, place) in enumerate(self.stage.get("encoder", {}).get("heads", {}).items()):
             topic = head_topic(head)
             signal = self._head(topic, float(place["azimuth"]))
             made[topic] = self._stream(topic, rates["heads"][i % len(rates["heads"])], ("angle",), signal)
-        made[AUTOCOLLIMATOR] = self._stream(
-            AUTOCOLLIMATOR, rates["autocollimator"], ("tilt_x", "tilt_y"), self._autocollimator
-        )
+        if "autocollimator" in self.stage:
+            made[AUTOCOLLIMATOR] = self._stream(
+                AUTOCOLLIMATOR, rates["autocollimator"], ("tilt_x", "tilt_y"), self._autocollimator
+            )
         made[COMMAND] = self._stream(COMMAND, rates["command"], ("angle", "velocity"), self._command)
         wanted = rng.uniform() < 0.5 if self.options.lvdt is None else self.options.lvdt
         if "lvdt" in self.stage and wanted:
