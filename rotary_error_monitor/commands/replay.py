@@ -13,6 +13,7 @@ from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
+from rotary_error_monitor.pipeline.observability import rotation_is_lacking
 from rotary_error_monitor.recordings.replay import LONGEST_PERIOD_NS, SHORTEST_PERIOD_NS, replay_bag
 from rotary_error_monitor.resources import config
 
@@ -53,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     for remark in result.remarks:
         print(f"note: {one_line(remark)}", file=sys.stderr)
     if len(result.stamp_ns) == 0:
-        raise InputError(f"{arguments.bag}: no estimate: at no time were two opposed or three heads alive together")
+        raise InputError(f"{arguments.bag}: no estimate: {rotation_is_lacking(stage)}")
     result.save(arguments.output)
     duration = (result.stamp_ns[-1] - result.stamp_ns[0]) * 1e-9
     what = "joint states" if machine is not None and machine.monitored is None else "estimates"

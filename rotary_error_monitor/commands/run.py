@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     if folder.exists():
         raise InputError(f"--folder {folder} exists already; give a new one, a recording is never overwritten")
     stage, machine = load_stage(arguments.stage), load_machine(arguments.machine)
-    for section in ("autocollimator", "lvdt"):
+    for section in ("encoder", "autocollimator", "lvdt"):
         if getattr(stage, section) is None:
             raise InputError(f"{arguments.stage}: the stage has no section '{section}', which this run shows")
     if machine.monitored is None:

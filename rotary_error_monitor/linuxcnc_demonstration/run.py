@@ -174,7 +174,7 @@ def execute(options: LinuxcncRun, machine: MachineDescription, ini: Path, progra
         TimeoutError: the cell does not come to correct.
     """
     witness = Witness(time.time_ns())
-    letters = tuple(load_stage(options.stage).azimuths)
+    letters = tuple(load_stage(options.stage).ring.azimuths)
     shared: dict[str, object] = {"stage": str(options.stage)} if options.stage else {}
     named: Any = {"machine": options.machine}
     mock: Any = {"mock.seed": options.seed, "mock.epoch": witness.epoch_ns, "rate": options.rate}

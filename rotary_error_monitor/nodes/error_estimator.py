@@ -20,7 +20,7 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.estimation import COMMAND, Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
@@ -36,10 +36,10 @@ _TOLD_SCALE = 2.0
 class ErrorEstimator(ManagedNode):
     """Passes blocks to the pipeline's estimator as they come and publishes what it gives.
 
-    It goes on without a stream that falls silent or is doubted, as long as two opposed heads are left, and says so, at
-    once in the log and each second in the diagnostics. Samples that are older than `max_age` at their arrival are
-    dropped: after a restart, the middleware delivers some of the past. The service `~/reset` makes it believe all
-    streams again, until they are contradicted anew.
+    It goes on without a stream that falls silent or is doubted, as long as two opposed heads are left (of a stage
+    without heads the command), and says so, at once in the log and each second in the diagnostics. Samples that are
+    older than `max_age` at their arrival are dropped: after a restart, the middleware delivers some of the past. The
+    service `~/reset` makes it believe all streams again, until they are contradicted anew.
     """
 
     settings = (
@@ -196,15 +196,15 @@ class ErrorEstimator(ManagedNode):
         return Condition("estimate", level, "; ".join(reasons) or "complete", self._figures(dict(flow.figures)))
 
     def _lacking(self) -> str:
-        """Why too few heads can be used."""
-        status = self._estimator.status
-        sparse = [name for name in status.sparse if name.startswith("head_")]
+        """Why the rotation is not known."""
+        status, told_by = self._estimator.status, "head_" if self.stage.azimuths else COMMAND
+        sparse = [name for name in status.sparse if name.startswith(told_by)]
         if sparse:
             gap = max(status.streams[name].spacing_ns for name in sparse) * 1e-6
             limit = self.setting("max_gap") * 1e3
             apart = f"samples of {', '.join(sparse)} are {gap:.3g} ms apart"
             return f"{apart}; what is further apart than max_gap of {limit:g} ms is not joined"
-        return "too few heads"
+        return "too few heads" if self.stage.azimuths else "no command, which alone tells the rotation"
 
     def _doubts(self, silent: bool) -> Iterator[tuple[Level, str]]:
         """What is missing or doubted while there are estimates."""
@@ -216,6 +216,7 @@ class ErrorEstimator(ManagedNode):
         possible = possible_components(self.stage)
         hidden = [name for bit, name in enumerate(COMPONENTS) if name in possible and not self._components >> bit & 1]
         yield Level.WARN, f"not observable: {', '.join(hidden)}" if hidden and not silent else ""
+        yield Level.WARN, "" if possible else "the sensors of the stage determine no component of error motion"
         if belief.heads.lost:
             yield Level.WARN, "redundancy is lost: a further fault of a head would show only as a step"
         if belief.heads.unsettled:
@@ -267,6 +268,7 @@ class ErrorEstimator(ManagedNode):
             "tilt_uncertainty_scale": belief.verdict.tilt_scale,
             "sensor_conflict": self._estimator.sensor_conflict,
             "sensors_without_redundancy": ", ".join(unchecked_sensors(self.stage)) or "none",
+            "rotation": "by the heads" if self.stage.azimuths else "by the command, which nothing checks",
             "command_delay_ms": belief.command.delay * 1e3,
             "verified": belief.verified,
             "unresolved_radial_um": belief.verdict.unresolved * 1e6,

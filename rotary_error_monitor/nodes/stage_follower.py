@@ -50,6 +50,8 @@ class StageFollower(ManagedNode):
         instruments = [(wire("head_samples", h), wire("head_joint_states", h), "") for h in self.stage.azimuths]
         if self.stage.autocollimator is not None:
             instruments.append((wire("autocollimator_samples"), wire("autocollimator_tilt"), ""))
+        if not instruments:
+            raise InputError("the stage has no section 'encoder' or 'autocollimator'; this node stands for these alone")
         instruments.append((wire("command_samples"), wire("command_joint_states"), messages.STAGE_JOINT))
         for topic, people, joint in instruments:
             told = people, partial(messages.latest_message, people, joint=joint)

@@ -156,6 +156,10 @@ class InputChecks:
         remarks = [_TOLD[name] for name in told if name in _TOLD]
         if "autocollimator" not in told and not motion.observable[-1, 3:5].all():
             remarks.append("tilt from the description: no autocollimator is heard")
+        if not motion.observable[-1, :2].all():
+            remarks.append("radial error motion from the description: too few sensors show it")
+        if "command" not in told and not motion.observable[-1, 5]:
+            remarks.append("angular positioning from the description: nothing is heard that measures it")
         if not command:
             remarks.append(
                 "angular positioning from the description: command and joint states are "

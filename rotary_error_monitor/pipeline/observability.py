@@ -23,6 +23,13 @@ def unchecked_sensors(stage: StageDescription) -> tuple[str, ...]:
     return tuple(name for name, seen in zip(stage.sensors, checked.tolist(), strict=True) if not seen)
 
 
+def rotation_is_lacking(stage: StageDescription) -> str:
+    """Why there is no estimate of a stage, in words."""
+    if stage.encoder is None:
+        return "at no time was the command there, which alone tells the rotation"
+    return "at no time were two opposed or three heads there together"
+
+
 def _without_listed(stage: StageDescription) -> NDArray[np.bool_]:
     ring, tilt = stage.encoder is not None, stage.autocollimator is not None
     return np.array([ring, ring, False, tilt, tilt, ring])

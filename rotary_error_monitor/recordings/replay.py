@@ -47,7 +47,7 @@ def replay_bag(
     follow from `settings` and the stamps alone.
 
     Raises:
-        InputError: there is no such bag, it lacks the topics of at least two heads (or joint states, with a machine;
+        InputError: there is no such bag, it lacks what `input_topics` needs (or joint states, with a machine;
             nothing but these, where it has no monitored axis). Messages that are broken are left out, and said.
     """
     reader = BagReader(bag)
@@ -136,17 +136,25 @@ def _replay_described(
 
 
 def input_topics(reader: BagReader, wire: Wire, stage: StageDescription) -> dict[str, str]:
-    """Stream of the estimator by topic; the bag has two heads at least.
+    """Stream of the estimator by topic; the bag has two heads at least, or of a stage without heads its command and
+    something that measures.
 
     Raises:
-        InputError: it has fewer than two heads.
+        InputError: it has less.
     """
     heads = {wire.topic("head_samples", name).name: f"head_{name}" for name in stage.azimuths}
     present = [name for name in heads if name in reader.topics and reader.topics[name].count]
-    if len(present) < 2:
+    if heads and len(present) < 2:
         reader.check_topics([name for name in heads if name not in present])
     tilt = () if stage.autocollimator is None else (AUTOCOLLIMATOR,)
-    return heads | {wire.of_stream(stream).name: stream for stream in (*tilt, COMMAND, *stage.sensors)}
+    others = {wire.of_stream(stream).name: stream for stream in (*tilt, COMMAND, *stage.sensors)}
+    if not heads:
+        command = wire.of_stream(COMMAND).name
+        measuring = [name for name in others if name != command]
+        reader.check_topics([command])
+        if not any(name in reader.topics and reader.topics[name].count for name in measuring):
+            reader.check_topics(measuring)
+    return heads | others
 
 
 def _machine_topics(reader: BagReader, wire: Wire) -> tuple[str, str]:

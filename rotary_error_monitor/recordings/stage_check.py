@@ -12,6 +12,7 @@ from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.observability import rotation_is_lacking
 from rotary_error_monitor.recordings.replay import input_topics
 from rotary_error_monitor.signals.admission import FUTURE
 from rotary_error_monitor.signals.blocks import SampleBlock
@@ -72,7 +73,7 @@ def check_stage(bag: Path | str, stage: StageDescription) -> StageCheck:
     """Hold a recording against the description of its stage.
 
     Raises:
-        InputError: there is no such bag, it lacks two heads, or nothing can be estimated from it.
+        InputError: there is no such bag, it lacks what tells the rotation, or nothing can be estimated from it.
     """
     reader = BagReader(bag)
     # Sensors that the stage lists are of use, not needed.
@@ -98,7 +99,7 @@ def check_stage(bag: Path | str, stage: StageDescription) -> StageCheck:
     log.note(estimator)
     status = estimator.status
     if status.estimates + status.withheld == 0:
-        raise InputError(f"{bag}: at no time were two opposed or three heads there together; nothing can be checked")
+        raise InputError(f"{bag}: {rotation_is_lacking(stage)}; nothing can be checked")
     refused = Counter(
         {
             (name, reason): number
