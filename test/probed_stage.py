@@ -123,7 +123,7 @@ def recorded(seed, withheld=Withheld(), stage=STAGE, seconds=SECONDS):
         return step * np.rint((exact + noise * rng.normal(size=exact.shape)) / step)
 
     encoder, streams = stage.encoder, {}
-    for letter, phi in encoder.azimuths.items():
+    for letter, phi in stage.azimuths.items():
         time, theta, x, y, *_ = state(250.0, 0.0)
         ex, ey = encoder.eccentricity
         x, y = x + ex * np.cos(theta) - ey * np.sin(theta), y + ex * np.sin(theta) + ey * np.cos(theta)
@@ -181,3 +181,16 @@ def blocks_of(streams):
 
 def without_autocollimator(stage=STAGE):
     return replace(stage, autocollimator=None)
+
+
+AROUND = tuple(f"radial_probe_{name}" for name in ("one", "two", "three"))
+
+
+def without_heads(stage=STAGE):
+    """Three radial probes at 120° before one artefact in place of heads and autocollimator."""
+    probe = ListedSensor("radial_probe", 1e-8, 1e-9, 1e-4, 2e-7, form=(AngularHarmonic(1, 2e-6, -1e-6),))
+    probes = {
+        name: replace(probe, place={"azimuth": 0.4 + 2 * np.pi * place / 3, "height": 0.0})
+        for place, name in enumerate(AROUND)
+    }
+    return replace(stage, encoder=None, autocollimator=None, sensors=dict(sorted(probes.items())))

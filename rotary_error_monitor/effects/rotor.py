@@ -233,8 +233,14 @@ Known = TypeVar("Known", bound=StageEffect)
 
 
 def effects_of(stage: StageDescription, effects: Iterable[Known]) -> tuple[Known, ...]:
-    """The effects but those that show in listed sensors alone, where a stage lists none: it cannot have them."""
-    return tuple(e for e in effects if stage.sensors or any(kind in _BY_SECTION for kind in e.acts_on))
+    """The effects but those that show only in listed sensors, or heads, of which a stage has none: it has them not."""
+
+    def is_there(kind: str) -> bool:
+        if kind == HEAD:
+            return bool(stage.azimuths)
+        return kind in _BY_SECTION or bool(stage.sensors)
+
+    return tuple(effect for effect in effects if any(map(is_there, effect.acts_on)))
 
 
 def head_locations(stage: StageDescription) -> tuple[str, ...]:

@@ -8,9 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.stage import Encoder
 from rotary_error_monitor.twin.recording import StageRecording
 
 Array = NDArray[np.float64]
+
+STANDSTILL_WEIGHT = 0.2
+"""At rest a head rounds the same way again and again: its samples carry the information of one in 25."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +37,10 @@ class HeadGrid:
 
 
 def align_heads(recording: StageRecording) -> HeadGrid:
-    """Rows of samples that belong together: nearest in time, one period apart."""
+    """Rows of samples that belong together: nearest in time, one period apart; none of a stage without heads."""
     streams = {name: recording.streams[name] for name in recording.heads}
+    if not streams:
+        return HeadGrid((), {}, np.zeros((0, 0), bool), np.zeros(0), np.inf)
     period = float(np.median([stream.period for stream in streams.values()]))
     first = min(stream.time[0] for stream in streams.values())
     phases = np.concatenate([(stream.time - first) / period for stream in streams.values()])
@@ -49,3 +55,27 @@ def align_heads(recording: StageRecording) -> HeadGrid:
         present[rows[name], i] = True
     time = first + (middle + np.arange(count) + lowest) * period
     return HeadGrid(tuple(streams), rows, present, time, period)
+
+
+def rate_of(mean: Array, known: NDArray[np.bool_], period: float) -> Array:
+    """(p, m) rate of change of columns (p, m), 0 beside samples that are not known."""
+    rate = np.zeros_like(mean)
+    inner = known[2:] & known[:-2]
+    rate[:, 1:-1] = (mean[:, 2:] - mean[:, :-2]) * (inner / (2 * period))
+    return rate
+
+
+def standstill_weight(grid: HeadGrid, encoder: Encoder | None, omega: Mapping[str, Array]) -> Array:
+    """(m,) weight of each row of the heads: less at rest, where noise does not break up their steps.
+
+    Args:
+        grid: of the heads.
+        encoder: that they are of.
+        omega: commanded speed (n,) at the samples of each head, rad/s.
+    """
+    weight = np.ones(len(grid.time))
+    if encoder is not None and encoder.noise < 0.3 * encoder.resolution:
+        for name in grid.heads:
+            resting = np.abs(omega[name]) * grid.period < 0.5 * encoder.resolution
+            weight[grid.rows[name][resting]] = STANDSTILL_WEIGHT
+    return weight

@@ -7,6 +7,7 @@ Three kinds of noise, each from what the description says:
   same instant: a head that samples a moment later sees the jitter's rate times that moment. These are the rows
   `/stage/head_i`. What the heads share stands in the rows `/stage/command`, whose noise is the jitter (coloured, its
   spectrum estimated from the recording) plus the mean of the readings' noise.
+  A stage without heads has no such rows: its rotation is the command, and the jitter a part of the probes' rows.
 * Autocollimator: noise and rounding, plus turbulence: an Ornstein-Uhlenbeck process of known size and correlation time.
 * LVDT: white.
 * Sensors that a stage lists by name: white, each with the noise that is stated of it.
@@ -29,7 +30,7 @@ from scipy.special import gamma
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.rotor import HEAD
-from rotary_error_monitor.noise.head_grid import align_heads
+from rotary_error_monitor.noise.head_grid import align_heads, rate_of, standstill_weight
 from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, predictor, segments_of
@@ -43,9 +44,6 @@ SPIKE = 6.0
 
 CELLS = 480
 """Cells of a recording in which slow noise is the same: eight to a wave of its highest order, 120 half periods."""
-
-STANDSTILL_WEIGHT = 0.2
-"""At rest a head rounds the same way again and again: its samples carry the information of one in 25."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +109,6 @@ class StageNoise:
     ) -> None:
         self.jitter = jitter or Jitter()
         self.grid = align_heads(recording)
-        encoder = stage.ring
         self.std = noise_std(stage)
         self.levels = dict.fromkeys(self.std, 1.0)
         self._lines: Array = np.zeros(0)
@@ -125,7 +122,7 @@ class StageNoise:
         least = self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
         self.uncommanded = between_samples(recording.streams[COMMAND], self.grid.time, least)
         self.spikes = {name: self._find_spikes(name, residual[name]) for name in self._sensors}
-        self._weight = self._head_weight(encoder.noise < 0.3 * encoder.resolution, encoder.resolution, omega)
+        self._weight = standstill_weight(self.grid, stage.encoder, omega)
         self._turbulence = {name: sensor_of(name).turbulence(stage) for name in self._sensors}
         self._late = self._head_times() if self.grid.heads else np.zeros((0, 0))
         self._kept_line_basis: Array | None = None
@@ -230,7 +227,7 @@ class StageNoise:
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the groups of rows."""
-        names = [COMMAND, *self.grid.heads]
+        names = [COMMAND, *self.grid.heads] if self.grid.heads else []
         for sensor in self._sensors:
             names += channels_of(sensor)
         return tuple(names)
@@ -278,6 +275,14 @@ class StageNoise:
 
     def expected(self) -> dict[str, Array]:
         """(m,) expected square of each white row of each channel under noise alone."""
+        expected = self._expected_of_heads() if self.grid.heads else {}
+        for name in self._sensors:
+            ones = np.ones((len(self._streams[name].time), len(channels_of(name)), 1))
+            for channel, rows in self._sensor(name, ones).items():
+                expected[channel] = (rows[:, 0] != 0).astype(np.float64)
+        return expected
+
+    def _expected_of_heads(self) -> dict[str, Array]:
         present, count = self._present, self._count
         weight = np.square(self._weight)
         share = (1 - 1 / np.maximum(count, 1)) * weight
@@ -289,10 +294,6 @@ class StageNoise:
         basis = self._line_basis
         if basis is not None:
             expected[COMMAND] = expected[COMMAND] * (1 - np.sum(np.square(basis), axis=1))
-        for name in self._sensors:
-            ones = np.ones((len(self._streams[name].time), len(channels_of(name)), 1))
-            for channel, rows in self._sensor(name, ones).items():
-                expected[channel] = (rows[:, 0] != 0).astype(np.float64)
         return expected
 
     def shared(self, signals: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
@@ -327,7 +328,7 @@ class StageNoise:
     def _heads(self, signals: Mapping[str, Array]) -> dict[str, Array]:
         table, several = self._table(signals), self._count > 1
         mean = self._mean(table)
-        rate = _rate(mean, several, self.grid.period)
+        rate = rate_of(mean, several, self.grid.period)
         weight = self._weight * several / self.std[HEAD]
         rows = {}
         for i, name in enumerate(self.grid.heads):
@@ -376,14 +377,6 @@ class StageNoise:
         spread = 1.4826 * np.median(np.abs(apart), axis=0)
         return np.asarray(np.abs(apart) > SPIKE * np.maximum(spread, self.std[instrument_of(name)]), bool)
 
-    def _head_weight(self, coarse: bool, resolution: float, omega: Mapping[str, Array]) -> Array:
-        weight = np.ones(len(self.grid.time))
-        if coarse:
-            for name in self.grid.heads:
-                resting = np.abs(omega[name]) * self.grid.period < 0.5 * resolution
-                weight[self.grid.rows[name][resting]] = STANDSTILL_WEIGHT
-        return weight
-
     def _turbulence_filters(self) -> dict[str, Whitener]:
         """Of the sensors whose noise has a slow part."""
         return {
@@ -395,13 +388,7 @@ class StageNoise:
         }
 
     def _command_filter(self) -> Whitener:
+        if not self.grid.heads:  # no rows that it would make white
+            return Whitener(np.ones(1), 0)
         floor = self.command_floor
         return predictor(lambda frequency: self.jitter.density(frequency) + floor, self.grid.period)
-
-
-def _rate(mean: Array, known: NDArray[np.bool_], period: float) -> Array:
-    """(p, m) rate of change of columns (p, m), 0 beside samples that are not known."""
-    rate = np.zeros_like(mean)
-    inner = known[2:] & known[:-2]
-    rate[:, 1:-1] = (mean[:, 2:] - mean[:, :-2]) * (inner / (2 * period))
-    return rate

@@ -146,7 +146,11 @@ def record_stage(
             remarks.append(f"{error}; left out")
         else:
             streams[name] = found
-    return thinned(StageRecording(start, streams, tuple(remarks)), most_rate)
+    recording = StageRecording(start, streams, tuple(remarks))
+    if not recording.sensors:
+        described = ", ".join(samples_topic(name) for name in (*listed, *optional) if name not in _INPUTS)
+        raise InputError(f"the recording holds samples of no sensor; expected those of one or more of {described}")
+    return thinned(recording, most_rate)
 
 
 def _corrected(

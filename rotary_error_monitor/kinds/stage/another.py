@@ -158,14 +158,15 @@ def left_out(twin: StageTwin, residual: Callable[[], Signals], std: dict[str, fl
         std: of the noise of one sample of each instrument.
     """
     stage, found = twin.stage, []
-    if any(stage.ring.eccentricity) and any(stage.mirror.tilt):
+    unstated = stage.encoder is not None and not any(stage.encoder.eccentricity)
+    if not unstated and any(stage.mirror.tilt):
         return ()
     raw = residual()
     nothing = "the twin states no {}: {} shows {} that it does not predict; {}"
     calibrate = "`calibrate assembly` measures it, and with --most-causes 8 a diagnosis names several such parts"
     shown = {name: float(np.sqrt(np.mean(np.square(values - values.mean(axis=0))))) for name, values in raw.items()}
     largest = {each: max((s for n, s in shown.items() if instrument_of(n) == each), default=0.0) for each in std}
-    if not any(stage.ring.eccentricity) and largest[HEAD] > 2 * std[HEAD]:
+    if unstated and largest[HEAD] > 2 * std[HEAD]:
         found.append(nothing.format("eccentricity of the ring", "a head", _with_unit(HEAD, largest[HEAD]), calibrate))
     if not any(stage.mirror.tilt) and largest[AUTOCOLLIMATOR] > 2 * std[AUTOCOLLIMATOR]:
         size = _with_unit(AUTOCOLLIMATOR, largest[AUTOCOLLIMATOR])
@@ -208,7 +209,8 @@ def _at_bounds(twin: StageTwin, effect: StageEffect, place: str, streams: Sequen
 def _described_orders(stage: StageDescription) -> set[int]:
     planar = (*stage.spindle.radial, *stage.spindle.tilt, *stage.mirror.flatness)
     forms = (row for sensor in stage.sensors.values() for row in sensor.form)
-    angular = (*stage.ring.graduation, *stage.spindle.axial, *forms)
+    graduation = () if stage.encoder is None else stage.encoder.graduation
+    angular = (*graduation, *stage.spindle.axial, *forms)
     return {1, *(row.order for row in planar), *(row.order for row in angular)}
 
 

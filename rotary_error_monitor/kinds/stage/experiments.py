@@ -87,10 +87,10 @@ def _experiments(problem: StageProblem) -> Iterable[Experiment]:
             yield Experiment("record again with the LVDT", plain, stage, True)
         moved = replace(stage, lvdt=replace(stage.lvdt, height=2 * stage.lvdt.height + 0.05))
         yield Experiment("record again with the LVDT at another height", plain, moved, True)
-    letter = sorted(stage.azimuths)[0]
-    azimuths = {**stage.azimuths, letter: stage.azimuths[letter] + np.radians(20)}
-    shifted = replace(stage, encoder=replace(stage.ring, azimuths=azimuths))
-    yield Experiment(f"move head {letter} by 20° along the ring and record again", plain, shifted, lvdt)
+    for letter in sorted(stage.azimuths)[:1]:
+        azimuths = {**stage.azimuths, letter: stage.azimuths[letter] + np.radians(20)}
+        shifted = replace(stage, encoder=replace(stage.ring, azimuths=azimuths))
+        yield Experiment(f"move head {letter} by 20° along the ring and record again", plain, shifted, lvdt)
 
 
 def _with_probes_moved(problem: StageProblem, streams: Iterable[str]) -> Iterator[Experiment]:
@@ -155,15 +155,18 @@ class _Measurement:
     def _rows(self, causes: Sequence[Cause]) -> Array:
         problem, signals = self._problem, self._twin.predict(causes)
         heads = [name for name in signals if name.startswith("head_")]
-        shared = np.mean([signals[name][:, 0] for name in heads], axis=0)
-        gain = np.sqrt(problem.head_rows / SAMPLES)
-        jitter = problem.noise.jitter
-        # The jitter is one independent value in each of its correlation times.
-        independent = np.sqrt(min(1.0, 2 * jitter.bandwidth * problem.recording.duration / SAMPLES))
-        white = self._std["head"] / np.sqrt(len(heads)) / gain
-        parts = [shared / np.hypot(jitter.std / independent, white)]
-        parts += [(signals[name][:, 0] - shared) / self._std["head"] * gain for name in heads]
+        gain = np.sqrt(problem.instants / SAMPLES)
+        parts = self._of_heads([signals[name][:, 0] for name in heads], gain) if heads else []
         for name, values in signals.items():
             if name not in heads:
                 parts.append(values.ravel() / (self._std[instrument_of(name)] or 1.0) * gain)
         return np.concatenate(parts)
+
+    def _of_heads(self, angles: Sequence[Array], gain: float) -> list[Array]:
+        """What the heads share, whose noise is the jitter, and what each has beyond that, in standard deviations."""
+        shared, jitter = np.mean(angles, axis=0), self._problem.noise.jitter
+        # The jitter is one independent value in each of its correlation times.
+        independent = np.sqrt(min(1.0, 2 * jitter.bandwidth * self._problem.recording.duration / SAMPLES))
+        white = self._std["head"] / np.sqrt(len(angles)) / gain
+        parts = [shared / np.hypot(jitter.std / independent, white)]
+        return parts + [(angle - shared) / self._std["head"] * gain for angle in angles]

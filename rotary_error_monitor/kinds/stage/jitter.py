@@ -188,6 +188,8 @@ def orders_at_one_speed(lines: Array, time: Array, command: Array) -> list[tuple
         time: (n,) s.
         command: (n,) commanded rotation, rad.
     """
+    if not len(lines):
+        return []
     speed, start = np.polyfit(time, command, 1)
     uneven = float(np.max(np.abs(command - start - speed * time)))
     turns = abs(float(speed)) / (2 * np.pi)

@@ -94,6 +94,8 @@ class NoiseLearning:
     def learn_jitter(self, causes: Sequence[Cause]) -> bool:
         """Spectrum of the jitter, beside other causes than before: what was learnt beside fewer may have been one."""
         noise = self._problem.noise
+        if not noise.grid.heads:
+            return False
         jitter, lines = self.estimate_jitter(self._problem.raw_residual(causes))
         frequency = np.linspace(0.5, 40.0, 80)
         floor = noise.command_floor

@@ -99,12 +99,13 @@ class StageProblem:
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
         self._signatures = KeptSignatures()
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
-        self.noise.with_jitter(*self._learning.estimate_jitter(raw))
+        if recording.heads:
+            self.noise.with_jitter(*self._learning.estimate_jitter(raw))
         self._modulations = StageModulations(self.twin, recording.duration, self.play)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Channels of rows: `command`, each head, each component of the other sensors."""
+        """Channels of rows: with heads `command` and each head, each component of the other sensors."""
         return self.noise.channels
 
     @property
@@ -113,9 +114,9 @@ class StageProblem:
         return self._conditions
 
     @property
-    def head_rows(self) -> int:
-        """Number of instants at which the heads were read."""
-        return len(self.noise.grid.time)
+    def instants(self) -> int:
+        """Number of instants at which the heads were read; of a stage without heads, its fastest sensor."""
+        return len(self.noise.grid.time) or max(len(self.times(channel)) for channel in self.channels)
 
     def times(self, channel: str) -> Array:
         """(m,) time of each row, s."""

@@ -107,7 +107,7 @@ class StageSearch:
             "spindle.tilt": stage.spindle.tilt,
             "spindle.axial": stage.spindle.axial,
             "mirror.flatness": stage.mirror.flatness,
-            "encoder.graduation": stage.ring.graduation,
+            "encoder.graduation": () if stage.encoder is None else stage.encoder.graduation,
         }
         uncertain = [rows for name, rows in described.items() if stage.uncertainty.get(name)]
         uncertain += [sensor.form for sensor in stage.sensors.values() if sensor.uncertainty]

@@ -73,7 +73,7 @@ class LongStageProblem(StageProblem):
         self._expected: dict[str, Array] = {}
         bounds = np.linspace(0.0, recording.duration, max(2, round(recording.duration / STRETCH)) + 1)
         pieces = [cut_recording(recording, a, b) for a, b in itertools.pairwise(bounds)]
-        read = [i for i, piece in enumerate(pieces) if piece.heads]
+        read = [i for i, piece in enumerate(pieces) if (piece.heads if recording.heads else piece.sensors)]
         self._stretches: list[_Stretch] = []
         for i in read:
             self._stretches.append(_Stretch(stage, pieces[i], effects, known, whole.inputs))
@@ -90,13 +90,13 @@ class LongStageProblem(StageProblem):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Channels of rows: `command`, each head, each component of the other sensors."""
+        """Channels of rows: with heads `command` and each head, each component of the other sensors."""
         return self._channels
 
     @property
-    def head_rows(self) -> int:
-        """Number of instants at which the heads were read."""
-        return sum(stretch.head_rows for stretch in self._stretches)
+    def instants(self) -> int:
+        """Number of instants at which the heads were read; of a stage without heads, its fastest sensor."""
+        return sum(stretch.instants for stretch in self._stretches)
 
     def times(self, channel: str) -> Array:
         """(m,) time of each row, s."""
