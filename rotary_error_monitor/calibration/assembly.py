@@ -121,6 +121,8 @@ def calibrate_assembly(
         InputError: the bag or the stage file cannot be read, or the recording does not determine the ring.
     """
     stage = load_stage(stage_file)
+    if stage.encoder is None:
+        raise InputError(f"{stage_file}: the stage has no section 'encoder', which this calibrates")
     remarks: list[str] = []
     recording = read_shaft_recording(source, stage, remarks)
     try:

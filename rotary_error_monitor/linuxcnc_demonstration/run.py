@@ -152,6 +152,8 @@ def run(options: LinuxcncRun) -> int:
         TimeoutError: the cell does not come to correct; the message says how its nodes fare.
     """
     machine, stage = load_machine(options.machine), load_stage(options.stage)
+    if stage.encoder is None:
+        raise InputError(f"{options.stage}: the stage has no section 'encoder', whose heads this run shows")
     ini = options.ini or config("linuxcnc/xyzac_trt.ini")
     program = options.program or ini.with_name("five_axis.ngc")
     if not program.is_file():
@@ -174,7 +176,7 @@ def execute(options: LinuxcncRun, machine: MachineDescription, ini: Path, progra
         TimeoutError: the cell does not come to correct.
     """
     witness = Witness(time.time_ns())
-    letters = tuple(load_stage(options.stage).ring.azimuths)
+    letters = tuple(load_stage(options.stage).azimuths)
     shared: dict[str, object] = {"stage": str(options.stage)} if options.stage else {}
     named: Any = {"machine": options.machine}
     mock: Any = {"mock.seed": options.seed, "mock.epoch": witness.epoch_ns, "rate": options.rate}
