@@ -144,17 +144,19 @@ def with_probes_alone(stage: Mapping[str, Any], seed: int) -> dict[str, Any]:
     """A copy of a section `stage` without heads and autocollimator: three radial probes at 120° see one artefact.
 
     They stand in the plane in which radial error motion counts. Azimuths and the artefact's form, off centre and out of
-    round, are drawn from the seed, and an amplifier for each probe.
+    round, are drawn from the seed, one make of amplifier for all, and zero and sign of each.
     """
     rng = np.random.default_rng([seed, 20240401])
     made = {name: part for name, part in deepcopy(dict(stage)).items() if name not in ("encoder", "autocollimator")}
     start, form = float(rng.uniform(-np.pi, np.pi / 3)), _rows(rng, drawn_log(rng, 3e-7, 1e-5), (1, 2, 3, 5))
+    make = {name: size for name, size in _amplifier(rng).items() if name not in ("zero", "gain")}
     made["sensors"] = {
         name: {
             "kind": "radial_probe",
             "azimuth": start + 2.0 * np.pi * place / 3.0,
             "height": 0.0,
             **_amplifier(rng),
+            **make,
             "form": form,
         }
         for place, name in enumerate(("one", "two", "three"))
