@@ -173,9 +173,10 @@ class StagePlant:
 
         All of these are of what is shown, so that an instrument with a gain has them larger by it.
         """
-        encoder, lvdt = self.stage.ring, self.stage.lvdt
+        lvdt = self.stage.lvdt
         scale = abs(self.stage.response(stream).gain)
         if stream.startswith(HEAD):
+            encoder = self.stage.ring
             return _rounded(shown + encoder.noise * self._noise(stream, first, shown.shape), encoder.resolution)
         if stream == "autocollimator":
             collimator = self.stage.tilt_instrument

@@ -108,8 +108,16 @@ def check_stage(bag: Path | str, stage: StageDescription) -> StageCheck:
         }
     )
     refused.update(ahead)
-    belief = estimator.belief
-    figures = {
+    remarks = tuple(remark for remark in (*reader.remarks, window and window.remark) if remark)
+    figures = _figures(estimator, stage)
+    verified = estimator.belief.verified
+    return StageCheck(tuple(log.doubts.values()), refused, verified, log.duration, figures, remarks)
+
+
+def _figures(estimator: Estimator, stage: StageDescription) -> dict[str, float]:
+    """What the estimator found, by name with unit, as far as the stage has the sensors for it."""
+    status, belief = estimator.status, estimator.belief
+    found = {
         "estimates": float(status.estimates),
         "withheld": float(status.withheld),
         "head uncertainty scale": belief.verdict.head_scale,
@@ -119,8 +127,13 @@ def check_stage(bag: Path | str, stage: StageDescription) -> StageCheck:
         "eccentricity or error motion, not told which, um": belief.verdict.unresolved * 1e6,
         "tilt of the mirror or of the axis, not told which, urad": belief.verdict.unresolved_tilt * 1e6,
     }
-    remarks = tuple(remark for remark in (*reader.remarks, window and window.remark) if remark)
-    return StageCheck(tuple(log.doubts.values()), refused, belief.verified, log.duration, figures, remarks)
+    if stage.encoder is not None:
+        return found
+    own = ("estimates", "withheld", "tilt uncertainty scale")
+    return {name: found[name] for name in own} | {
+        "uncertainty of the rotation, which is the command, urad": belief.verdict.lag * 1e6,
+        "contradiction among the listed sensors, times what is stated": estimator.sensor_conflict,
+    }
 
 
 def check_text(check: StageCheck) -> Iterator[str]:
