@@ -144,17 +144,14 @@ class ListedReadings:
         """
         described = self._described(motion.theta)
         expected = np.where(motion.observable, motion.components, described)
-        raw, reading, noise, turned = (np.zeros(there.shape) for _ in range(4))
-        lag = rows[:, COLUMN["lag"]]
+        raw, reading, noise = (np.zeros(there.shape) for _ in range(3))
         for place, (stream, (sensor, kind)) in enumerate(self.sensors.items()):
             seen = sampled[stream]
             raw[:, place] = seen.values[:, 0]
             reading[:, place] = kind.displacement(sensor, seen.values[:, 0], motion.theta)
             noise[:, place] = reading_variance(sensor.noise, sensor.resolution, seen.gain, seen.travel[:, 0])
             noise[:, place] = np.maximum(noise[:, place] / sensor.gain**2, LEAST_VARIANCE)
-            if self._commanded:
-                ahead = kind.displacement(sensor, seen.values[:, 0], motion.theta + TURNED)
-                turned[:, place] = (ahead - reading[:, place]) * (lag / TURNED)
+        turned = self._turned(motion.theta, rows[:, COLUMN["lag"]])
         # the form of a target is taken off at the wrong place while the zero of the rotation may be another one
         elsewhere = np.where(rows[:, COLUMN["doubts"]].astype(np.int64) & UNVERIFIED, 1.0, 0.0)
         seen_too, alone = motion.observable.astype(np.float64), np.where(motion.observable, 0.0, 1.0)
@@ -181,6 +178,15 @@ class ListedReadings:
             _summed(alone, self._rate),
             turned,
         )
+
+    def _turned(self, theta: Array, lag: Array) -> Array:
+        """(m, p) displacement by form that one standard deviation of the rotation, `lag` (m,) rad, makes, m."""
+        total = np.zeros((len(theta), len(self.sensors)))
+        if self._commanded:
+            for place, (sensor, kind) in enumerate(self.sensors.values()):
+                there, ahead = (kind.displacement(sensor, np.zeros(1), angle) for angle in (theta, theta + TURNED))
+                total[:, place] = (ahead - there) * (lag / TURNED)
+        return total
 
     def _known(self, covariance: Array) -> Array:
         """(m, p) variance of what the estimate without the sensors says of each displacement, m²."""

@@ -146,11 +146,8 @@ def record_stage(
             remarks.append(f"{error}; left out")
         else:
             streams[name] = found
-    recording = StageRecording(start, streams, tuple(remarks))
-    if not recording.sensors:
-        described = ", ".join(samples_topic(name) for name in (*listed, *optional) if name not in _INPUTS)
-        raise InputError(f"the recording holds samples of no sensor; expected those of one or more of {described}")
-    return thinned(recording, most_rate)
+    _check_sensors(streams, [name for name in (*needed, *optional) if name not in _INPUTS])
+    return thinned(StageRecording(start, streams, tuple(remarks)), most_rate)
 
 
 def _corrected(
@@ -226,6 +223,13 @@ def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: li
     if np.count_nonzero(kept) < (FEWEST_SAMPLES if kind_of(name) in (*sensor_kinds(), COMMAND) else 2):
         raise InputError(f"{samples_topic(name)}: only {np.count_nonzero(kept)} samples; {FEWEST_SAMPLES} are needed")
     return Stream(time[kept], values[kept])
+
+
+def _check_sensors(streams: Mapping[str, Stream], described: Sequence[str]) -> None:
+    """Refuse a recording of a stage without heads in which nothing measures."""
+    if not any(name in streams for name in described):
+        expected = ", ".join(map(samples_topic, described))
+        raise InputError(f"the recording holds samples of no sensor; expected those of one or more of {expected}")
 
 
 def _check_overlap(streams: Mapping[str, Stream]) -> None:

@@ -10,6 +10,7 @@ from rotary_error_monitor.metrology.rigid_motion import (
     Seen,
     combine,
     disagreement,
+    disagreements,
     extend,
     observable_components,
     redundant_sensors,
@@ -190,3 +191,21 @@ def test_disagreement_is_chi_square_of_what_is_redundant():
         pytest.approx(0.0, abs=1e-9),
         0,
     )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_three_probes_at_120_degrees_contradict_one_another_by_their_sum_at_each_time(seed):
+    """Closed form: the mean of such readings is no displacement, and has a third of the variance of one."""
+    draw, std = np.random.default_rng(seed), 2e-8
+    rows = np.array([radial(0.3 + 2 * np.pi * k / 3, 0.0) for k in range(3)])
+    shown = draw.normal(size=(50, 3)) * 1e-7
+    seen = Seen(rows, shown, np.full((50, 3), std**2))
+    chi_square, freedom = disagreements(known(50), seen)
+    assert freedom == 1
+    np.testing.assert_allclose(chi_square, shown.sum(axis=1) ** 2 / (3 * std**2), rtol=1e-7)
+    one = Seen(rows, shown[:1], seen.variance[:1])
+    assert disagreement(known(1), one) == (chi_square[0], 1)
+    found = combine(known(50), seen)
+    angles = 0.3 + 2 * np.pi * np.arange(3) / 3
+    np.testing.assert_allclose(found.components[:, 0], 2 / 3 * shown @ np.cos(angles), rtol=1e-7, atol=1e-15)
+    np.testing.assert_allclose(found.components[:, 1], 2 / 3 * shown @ np.sin(angles), rtol=1e-7, atol=1e-15)

@@ -17,7 +17,7 @@ from .fault import Injected
 from .faults import FAULTS
 from .faults_probes import PROBE_FAULTS
 from .options import Options
-from .probes import CYLINDER, probe_reading, with_probes
+from .probes import CYLINDER, probe_reading, with_probes, with_probes_alone
 from .recording import Recording, samples
 from .rotor import Components
 from .stage import make_recording
@@ -244,3 +244,30 @@ def test_faults_of_probes_are_no_faults_of_every_recording():
     assert not set(FAULTS) & set(PROBE_FAULTS)
     assert all(fault.streams == "probe" for fault in PROBE_FAULTS.values())
     assert all(fault.sentence.endswith(".") for fault in PROBE_FAULTS.values())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_stage_of_probes_alone_has_no_other_sensor_and_sees_one_artefact(seed):
+    """Three at 120°: the mean of what they see is the artefact's third order, whatever the axis does."""
+    section = with_probes_alone(random_stage(seed), seed)
+    recording = make_recording(seed, duration=1.0, stage=section, options=Options.textbook(motion="steady"))
+    topics = {name for name in recording.blocks if "lvdt" not in name}
+    assert topics == {"/stage/command/samples", *recording.probes} and not recording.head_topics
+    times = np.linspace(0.0, 1.0, 200)
+    at = recording.truth.at(times)
+    probes = list(section["sensors"].values())
+    seen = [(probe_reading(at, probe) - probe["zero"]) / probe["gain"] for probe in probes]
+    (third,) = [row for row in probes[0]["form"] if row["order"] == 3]
+    expected = form(probes[0]["azimuth"] - at.theta, [third])
+    np.testing.assert_allclose(np.mean(seen, axis=0), expected, atol=3e-9)
+
+
+def test_the_rotor_stands_off_its_command_and_follows_it_late_as_told():
+    options = Options.textbook(motion="steady", peak_speed=3.0, following_error=4e-4, drive_lag=2e-4)
+    rotor = make_recording(3, duration=2.0, stage=DEFAULT, options=options).truth
+    times = np.linspace(0.5, 1.5, 50)
+    speed = rotor.motion.velocity(times)
+    at = rotor.at(times)
+    np.testing.assert_allclose(at.ecc, 4e-4 - 2e-4 * speed, atol=1e-9)
+    np.testing.assert_allclose(at.theta - rotor.motion.angle(times), at.ecc, atol=1e-12)
+    assert np.abs(speed).max() > 1.0

@@ -67,6 +67,12 @@ class NoiseLearning:
         self._search, self._expected = search, expected
         self._slow: dict[str, Array] = {}
 
+    def begin(self, raw: Signals) -> None:
+        """Jitter as it shows beside no cause, where heads show it."""
+        noise = self._problem.noise
+        if noise.grid.heads:
+            noise.with_jitter(*self.estimate_jitter(raw))
+
     def learn_levels(self, causes: Sequence[Cause]) -> bool:
         """Noise larger than the stage states: told from neighbouring rows, which differ by little else."""
         noise = self._problem.noise

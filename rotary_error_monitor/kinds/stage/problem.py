@@ -99,8 +99,7 @@ class StageProblem:
         self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
         self._signatures = KeptSignatures()
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
-        if recording.heads:
-            self.noise.with_jitter(*self._learning.estimate_jitter(raw))
+        self._learning.begin(raw)
         self._modulations = StageModulations(self.twin, recording.duration, self.play)
 
     @property
