@@ -65,6 +65,23 @@ STAGE = StageDescription(
     },
 )
 
+SECOND = "tilt_sensor_second"
+WITH_SECOND = replace(
+    STAGE,
+    sensors={
+        SECOND: ListedSensor(
+            "tilt_sensor",
+            *(2e-7, 5e-8, 5e-4, 5e-7),
+            zero=(2e-5, -1e-5),
+            gain=-1.0,
+            place={"roll": 0.6},
+            form=(PlanarHarmonic(1, (2e-5, -1e-5), (1e-5, 2e-5)),),
+            fields=("tilt_x", "tilt_y"),
+            unit="rad",
+        )
+    },
+)
+
 
 @dataclass(frozen=True)
 class Withheld:
@@ -76,6 +93,7 @@ class Withheld:
     form: dict = field(default_factory=dict)
     zero: dict = field(default_factory=dict)
     gain: dict = field(default_factory=dict)
+    roll: dict = field(default_factory=dict)
     drift: dict = field(default_factory=dict)
     growth: float = 0.0
     noise: dict = field(default_factory=dict)
@@ -138,6 +156,13 @@ def recorded(seed, withheld=Withheld(), stage=STAGE, seconds=SECONDS):
         streams["autocollimator"] = (time, ("tilt_x", "tilt_y"), read(lean, instrument.noise, instrument.resolution))
     for name, probe in stage.sensors.items():
         time, theta, x, y, a, b = state(100.0, 0.7e-3)
+        if probe.kind == "tilt_sensor":
+            streams[name] = (
+                time,
+                probe.fields,
+                read(tilted(name, probe, withheld, rng, time, theta, a, b), probe.noise, probe.resolution),
+            )
+            continue
         phi = probe.place["azimuth"]
         if probe.kind == "axial_probe":
             at = probe.place["radius"] * np.array([np.cos(phi), np.sin(phi)])
@@ -164,6 +189,21 @@ def recorded(seed, withheld=Withheld(), stage=STAGE, seconds=SECONDS):
         20.0 + warming(time)[:, None] + 1e-3 * rng.normal(size=(len(time), 1)),
     )
     return streams
+
+
+def tilted(name, sensor, withheld, rng, time, theta, a, b):
+    """(n, 2) what another autocollimator shows of a mirror of its own: turned by its roll, then scaled and shifted."""
+    uneven = [(row.order, row.x, row.y) for row in sensor.form] + list(withheld.form.get(name, ()))
+    uneven += [
+        (order, *(tuple(sensor.uncertainty * rng.normal(size=2)) for _ in "xy"))
+        for order in sorted({1, *(row.order for row in sensor.form)})
+    ]
+    x, y = (part + waves([(row[0], *row[axis]) for row in uneven], theta) for axis, part in ((1, a), (2, b)))
+    roll = sensor.place["roll"] + withheld.roll.get(name, 0.0)
+    along = np.stack([np.cos(roll) * x - np.sin(roll) * y, np.sin(roll) * x + np.cos(roll) * y], axis=1)
+    zero = np.array(sensor.zero) + sensor.uncertainty * rng.normal(size=2) + np.array(withheld.zero.get(name, 0.0))
+    gain = sensor.gain * (1 + withheld.gain.get(name, 0.0))
+    return zero + gain * along + time[:, None] * np.array(withheld.drift.get(name, (0.0, 0.0)))
 
 
 def warming(time):

@@ -70,7 +70,7 @@ class StageResponse(Response):
         found: dict[str, Array] = {}
         for stream, (time, base) in self._bases.items():
             moved = (plant.signal(stream, time) - base) * (np.sqrt(self.every) / noise_of(self.plain.stage, stream))
-            for name, column in zip(fields_of(stream), moved.T, strict=True):
+            for name, column in zip(fields_of(stream, self.plain.stage.sensors), moved.T, strict=True):
                 found[f"{samples_topic(stream)}.{name}"] = column
         return found
 

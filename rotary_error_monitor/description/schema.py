@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +66,19 @@ def schema_content(schema: str) -> dict[str, Any]:
     path = config(f"schema/{schema}.yaml")
     content: dict[str, Any] = read_yaml(path).content
     if "sensor" in content.get("$defs", {}):
-        content["$defs"]["sensor"] = _of_kinds(content["$defs"]["sensor"], path.parent / "sensors")
+        content["$defs"]["sensor"] = _of_kinds(content["$defs"]["sensor"])
     return content
+
+
+@functools.cache
+def sensor_kinds() -> Mapping[str, Mapping[str, Any]]:
+    """Content of `config/schema/sensors/<kind>.yaml` of each kind of listed sensor.
+
+    `required` and `properties` beside and in the place of those that all kinds state; `fields` of a sample and their
+    SI `unit`, which are one displacement in m where the file names none.
+    """
+    folder = config("schema/stage.yaml").parent / "sensors"
+    return {path.stem: read_yaml(path).content for path in sorted(folder.glob("*.yaml"))}
 
 
 @functools.cache
@@ -74,9 +86,9 @@ def _validator(schema: str) -> Draft202012Validator:
     return Draft202012Validator(schema_content(schema))
 
 
-def _of_kinds(common: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Schema of a sensor of any kind that has a file in a folder: what all state, and what its own file says."""
-    kinds = {path.stem: read_yaml(path).content for path in sorted(folder.glob("*.yaml"))}
+def _of_kinds(common: dict[str, Any]) -> dict[str, Any]:
+    """Schema of a sensor of any kind that has a file: what all state, and what its own file says."""
+    kinds = sensor_kinds()
     known = {"enum": list(kinds), "description": f"one of {', '.join(kinds)}"}
     choices = [
         {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from rotary_error_monitor.description import schema
 from rotary_error_monitor.description.harmonics import AngularHarmonic as AngularHarmonic
 from rotary_error_monitor.description.harmonics import PlanarHarmonic as PlanarHarmonic
+from rotary_error_monitor.description.harmonics import angular, pair, planar
 from rotary_error_monitor.description.listed_sensors import ListedSensor as ListedSensor
 from rotary_error_monitor.description.listed_sensors import listed_sensors
 from rotary_error_monitor.description.response import IDEAL, responses_of
@@ -204,18 +205,18 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
     return StageDescription(
         encoder=_encoder(stage["encoder"]) if "encoder" in stage else None,
         autocollimator=_autocollimator(stage["autocollimator"]) if "autocollimator" in stage else None,
-        mirror=Mirror(_pair(mirror.get("tilt", (0.0, 0.0))), _planar(mirror.get("flatness", ()))),
+        mirror=Mirror(pair(mirror.get("tilt", (0.0, 0.0))), planar(mirror.get("flatness", ()))),
         spindle=Spindle(
-            radial=_planar(spindle.get("radial", ())),
-            tilt=_planar(spindle.get("tilt", ())),
+            radial=planar(spindle.get("radial", ())),
+            tilt=planar(spindle.get("tilt", ())),
             radial_compliance=float(spindle.get("radial_compliance", 0.0)),
             tilt_compliance=float(spindle.get("tilt_compliance", 0.0)),
-            radial_thermal=_pair(spindle.get("radial_thermal", (0.0, 0.0))),
-            axial=_angular(spindle.get("axial", ())),
+            radial_thermal=pair(spindle.get("radial_thermal", (0.0, 0.0))),
+            axial=angular(spindle.get("axial", ())),
         ),
         lvdt=None
         if lvdt is None
-        else Lvdt(float(lvdt["height"]), float(lvdt["noise"]), _pair(lvdt.get("artefact_eccentricity", (0.0, 0.0)))),
+        else Lvdt(float(lvdt["height"]), float(lvdt["noise"]), pair(lvdt.get("artefact_eccentricity", (0.0, 0.0)))),
         sensors=listed_sensors(stage.get("sensors", {})),
         reference_temperature=float(stage.get("environment", {}).get("reference_temperature", 20.0)),
         stated_limits={name: float(value) for name, value in stage.get("limits", {}).items()},
@@ -231,8 +232,8 @@ def _encoder(section: Mapping[str, Any]) -> Encoder:
         counts_per_line=section["counts_per_line"],
         noise=float(section["noise"]),
         azimuths={name: float(head["azimuth"]) for name, head in section["heads"].items()},
-        eccentricity=_pair(section.get("eccentricity", (0.0, 0.0))),
-        graduation=_angular(section.get("graduation", ())),
+        eccentricity=pair(section.get("eccentricity", (0.0, 0.0))),
+        graduation=angular(section.get("graduation", ())),
     )
 
 
@@ -254,16 +255,3 @@ def _calibrated(stage: Mapping[str, Any]) -> dict[str, float]:
         if f"{rows}_uncertainty" in note.get("figures", {}):
             found[f"{part}.{rows}"] = float(note["figures"][f"{rows}_uncertainty"])
     return found
-
-
-def _pair(values: Iterable[float]) -> tuple[float, float]:
-    x, y = values
-    return float(x), float(y)
-
-
-def _angular(rows: Iterable[Mapping[str, Any]]) -> tuple[AngularHarmonic, ...]:
-    return tuple(AngularHarmonic(row["order"], float(row["cos"]), float(row["sin"])) for row in rows)
-
-
-def _planar(rows: Iterable[Mapping[str, Any]]) -> tuple[PlanarHarmonic, ...]:
-    return tuple(PlanarHarmonic(row["order"], _pair(row["x"]), _pair(row["y"])) for row in rows)

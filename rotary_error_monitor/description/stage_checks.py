@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from rotary_error_monitor.description.listed_sensors import quantity
+
 Place = list[str | int]
 
 PARAMETERS: Mapping[str, tuple[str, ...]] = {
@@ -45,8 +47,10 @@ def contradictions(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
         )
     for name, sensor in sensors.items():
         for limit in ("resolution", "zero"):
-            if abs(sensor.get(limit, 0.0)) >= sensor["range"]:
-                yield ["sensors", name, limit], f"{sensor[limit]} is beyond the range of {sensor['range']} m"
+            said = sensor.get(limit, 0.0)
+            if max(map(abs, said if isinstance(said, list) else [said])) >= sensor["range"]:
+                _, unit = quantity(sensor["kind"])
+                yield ["sensors", name, limit], f"{said} is beyond the range of {sensor['range']} {unit}"
     for part in ("uncertainty", "calibration"):
         for name in section.get(part, {}):
             if "encoder" not in section and name.partition(".")[0] == "encoder":

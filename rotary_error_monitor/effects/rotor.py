@@ -176,11 +176,13 @@ class StageEffect(Effect[StageDescription]):
         stands_out_in: where its order shows if it is one of a family: `head` for what differs between heads, `command`
             for what they share, and the other streams.
         rescales: whether it changes a signal in proportion to what the signal shows, other causes included.
+        listed_unit: SI unit of the listed sensors that alone have it; empty where the unit does not matter.
     """
 
     acts_on: ClassVar[tuple[str, ...]] = (HEAD, AUTOCOLLIMATOR, LVDT, LISTED)
     stands_out_in: ClassVar[tuple[str, ...]] = (HEAD, COMMAND, AUTOCOLLIMATOR, LVDT, LISTED)
     rescales: ClassVar[bool] = False
+    listed_unit: ClassVar[str] = ""
     searchable: ClassVar[Mapping[Searched, str]] = {Searched.MOMENT: "time", Searched.WAVE: "order"}
 
     @property
@@ -220,7 +222,7 @@ class StageEffect(Effect[StageDescription]):
         return None
 
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
-        """What the touched sensor says instead of `ideal`: (n,) of a head or a listed sensor, (n, 2) of the others."""
+        """What the touched sensor says instead of `ideal`: (n,) of one field, (n, 2) of two."""
         return ideal
 
 
@@ -234,13 +236,16 @@ Known = TypeVar("Known", bound=StageEffect)
 
 def effects_of(stage: StageDescription, effects: Iterable[Known]) -> tuple[Known, ...]:
     """The effects but those that show only in listed sensors, or heads, of which a stage has none: it has them not."""
+    units = {sensor.unit for sensor in stage.sensors.values()}
 
-    def is_there(kind: str) -> bool:
+    def shows_in(effect: StageEffect, kind: str) -> bool:
         if kind == HEAD:
             return bool(stage.azimuths)
-        return kind in _BY_SECTION or bool(stage.sensors)
+        if kind in _BY_SECTION:
+            return True
+        return effect.listed_unit in units if effect.listed_unit else bool(units)
 
-    return tuple(effect for effect in effects if any(map(is_there, effect.acts_on)))
+    return tuple(effect for effect in effects if any(shows_in(effect, kind) for kind in effect.acts_on))
 
 
 def head_locations(stage: StageDescription) -> tuple[str, ...]:

@@ -23,12 +23,15 @@ LEAST_VARIANCE = 1e-24
 
 @dataclass(frozen=True)
 class Seen:
-    """What p sensors see of the rotor's error motion at m times.
+    """What p fields of sensors see of the rotor's error motion at m times.
+
+    Each in a unit of its own, m or rad: readings are weighed by their variances, so that none has to be made like
+    another.
 
     Attributes:
-        sensitivity: (p, 6) displacement for each of exc eyc ezc (1) eac ebc ecc (m).
-        displacement: (m, p) that each sees, m.
-        variance: (m, p) of that, m², above 0.
+        sensitivity: (p, 6) displacement for each of exc eyc ezc (1 m) eac ebc ecc (1 rad).
+        displacement: (m, p) that each sees, m or rad.
+        variance: (m, p) of that, m² or rad², above 0.
     """
 
     sensitivity: NDArray[np.float64]
@@ -41,21 +44,28 @@ def observable_components(known: NDArray[np.bool_], sensitivity: NDArray[np.floa
 
     Args:
         known: components that are determined without the sensors.
-        sensitivity: (p, 6) what each sensor sees of exc eyc ezc eac ebc ecc.
+        sensitivity: (p, 6) what each field sees of exc eyc ezc eac ebc ecc.
     """
     _, outside = _determined(known, sensitivity)
     return np.asarray(np.abs(outside).max(axis=1, initial=0.0) < _SEEN)
 
 
-def redundant_sensors(known: NDArray[np.bool_], sensitivity: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(p,) whether what a sensor sees is determined without it: a fault of it alone would show (Baarda 1968).
+def redundant_sensors(
+    known: NDArray[np.bool_], sensitivity: NDArray[np.float64], owner: NDArray[np.intp] | None = None
+) -> NDArray[np.bool_]:
+    """(s,) whether all that a sensor sees is determined without it: a fault of it alone would show (Baarda 1968).
 
-    Arguments as `observable_components`.
+    Args:
+        known: components that are determined without the sensors.
+        sensitivity: (p, 6) what each field sees of exc eyc ezc eac ebc ecc.
+        owner: (p,) number of the sensor that each row is of, from 0 on; each of one of its own where left out.
     """
+    owner = np.arange(len(sensitivity)) if owner is None else owner
     found = []
-    for place, row in enumerate(sensitivity / _SCALE):
-        _, outside = _determined(known, np.delete(sensitivity, place, axis=0))
-        found.append(bool(np.abs(row @ outside).max(initial=0.0) < _SEEN))
+    for number in range(int(owner.max(initial=-1)) + 1):
+        own = owner == number
+        _, outside = _determined(known, sensitivity[~own])
+        found.append(bool(np.abs((sensitivity[own] / _SCALE) @ outside).max(initial=0.0) < _SEEN))
     return np.array(found, np.bool_)
 
 

@@ -20,7 +20,7 @@ NAME = "listed_sensor"
 
 
 class ListedSensorNode(SensorNode):
-    """Publishes the displacement that one listed sensor sees as sample blocks, and as a vector for people."""
+    """Publishes what one listed sensor sees as sample blocks, and as a vector for people."""
 
     kind = NAME
     settings = (
@@ -35,9 +35,8 @@ class ListedSensorNode(SensorNode):
     def topics(self) -> tuple[Topic, Topic]:
         """Those of this sensor, by its kind and its name."""
         stream = self.sensor()
-        sensor = self.stage.sensors[stream]
-        name = name_of(stream, sensor)
-        return self.wire.topic(f"{sensor.kind}_samples", name), self.wire.topic(f"{sensor.kind}_displacement", name)
+        (people,) = (topic for topic in self.wire if topic.frame == stream and not topic.is_sample_block)
+        return self.wire.of_stream(stream), people
 
     def sensor(self) -> str:
         """Stream of this sensor, by the parameter or by the name of the node.

@@ -1,4 +1,4 @@
-"""Whether a sensor that the stage lists is believed: held against what the rotor does by all that is known of it."""
+"""Whether a field of a listed sensor is believed: held against what the rotor does by all that is known of it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SAME = 1e-5
 
 @dataclass(frozen=True)
 class SensorWindow:
-    """What one sensor says over one window.
+    """What one field of a sensor says over one window, in its unit, m or rad.
 
     Attributes:
         number: of the window on its grid.
@@ -30,17 +30,18 @@ class SensorWindow:
         ticks: in it.
         samples: independent ones in it.
         theta: mean rotation, rad.
-        reading: mean of what the sensor says, m.
-        surplus: mean of what is not predicted of the displacement, m.
-        scatter: variance of the ticks' surplus about a straight line, m²; 0 where they are too few to tell.
+        reading: mean of what the sensor says.
+        surplus: mean of what is not predicted of the displacement.
+        scatter: variance of the ticks' surplus about a straight line; 0 where they are too few to tell.
         own_scatter: the same of what the description alone does not predict: other sensors' noise is not in it.
-        own: variance of a tick by noise of the sensor, m².
-        variance: of a tick's surplus by noise, of the sensor and of what is predicted, m².
-        systematic: variance of what the sensor shows beside that, which stays, m².
-        others: variance of what other sensors have wrong beside their noise, m²; it may turn with the rotor.
-        stamps: standard deviation of that part of it which stamps make, m; it goes with the speed.
-        unknown: largest displacement by components of error motion that nothing else shows, m.
-        rate: fastest change of that, m/s.
+        own: variance of a tick by noise of the sensor.
+        variance: of a tick's surplus by noise, of the sensor and of what is predicted.
+        systematic: variance of what the sensor shows beside that, which stays.
+        others: variance of what other sensors have wrong beside their noise; it may turn with the rotor.
+        stamps: standard deviation of that part of it which stamps make, and goes with the speed, or the air.
+        unknown: largest displacement by components of error motion that nothing else shows.
+        rate: fastest change of that, per s.
+        shared: variance of the mean surplus by noise of another sensor that has fewer independent samples there.
     """
 
     number: int
@@ -59,11 +60,12 @@ class SensorWindow:
     stamps: float
     unknown: float
     rate: float
+    shared: float
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the mean surplus by noise, m."""
-        return math.sqrt(self.variance / max(1.0, self.samples))
+        """Standard deviation of the mean surplus by noise."""
+        return math.sqrt(self.variance / max(1.0, self.samples) + self.shared)
 
 
 class Excess:
@@ -95,7 +97,7 @@ class Excess:
 
 
 class SensorBelief:
-    """Judges one sensor, window by window.
+    """Judges one field of a sensor, window by window.
 
     What is looked for: a value that stands still where noise or what is predicted must move it, a step that no bearing
     makes, a displacement beyond what the stage can do or what the other sensors allow, and noise beyond what is
@@ -105,12 +107,13 @@ class SensorBelief:
     Attributes:
         doubt: why the sensor is not believed; empty while it is.
         scale: by which its stated standard deviation is to be multiplied.
-        middle, reach: where the surplus can be at the next ticks, m.
+        middle, reach: where the surplus can be at the next ticks, in the unit of the field.
     """
 
     def __init__(self, sensor: ListedSensor) -> None:
         """Judge of a sensor."""
         self._sensor = sensor
+        self._unit = f"µ{sensor.unit}"
         noise, step = sensor.noise, sensor.resolution
         self._equal_run = run_by_chance(noise, step)
         self._same = SAME * max(noise, step)
@@ -204,10 +207,10 @@ class SensorBelief:
         self._farthest = max(self._farthest, self._gone)
         if self._farthest <= STANDING * near or abs(window.theta - self._calm.theta) < 2 * math.pi:
             return ""
-        return f"stuck: it stays where it is while what is predicted of it goes {self._farthest * 1e6:.3g} µm"
+        return f"stuck: it stays where it is while what is predicted of it goes {self._farthest * 1e6:.3g} {self._unit}"
 
     def _moved(self, window: SensorWindow) -> float:
-        """How far the reading should have moved since it has been the same, m; 0 where it is not."""
+        """How far the reading should have moved since it has been the same; 0 where it is not."""
         if self._still is None or self._still is window:
             return 0.0
         return abs(window.surplus - self._still.surplus)
@@ -222,7 +225,7 @@ class SensorBelief:
         digit = self._sensor.resolution / abs(self._sensor.gain)
         if step <= max(window.rate, self._last.rate) * passed + digit + SIGMAS * noise:
             return ""
-        return f"a step of {step * 1e6:.3g} µm within {passed * 1e3:.3g} ms that no bearing makes"
+        return f"a step of {step * 1e6:.3g} {self._unit} within {passed * 1e3:.3g} ms that no bearing makes"
 
     def _beyond(self) -> str:
         """Surplus, of the latest window or of many together, that neither noise nor what is not known explains."""
@@ -234,8 +237,8 @@ class SensorBelief:
             most = max(unknown) + SIGMAS * math.sqrt(sum(noise) / count**2 + max(systematic))
             if mean > most:
                 return (
-                    f"{mean * 1e6:.3g} µm from what description and other sensors say; "
-                    f"{most * 1e6:.3g} µm at most could be so"
+                    f"{mean * 1e6:.3g} {self._unit} from what description and other sensors say; "
+                    f"{most * 1e6:.3g} {self._unit} at most could be so"
                 )
         return ""
 
@@ -262,7 +265,8 @@ class SensorBelief:
             near += sum(each for _, _, each in latest) / count
             # stamps of the others may have wandered since
             if len(latest) == count and gone > near + SIGMAS * window.stamps:
-                return f"{gone * 1e6:.3g} µm from where it was at this angle a turn ago; other sensors did not see that"
+                size = f"{gone * 1e6:.3g} {self._unit}"
+                return f"{size} from where it was at this angle a turn ago; other sensors did not see that"
             self._shifted = gone if gone > 0.5 * near else 0.0  # less is noise
         return ""
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import ListedSensor, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion, reading_variance
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
 from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE
@@ -17,8 +17,7 @@ from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.error_motion_rows import COLUMN
 from rotary_error_monitor.pipeline.evidence import INDEX
 from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
-from rotary_error_monitor.sensors.library import listed_kind
-from rotary_error_monitor.sensors.listed import ListedKind
+from rotary_error_monitor.sensors.library import listed_fields, listed_sensitivity
 from rotary_error_monitor.signals.resampling import Resampled
 
 Array = NDArray[np.float64]
@@ -35,25 +34,27 @@ over it to a hundredth, and it is far above rounding."""
 
 @dataclass(frozen=True)
 class ListedTicks:
-    """What p sensors show at m ticks.
+    """What p fields of listed sensors show at m ticks, each in its own unit, m or rad.
 
     Attributes:
         theta: (m,) rotation, rad.
         components, covariance, observable: (m, 6), (m, 6, 6), (m, 6) error motion without them.
         there: (m, p) whether it can be used.
-        raw: (m, p) what the sensor says, m.
-        reading: (m, p) displacement, m, less what the sensor says of a perfect axis.
-        surplus: (m, p) of that what neither the other sensors nor the description predict, m.
-        undescribed: (m, p) what the description alone does not predict, m.
-        noise: (m, p) variance of a reading, m².
-        systematic: (m, p) variance of what stays as it is from tick to tick, m².
-        variance: (m, p) of the surplus, by noise of the sensor and of what is predicted, m².
-        others: (m, p) of the surplus by what other sensors have wrong beside their noise, m².
-        stamps: (m, p) standard deviation of that part of it which stamps make, m.
-        unknown: (m, p) largest displacement by components that nothing else shows, m.
-        rate: (m, p) fastest change of that, m/s.
+        raw: (m, p) what the sensor says.
+        reading: (m, p) displacement less what the sensor says of a perfect axis.
+        surplus: (m, p) of that what neither the other sensors nor the description predict.
+        undescribed: (m, p) what the description alone does not predict.
+        noise: (m, p) variance of a reading.
+        systematic: (m, p) variance of what stays as it is from tick to tick.
+        variance: (m, p) of the surplus, by noise of the sensor and of what is predicted.
+        others: (m, p) of the surplus by what other sensors have wrong beside their noise.
+        stamps: (m, p) standard deviation of that part of it which wanders: by stamps, and by the air before the
+            autocollimator.
+        unknown: (m, p) largest displacement by components that nothing else shows.
+        rate: (m, p) fastest change of that, per s.
         turned: (m, p) displacement by form that one standard deviation of the rotation makes, where the command alone
-            tells it, m.
+            tells it.
+        tilt: (m, p) of `variance` the noise of the autocollimator, in fields that see tilt alone: it comes at its rate.
     """
 
     theta: Array
@@ -73,6 +74,7 @@ class ListedTicks:
     unknown: Array
     rate: Array
     turned: Array
+    tilt: Array
 
     @property
     def bound(self) -> Array:
@@ -104,26 +106,28 @@ class ListedReadings:
     """Makes of the samples of a stage's listed sensors what they show at ticks.
 
     Attributes:
-        sensors: with their kinds, by stream.
+        fields: p of the sensors.
         sensitivity: (p, 6) what each sees of the components.
-        stated: (p,) variance of zero and form as stated, m².
+        stated: (p,) variance of zero and form as stated, m² or rad².
     """
 
     def __init__(self, stage: StageDescription) -> None:
         """Sensors of `stage`."""
         self._spindle, self._commanded = stage.spindle, stage.encoder is None
-        self.sensors: dict[str, tuple[ListedSensor, ListedKind]] = {
-            stream: (sensor, listed_kind(sensor)) for stream, sensor in stage.sensors.items()
-        }
-        rows = [kind.sensitivity(sensor.place) for sensor, kind in self.sensors.values()]
-        self.sensitivity = np.array(rows).reshape(-1, len(COMPONENTS))
+        self.fields = listed_fields(stage)
+        self.sensitivity = listed_sensitivity(self.fields)
         limits = stage.limits
         most = np.array([limits.radial, limits.radial, limits.axial, limits.tilt, limits.tilt, 0.0])
         rate = [limits.radial_rate, limits.radial_rate, limits.axial_rate, limits.tilt_rate, limits.tilt_rate, 0.0]
         self._most, self._rate = np.abs(self.sensitivity) * LIMIT * most, np.abs(self.sensitivity) * np.array(rate)
-        described = [sensor for sensor, _ in self.sensors.values()]
-        self.stated = np.array([sensor.uncertainty**2 for sensor in described])
-        self._forms = np.array([sum(row.cos**2 + row.sin**2 for row in sensor.form) for sensor in described])
+        self.stated = np.array([field.sensor.uncertainty**2 for field in self.fields])
+        forms = [field.kind.forms(field.sensor)[field.place] for field in self.fields]
+        air = stage.autocollimator.turbulence if stage.autocollimator else None
+        # what is held against a field that sees tilt alone is the autocollimator's, not a small part of it by a lever
+        alone = ~self.sensitivity[:, :3].any(axis=1, keepdims=True)
+        self._tilt = np.where(alone, self.sensitivity[:, 3:5] ** 2, 0.0)
+        self._air = air.std**2 if air else 0.0
+        self._forms = np.array([sum(row.cos**2 + row.sin**2 for row in form) for form in forms])
 
     def make(
         self,
@@ -144,13 +148,7 @@ class ListedReadings:
         """
         described = self._described(motion.theta)
         expected = np.where(motion.observable, motion.components, described)
-        raw, reading, noise = (np.zeros(there.shape) for _ in range(3))
-        for place, (stream, (sensor, kind)) in enumerate(self.sensors.items()):
-            seen = sampled[stream]
-            raw[:, place] = seen.values[:, 0]
-            reading[:, place] = kind.displacement(sensor, seen.values[:, 0], motion.theta)
-            noise[:, place] = reading_variance(sensor.noise, sensor.resolution, seen.gain, seen.travel[:, 0])
-            noise[:, place] = np.maximum(noise[:, place] / sensor.gain**2, LEAST_VARIANCE)
+        raw, reading, noise = self._read(motion.theta, sampled)
         turned = self._turned(motion.theta, rows[:, COLUMN["lag"]])
         # the form of a target is taken off at the wrong place while the zero of the rotation may be another one
         elsewhere = np.where(rows[:, COLUMN["doubts"]].astype(np.int64) & UNVERIFIED, 1.0, 0.0)
@@ -158,6 +156,7 @@ class ListedReadings:
         by_noise = seen_too * _noise_of(evidence)
         noisy = _summed(by_noise, self.sensitivity**2)
         by_heads = _summed(by_noise[:, :2], self.sensitivity[:, :2] ** 2)
+        by_tilt, air = _summed(by_noise[:, 3:5], self._tilt), _summed(seen_too[:, 3:5] * self._air, self._tilt)
         raised = np.maximum(rows[:, COLUMN["head_scale"]] ** 2 - 1.0, 0.0)
         return ListedTicks(
             motion.theta,
@@ -172,24 +171,37 @@ class ListedReadings:
             noise,
             self.stated + elsewhere[:, None] * self._forms,
             noise + noisy,
-            np.maximum(self._known(motion.covariance) - noisy, 0.0) + turned**2,
-            np.sqrt(raised[:, None] * by_heads),
+            np.maximum(self._known(motion.covariance) - noisy, 0.0) + turned**2 + air,
+            np.sqrt(raised[:, None] * by_heads + air),
             _summed(alone, self._most),
             _summed(alone, self._rate),
             turned,
+            np.maximum(by_tilt - air, 0.0),
         )
 
     def _turned(self, theta: Array, lag: Array) -> Array:
-        """(m, p) displacement by form that one standard deviation of the rotation, `lag` (m,) rad, makes, m."""
-        total = np.zeros((len(theta), len(self.sensors)))
+        """(m, p) displacement by form that one standard deviation of the rotation, `lag` (m,) rad, makes."""
+        total = np.zeros((len(theta), len(self.fields)))
         if self._commanded:
-            for place, (sensor, kind) in enumerate(self.sensors.values()):
-                there, ahead = (kind.displacement(sensor, np.zeros(1), angle) for angle in (theta, theta + TURNED))
-                total[:, place] = (ahead - there) * (lag / TURNED)
+            for column, field in enumerate(self.fields):
+                nothing = np.zeros((1, len(field.sensor.fields)))
+                there, ahead = (field.kind.displacement(field.sensor, nothing, at) for at in (theta, theta + TURNED))
+                total[:, column] = (ahead - there)[:, field.place] * (lag / TURNED)
         return total
 
+    def _read(self, theta: Array, sampled: Mapping[str, Resampled]) -> tuple[Array, Array, Array]:
+        """(m, p) each what the sensors say, the displacement by that, and the variance of it by their noise."""
+        raw, reading, noise = (np.zeros((len(theta), len(self.fields))) for _ in range(3))
+        for column, field in enumerate(self.fields):
+            seen, sensor, place = sampled[field.stream], field.sensor, field.place
+            raw[:, column] = seen.values[:, place]
+            reading[:, column] = field.kind.displacement(sensor, seen.values, theta)[:, place]
+            noise[:, column] = reading_variance(sensor.noise, sensor.resolution, seen.gain, seen.travel[:, place])
+            noise[:, column] = np.maximum(noise[:, column] / sensor.gain**2, LEAST_VARIANCE)
+        return raw, reading, noise
+
     def _known(self, covariance: Array) -> Array:
-        """(m, p) variance of what the estimate without the sensors says of each displacement, m²."""
+        """(m, p) variance of what the estimate without the sensors says of each displacement."""
         total = np.zeros((len(covariance), len(self.sensitivity)))
         for place in range(len(COMPONENTS)):
             total += _summed(covariance[:, place], self.sensitivity) * self.sensitivity[:, place]

@@ -14,6 +14,7 @@ from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.metrology.rigid_motion import Seen, disagreement, disagreements, extend
 from rotary_error_monitor.pipeline.error_motion_rows import (
+    AUTOCOLLIMATOR,
     COLUMN,
     COLUMNS,
     COVARIANCES,
@@ -34,10 +35,10 @@ class ListedSensors:
     """Joins what the listed sensors show to each tick's error motion, by weighted least squares.
 
     The sensors never enter what heads and autocollimator say: those are judged and published without them, and each
-    listed sensor is judged beside them, and all beside one another.
+    listed sensor is judged beside them, and all beside one another. A sensor of several fields is believed as a whole.
 
     Attributes:
-        sensitivity: (p, 6) what each sensor sees of the components.
+        sensitivity: (p, 6) what each field of the sensors sees of the components.
     """
 
     def __init__(self, stage: StageDescription, bits: Mapping[str, int], period_ns: int) -> None:
@@ -45,28 +46,37 @@ class ListedSensors:
         self._grid, self._period = WindowGrid(period_ns), period_ns * 1e-9
         self._readings = ListedReadings(stage)
         self.sensitivity = self._readings.sensitivity
-        self._bits = np.array([bits[stream] for stream in stage.sensors], np.int64)
-        self._judges = {stream: SensorBelief(sensor) for stream, sensor in stage.sensors.items()}
+        fields = self._readings.fields
+        self._streams = [field.stream for field in fields]
+        self._bits = np.array([bits[stream] for stream in self._streams], np.int64)
+        self._first = np.array([column for column, field in enumerate(fields) if field.place == 0], np.intp)
+        self._owner = np.array([field.number for field in fields], np.intp)
+        self._judges = [SensorBelief(field.sensor) for field in fields]
         self._pending: tuple[int, ListedTicks] | None = None
         self._conflicts: deque[float] = deque(maxlen=SHORT)
         self._alone = stage.encoder is None
 
     @property
     def reasons(self) -> Iterator[tuple[str, str]]:
-        """Which sensors are doubted, and why."""
-        return ((stream, judge.doubt) for stream, judge in self._judges.items() if judge.doubt)
+        """Which sensors are doubted, and why: for what the first of its fields that is doubted shows."""
+        found: dict[str, str] = {}
+        for field, judge in zip(self._readings.fields, self._judges, strict=True):
+            if judge.doubt:
+                which = f"{field.kind.fields[field.place]}: " if len(field.kind.fields) > 1 else ""
+                found.setdefault(field.stream, which + judge.doubt)
+        return iter(found.items())
 
     def reset(self) -> None:
         """Believe all sensors again."""
         self._pending = None
         self._conflicts.clear()
-        for judge in self._judges.values():
+        for judge in self._judges:
             judge.reset()
 
     def forget_time(self) -> None:
         """The clock was set back: no step is told from what was before."""
         self._pending = None
-        for judge in self._judges.values():
+        for judge in self._judges:
             judge.pause()
 
     def complete(
@@ -98,8 +108,9 @@ class ListedSensors:
         used, scale, conflict = self._assess(first, shown, rates)
         for place, said in decided.items():
             used[place], (scale[place], conflict[place]) = there[place], said
-        choices = (used * self._bits).sum(axis=1)
-        completed[:, COLUMN["streams"]] = masks & ~int(self._bits.sum()) | choices
+        bits = self._bits[self._first]
+        choices = (used[:, self._first] * bits).sum(axis=1)
+        completed[:, COLUMN["streams"]] = masks & ~int(bits.sum()) | choices
         variance = shown.noise * scale[:, None] ** 2 + shown.systematic + shown.common
         if self._alone:
             conflict = np.maximum(conflict, self._conflict_of(completed, choices, shown.reading, variance))
@@ -138,7 +149,7 @@ class ListedSensors:
     def _assess(
         self, first: int, shown: ListedTicks, rates: Mapping[str, float]
     ) -> tuple[NDArray[np.bool_], Array, Array]:
-        """(m, p) which sensors are used, and (m,) each by which their standard deviations are multiplied: for noise
+        """(m, p) which fields are used, and (m,) each by which their standard deviations are multiplied: for noise
         beyond what is stated, and for contradictions among them.
 
         What windows say holds for the ticks after them, however many of these come at once.
@@ -156,7 +167,7 @@ class ListedSensors:
             fresh = slice(max(begin - before, 0), end - before)
             used[fresh] = self._allowed(shown.part(slice(max(begin, before), end)))
             conflict[fresh] = self.conflict
-            scale[fresh] = max((judge.scale for judge in self._judges.values() if not judge.doubt), default=1.0)
+            scale[fresh] = max((self._judges[column].scale for column in self._believed().nonzero()[0]), default=1.0)
             if end - begin == self._grid.ticks:
                 self._judge(self._grid.number(first + begin), part, rates)
                 self._contradict(part, rates)
@@ -175,12 +186,11 @@ class ListedSensors:
 
     def _contradict(self, shown: ListedTicks, rates: Mapping[str, float]) -> None:
         """Take in how far the sensors that are believed contradict one another over a window."""
-        judges = enumerate(self._judges.items())
-        chosen = [place for place, (_, judge) in judges if not judge.doubt and shown.there[:, place].all()]
+        chosen = np.flatnonzero(self._believed() & shown.there.all(axis=0)).tolist()
         if not chosen or not (shown.observable == shown.observable[0]).all():
             return
-        ticks, streams = self._grid.ticks, list(self._judges)
-        samples = np.array([max(1.0, ticks * min(1.0, rates[streams[place]] * self._period)) for place in chosen])
+        ticks = self._grid.ticks
+        samples = np.array([max(1.0, ticks * min(1.0, rates[self._streams[place]] * self._period)) for place in chosen])
         motion = ErrorMotion(
             shown.theta[:1],
             shown.components.sum(axis=0, keepdims=True) / ticks,
@@ -196,20 +206,30 @@ class ListedSensors:
         self._conflicts.append(math.sqrt(ratio) if freedom and ratio > chi_square_bound(freedom) else 1.0)
 
     def _allowed(self, shown: ListedTicks) -> NDArray[np.bool_]:
-        judges = list(self._judges.values())
-        believed = np.array([not judge.doubt for judge in judges])
+        """(m, p) which fields of a part of a window can be used: those of sensors of which all can."""
+        judges = self._judges
         middle, reach = np.array([judge.middle for judge in judges]), np.array([judge.reach for judge in judges])
         near = np.abs(shown.surplus - middle) <= reach
-        return np.asarray(shown.there & believed & near & (np.abs(shown.surplus) <= shown.bound))
+        return self._whole(shown.there & self._believed() & near & (np.abs(shown.surplus) <= shown.bound))
+
+    def _believed(self) -> NDArray[np.bool_]:
+        """(p,) which fields are of sensors that are believed."""
+        return self._whole(np.array([not judge.doubt for judge in self._judges], np.bool_))
+
+    def _whole(self, fields: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(..., p) the fields of sensors all of whose fields are true."""
+        return np.asarray(np.logical_and.reduceat(fields, self._first, axis=-1)[..., self._owner])
 
     def _judge(self, number: int, shown: ListedTicks, rates: Mapping[str, float]) -> None:
         ticks = self._grid.ticks
-        for place, (stream, judge) in enumerate(self._judges.items()):
+        for place, (stream, judge) in enumerate(zip(self._streams, self._judges, strict=True)):
             if not shown.there[:, place].all():
                 judge.pause()
                 continue
             samples = ticks * min(1.0, rates[stream] * self._period)
             surplus = shown.surplus[:, place]
+            # of the autocollimator less than one sample a window where it is slow: the next windows hold the same
+            slower = ticks * min(1.0, rates.get(AUTOCOLLIMATOR, math.inf) * self._period)
             judge.judge(
                 SensorWindow(
                     number,
@@ -228,8 +248,14 @@ class ListedSensors:
                     float(shown.stamps[:, place].max()),
                     float(shown.unknown[:, place].max()),
                     float(shown.rate[:, place].max()),
+                    _shared(float(shown.tilt[:, place].sum() / ticks), slower, samples),
                 )
             )
+
+
+def _shared(variance: float, slower: float, samples: float) -> float:
+    """What noise with fewer independent values in a window adds to the variance of a mean over `samples` of them."""
+    return variance * max(0.0, 1.0 / slower - 1.0 / max(1.0, samples)) if slower > 0.0 else 0.0
 
 
 def _scatter(values: Array) -> float:

@@ -40,6 +40,6 @@ def is_saturated(stage: StageDescription, name: str, block: SampleBlock) -> NDAr
         return check_saturation(block.columns(("tilt_x", "tilt_y")), stage.tilt_instrument, stage.response(name))
     if name in stage.sensors:
         sensor = stage.sensors[name]
-        readings = block.columns(listed_kind(sensor).fields)[:, 0]
-        return np.asarray(np.abs(readings) >= sensor.range - 0.5 * sensor.resolution)
+        readings = np.abs(block.columns(listed_kind(sensor).fields))
+        return np.asarray((readings >= sensor.range - 0.5 * sensor.resolution).any(axis=1))
     return np.zeros(len(block.rows), np.bool_)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
@@ -20,16 +21,16 @@ FIELDS = {
 }
 HEAD_FIELDS = ("angle",)
 HEAD = "head_"
-LISTED_FIELDS = ("displacement",)
-"""Fields of every sensor that a stage lists by name."""
 
 LISTED_RATE = 1000.0
 """Usual rate of listed sensors, Hz: what displacement probes of spindle tests are sampled with."""
 
 
-def fields_of(stream: str) -> tuple[str, ...]:
-    """Fields of a sample of a stream; what is neither a head nor known by name is a listed sensor."""
-    return HEAD_FIELDS if stream.startswith(HEAD) else FIELDS.get(stream, LISTED_FIELDS)
+def fields_of(stream: str, sensors: Mapping[str, ListedSensor]) -> tuple[str, ...]:
+    """Fields of a sample of a stream of a stage that lists these sensors."""
+    if stream in sensors:
+        return sensors[stream].fields
+    return HEAD_FIELDS if stream.startswith(HEAD) else FIELDS[stream]
 
 
 @dataclass(frozen=True)

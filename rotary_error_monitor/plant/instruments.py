@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,8 @@ def seen(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
         return as_columns(_tilt(scene, faults))
     if stream == "lvdt":
         return as_columns(_touched(scene, faults))
-    return _listed(stream, scene, faults)[:, None]
+    reading = _listed(stream, scene, faults)
+    return reading if reading.ndim == 2 else reading[:, None]
 
 
 def read_off(shown: Reals, response: Response | None) -> Reals:
@@ -112,18 +113,45 @@ def _touched(scene: Scene, faults: Sequence[Fault]) -> Plane:
 
 
 def _listed(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
+    """(n,) reading, or (n, fields) of a sensor of several fields."""
     sensor = scene.stage.sensors[stream]
-    if sensor.kind == "axial_probe":
-        moved, target = _face(sensor, scene)
-    elif sensor.kind == "radial_probe":
-        moved, target = _artefact(sensor, scene)
-    else:
-        raise InputError(f"{stream}: the plant has no geometry of kind '{sensor.kind}', but axial_probe, radial_probe")
-    form = waves(sensor.form, Turns(target * scene.turns.once.conj()))
-    reading = sensor.zero + sensor.gain * (moved + form)
+    if sensor.kind not in GEOMETRY:
+        raise InputError(f"{stream}: the plant has no geometry of kind '{sensor.kind}', but {', '.join(GEOMETRY)}")
+    zero = np.array(sensor.zeros) if len(sensor.fields) > 1 else sensor.zeros[0]
+    reading = zero + sensor.gain * GEOMETRY[sensor.kind](sensor, scene)
     for fault in faults:
         reading = fault.sense(reading, stream, scene)
     return np.asarray(reading, dtype=np.float64)
+
+
+def _axial_probe(sensor: ListedSensor, scene: Scene) -> Reals:
+    height, towards = _face(sensor, scene)
+    return height + _form(sensor, towards, scene)
+
+
+def _radial_probe(sensor: ListedSensor, scene: Scene) -> Reals:
+    distance, towards = _artefact(sensor, scene)
+    return distance + _form(sensor, towards, scene)
+
+
+def _tilt_sensor(sensor: ListedSensor, scene: Scene) -> Reals:
+    """What a mirror sends back whose surface has the form as tilts of the spot that is looked at, along the stage."""
+    x, y = (waves(form, scene.turns) for form in sensor.forms)
+    tilt = geometry.reflect(scene.turns.once, 0j, scene.tilt, x + 1j * y)
+    return as_columns(np.exp(1j * sensor.place.get("roll", 0.0)) * tilt)
+
+
+def _form(sensor: ListedSensor, towards: Plane, scene: Scene) -> Reals:
+    """(n,) m by which a target stands out in the direction (n,) from the axis to the place that is seen."""
+    return waves(sensor.forms[0], Turns(towards * scene.turns.once.conj()))
+
+
+GEOMETRY: Mapping[str, Callable[[ListedSensor, Scene], Reals]] = {
+    "axial_probe": _axial_probe,
+    "radial_probe": _radial_probe,
+    "tilt_sensor": _tilt_sensor,
+}
+"""What each kind of listed sensor sees, its target's form included: (n,), or (n, fields) of several fields."""
 
 
 def _face(sensor: ListedSensor, scene: Scene) -> tuple[Reals, Plane]:

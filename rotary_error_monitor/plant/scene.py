@@ -120,5 +120,8 @@ class Fault:
         return radial
 
     def sense(self, reading: NDArray[np.float64], stream: str, scene: Scene) -> NDArray[np.float64]:
-        """Reading of a listed sensor (n,) m, with zero and gain, before noise, range and resolution."""
+        """Reading of a listed sensor (n,), of several fields (n, fields), m or rad, before noise, range and resolution.
+
+        Its zero and gain are in it.
+        """
         return reading

@@ -93,7 +93,7 @@ class StagePlant:
         times_ns = self._clock(stream).times_ns(first, count)
         time = np.asarray(times_ns * 1e-9, dtype=np.float64)
         values = self._instrument(stream, self.signal(stream, time), time, first)
-        return block_from_samples(self.epoch_ns + times_ns, fields_of(stream), values)
+        return block_from_samples(self.epoch_ns + times_ns, fields_of(stream, self.stage.sensors), values)
 
     def signal(self, stream: str, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, fields) what an instrument without noise, limits and resolution shows at `time` (n,) s after the epoch.

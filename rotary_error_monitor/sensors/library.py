@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
 
+import numpy as np
+
 import rotary_error_monitor.sensors as room
 from rotary_error_monitor.description.stage import ListedSensor, StageDescription
+from rotary_error_monitor.effects.rotor import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plugins import classes_in, modules_in
 from rotary_error_monitor.sensors.listed import ListedKind
@@ -57,6 +61,40 @@ def listed_kind(sensor: ListedSensor) -> ListedKind:
     if not isinstance(found, ListedKind):
         raise InputError(f"sensor kind '{sensor.kind}' has a schema, but no class in {room.__name__}")
     return found
+
+
+@dataclass(frozen=True)
+class ListedField:
+    """One field of a sensor that a stage lists.
+
+    Attributes:
+        stream: of the sensor.
+        number: of the sensor in the list.
+        place: of the field in a sample.
+        sensor: as described.
+        kind: of it.
+    """
+
+    stream: str
+    number: int
+    place: int
+    sensor: ListedSensor
+    kind: ListedKind
+
+
+def listed_fields(stage: StageDescription) -> tuple[ListedField, ...]:
+    """All fields of all sensors that a stage lists, one after another: those of a sensor stand together."""
+    kinds = [(stream, sensor, listed_kind(sensor)) for stream, sensor in stage.sensors.items()]
+    return tuple(
+        ListedField(stream, number, place, sensor, kind)
+        for number, (stream, sensor, kind) in enumerate(kinds)
+        for place in range(len(kind.fields))
+    )
+
+
+def listed_sensitivity(fields: Sequence[ListedField]) -> Array:
+    """(p, 6) what p fields see of the components of error motion."""
+    return np.array([field.kind.rows(field.sensor)[field.place] for field in fields]).reshape(-1, 6)
 
 
 def absent_kinds(stage: StageDescription) -> tuple[str, ...]:

@@ -1,24 +1,29 @@
-"""What the kinds of listed sensors share: each shows one linear combination of the rotor's error motion."""
+"""What the kinds of listed sensors share: each field shows one linear combination of the rotor's error motion."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
-from rotary_error_monitor.description.stage import ListedSensor, StageDescription
+from rotary_error_monitor.description.listed_sensors import FIELDS, UNIT
+from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, StageDescription
 from rotary_error_monitor.effects.rotor import Array
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.sensors.sensor import Pose, Sensor
 
 
 class ListedKind(Sensor):
-    """Base of the kinds of sensors that a stage lists: displacement of one place of the rotor in one direction."""
+    """Base of the kinds of sensors that a stage lists: displacement of one place of the rotor in one direction.
+
+    A kind of several fields, or of another unit, names them in `fields` and `unit` and in the file of its schema.
+    """
 
     section = "sensors"
-    fields = ("displacement",)
-    unit = "m"
+    fields: ClassVar[tuple[str, ...]] = FIELDS
+    unit = UNIT
     is_needed = False
 
     def streams(self, stage: StageDescription) -> tuple[str, ...]:
@@ -26,37 +31,61 @@ class ListedKind(Sensor):
         return tuple(stream for stream, sensor in stage.sensors.items() if sensor.kind == self.kind)
 
     def noise(self, stage: StageDescription, stream: str) -> float:
-        """Of a reading, m of displacement."""
+        """Of a reading, in the unit of the kind."""
         sensor = stage.sensors[stream]
         return float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12)))
 
     @abstractmethod
     def sensitivity(self, place: Mapping[str, float]) -> Array:
-        """(6,) displacement that the sensor sees for each component of error motion, exc eyc ezc (1) eac ebc ecc (m).
+        """(6,) or (fields, 6) what each field shows of the components of error motion.
+
+        The components are exc eyc ezc (m) eac ebc ecc (rad), each of size 1.
 
         To first order: a displacement of micrometres moves the place that is seen by less than a part in 10^4 of what
         the target's form changes there.
         """
 
+    def forms(self, sensor: ListedSensor) -> tuple[tuple[AngularHarmonic, ...], ...]:
+        """What the target shows in each field, by orders of `angle`."""
+        return sensor.forms
+
+    def angle(self, sensor: ListedSensor, theta: Array) -> Array:
+        """(n,) angle that the orders of the form are of, rad, at rotations (n,): the place on a target that turns."""
+        return sensor.place.get("azimuth", 0.0) - theta
+
+    def rows(self, sensor: ListedSensor) -> Array:
+        """(fields, 6) sensitivity of each field."""
+        return np.atleast_2d(self.sensitivity(sensor.place))
+
     def displacement(self, sensor: ListedSensor, reading: Array, theta: Array) -> Array:
-        """(n,) m by which error motion displaces the target: readings (n,) less what the sensor says without it."""
-        azimuth = sensor.place.get("azimuth", 0.0)
-        return (reading - sensor.zero) / sensor.gain - angular_sum(sensor.form, azimuth - theta)
+        """(n, fields) by which error motion moves the target: readings (n, fields) less what it says without that."""
+        angle = self.angle(sensor, theta)
+        form = [angular_sum(rows, angle) for rows in self.forms(sensor)]
+        return np.asarray((reading - np.array(sensor.zeros)) / sensor.gain - np.stack(form, axis=1), np.float64)
 
     def shown(self, stream: str, pose: Pose) -> Array:
-        """(n,) reading, m."""
+        """(n,) reading, or (n, fields) of several, in the unit of the kind."""
         sensor = pose.stage.sensors[stream]
-        azimuth, weights = sensor.place.get("azimuth", 0.0), self.sensitivity(sensor.place)
-        seen = angular_sum(sensor.form, azimuth - pose.state.theta)
-        if np.any(weights[:2]):
-            seen = seen + pose.radial() @ weights[:2]
-        if weights[2]:
-            seen = seen + weights[2] * pose.axial()
-        if np.any(weights[3:5]):
-            seen = seen + pose.tilt() @ weights[3:5]
-        return np.asarray(sensor.zero + sensor.gain * seen, np.float64)
+        angle = self.angle(sensor, pose.state.theta)
+        parts = [
+            zero + sensor.gain * _moved(angular_sum(form, angle), weights, pose)
+            for zero, form, weights in zip(sensor.zeros, self.forms(sensor), self.rows(sensor), strict=True)
+        ]
+        return parts[0] if len(parts) == 1 else np.stack(parts, axis=1)
 
     def within_range(self, stage: StageDescription, stream: str, shown: Array) -> Array:
         """The reading, which stays at the end of the range beyond it."""
         most = stage.sensors[stream].range
         return np.clip(shown, -most, most)
+
+
+def _moved(form: Array, weights: Array, pose: Pose) -> Array:
+    """(n,) what a target with a form (n,) shows of the error motion, by its sensitivity (6,)."""
+    seen = form
+    if np.any(weights[:2]):
+        seen = seen + pose.radial() @ weights[:2]
+    if weights[2]:
+        seen = seen + weights[2] * pose.axial()
+    if np.any(weights[3:5]):
+        seen = seen + pose.tilt() @ weights[3:5]
+    return np.asarray(seen, np.float64)

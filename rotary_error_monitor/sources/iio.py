@@ -61,8 +61,17 @@ class VoltageDevice(Device):
     )
 
     def open(self, instrument: Instrument) -> Polled:
-        """Source of the displacements."""
-        setting = instrument.setting
+        """Source of the displacements.
+
+        Raises:
+            InputError: the sensor has several fields, or the channel cannot be read.
+        """
+        setting, fields = instrument.setting, instrument.fields
+        if len(fields) > 1:
+            raise InputError(
+                f"source iio reads one voltage, but {instrument.stream} has the fields {', '.join(fields)}; "
+                "expected the source of a driver that gives all of them, such as vector3"
+            )
         probe = VoltageProbe(Path(setting("iio.device")), setting("iio.channel"), setting("iio.sensitivity"))
         return Polled(instrument.fields, probe)
 

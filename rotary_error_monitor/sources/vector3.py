@@ -39,10 +39,14 @@ class DisplacementDriver(_Vector3Driver):
 
 
 class ProbeDriver(_Vector3Driver):
-    """Displacement that a probe sees, in x, m."""
+    """What a listed sensor sees: a displacement in x, m, or a tilt in x and y, rad."""
 
     name = "vector3"
     serves = ("listed_sensor",)
     settings = (
-        Setting("vector3.topic", "probe/displacement", "topic of a third-party driver: displacement in x, in m"),
+        Setting(
+            "vector3.topic",
+            "probe/displacement",
+            "topic of a third-party driver: displacement in x, in m; of a tilt sensor a rotation vector in rad",
+        ),
     )

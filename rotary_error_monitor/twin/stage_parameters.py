@@ -92,26 +92,38 @@ def _of_listed(stage: StageDescription, name: str, uncertainty: float) -> list[U
 
 
 def _zero_and_form(stream: str, sensor: ListedSensor) -> list[UncertainParameter]:
-    """Zero of a listed sensor, and what its target shows in the orders that are stated and in the first.
+    """Zero of each field of a listed sensor, and what its target shows in the orders that are stated and in the first.
 
     The first is how well the target is centred or square, which no mounting makes zero.
     """
 
-    def zero(sensor: ListedSensor, by: float) -> ListedSensor:
-        return replace(sensor, zero=sensor.zero + by)
+    def zero(axis: int, sensor: ListedSensor, by: float) -> ListedSensor:
+        return sensor.shifted([by * (axis == each) for each in range(len(sensor.fields))])
 
-    def form(order: int, cos: float, sin: float, sensor: ListedSensor, by: float) -> ListedSensor:
-        return replace(sensor, form=(*sensor.form, AngularHarmonic(order, cos * by, sin * by)))
+    def form(axis: int, order: int, part: int, sensor: ListedSensor, by: float) -> ListedSensor:
+        return replace(sensor, form=(*sensor.form, _form_row(len(sensor.fields), axis, order, part, by)))
 
-    label = f"sensors.{name_of(stream, sensor)}"
-    own = (stream,)
-    found = [UncertainParameter(f"{label}.zero", sensor.uncertainty, own, _sensor_shifter(stream, zero))]
-    for order in sorted({1, *(row.order for row in sensor.form)} - {0}):
-        for part, cos, sin in (("cos", 1.0, 0.0), ("sin", 0.0, 1.0)):
-            moved = partial(form, order, cos, sin)
-            name = f"{label}.form[order {order}][{part}]"
-            found.append(UncertainParameter(name, sensor.uncertainty, own, _sensor_shifter(stream, moved)))
-    return found
+    label, axes = f"sensors.{name_of(stream, sensor)}", len(sensor.fields)
+    moved: dict[str, Callable[[ListedSensor, float], ListedSensor]] = {}
+    for axis in range(axes):
+        # of two fields the axes are those of the stage, as in the file
+        which = f"[{'xy'[axis]}]" if axes > 1 else ""
+        moved[f"{label}.zero{which}"] = partial(zero, axis)
+        for order in sorted({1, *(row.order for row in sensor.form)} - {0}):
+            for part, name in enumerate(("cos", "sin")):
+                moved[f"{label}.form[order {order}]{which}[{name}]"] = partial(form, axis, order, part)
+    return [
+        UncertainParameter(name, sensor.uncertainty, (stream,), _sensor_shifter(stream, each))
+        for name, each in moved.items()
+    ]
+
+
+def _form_row(axes: int, axis: int, order: int, part: int, size: float) -> AngularHarmonic | PlanarHarmonic:
+    """Row of a form of one field or two, of which one coefficient is not 0."""
+    rows = [[0.0, 0.0] for _ in range(axes)]
+    rows[axis][part] = size
+    pairs = [(cos, sin) for cos, sin in rows]
+    return AngularHarmonic(order, *pairs[0]) if axes == 1 else PlanarHarmonic(order, *pairs)
 
 
 def _sensor_shifter(

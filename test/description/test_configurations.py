@@ -15,6 +15,7 @@ import yaml
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from rotary_error_monitor.description.listed_sensors import quantity
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_from_mapping
 from rotary_error_monitor.description.machine_section import machine_mapping
 from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
@@ -77,7 +78,9 @@ def stages(draw: st.DrawFn) -> Any:
     content = draw(schemas.contents(schemas.load("stage")))
     section = content["stage"]
     for sensor in section.get("sensors", {}).values():
-        sensor["zero"] = 0.5 * sensor["range"] * draw(st.floats(-1.0, 1.0))
+        fields, _ = quantity(sensor["kind"])
+        zeros = [0.5 * sensor["range"] * draw(st.floats(-1.0, 1.0)) for _ in fields]
+        sensor["zero"] = zeros if len(fields) > 1 else zeros[0]
         sensor["resolution"] = min(sensor["resolution"], 0.5 * sensor["range"])
     assume("encoder" in section or "autocollimator" in section or section.get("sensors"))
     if "encoder" not in section:

@@ -9,7 +9,7 @@ import yaml
 
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.listed_sensors import ListedSensor
-from rotary_error_monitor.description.stage import Autocollimator, Lvdt, load_stage
+from rotary_error_monitor.description.stage import AngularHarmonic, Autocollimator, Lvdt, PlanarHarmonic, load_stage
 from rotary_error_monitor.description.stage_checks import PARAMETERS
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
@@ -110,6 +110,63 @@ def test_sensors_that_cannot_be_are_refused_with_their_line(tmp_path, heads, sen
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     with pytest.raises(InputError, match=rf"stage\.yaml:\d+: {message}"):
         load_stage(path)
+
+
+TILT = "kind: tilt_sensor, noise: 1.0e-07, resolution: 1.0e-08, range: 5.0e-04, uncertainty: 1.0e-06"
+
+
+def with_tilt_sensor(folder, own):
+    """A file whose line 11 is a tilt sensor with something of its own."""
+    path = folder / "stage.yaml"
+    before, after = FILE.split("  uncertainty:\n")
+    rows = dict(row.split(": ", 1) for row in TILT.split(", ")) | dict([own.split(": ", 1)])
+    second = ", ".join(f"{key}: {value}" for key, value in rows.items())
+    path.write_text(f"{before}    second: {{{second}}}\n  uncertainty:\n{after}", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("own", "told"),
+    [
+        ("noise: -1.0e-07", r"second.noise: -1e-07 is less than .* standard deviation of one reading in rad"),
+        ("resolution: -1", r"second.resolution: .* step of a reading in rad"),
+        ("range: 0", r"second.range: .* half of the measuring range in rad"),
+        ("uncertainty: 0", r"second.uncertainty: .* 0\.1 nrad or more"),
+        ("roll: 6.3", r"second.roll: 6.3 is greater than .* angle about \+z in rad"),
+        ("roll: -6.3", r"second.roll: -6.3 is less than .* angle about \+z in rad"),
+        ("gain: 0", r"second.gain: .* at least 0.001 in size"),
+        ("zero: 1.0e-05", r"second.zero: 1e-05 is not of type 'array'; expected: reading \[x, y\] of a perfect axis"),
+        ("zero: [1.0e-05]", r"second.zero: \[1e-05\] is too short; expected: reading \[x, y\]"),
+        ("zero: [0.0, 6.0e-04]", r"second.zero: \[0.0, 0.0006\] is beyond the range of 0.0005 rad"),
+        ("azimuth: 0.0", r"second: .*'azimuth' was unexpected"),
+        ("tilt_x: 0.0", r"second: .*'tilt_x' was unexpected"),
+        ("form: [{order: 1, cos: 0.0, sin: 0.0}]", r"second.form.0: .*(unexpected|required)"),
+        ("form: [{order: 1, x: [0.0, 0.0], y: [0.02, 0.0]}]", r"second.form.0.y.0: 0.02 is greater .* at most 10 mrad"),
+    ],
+)
+def test_a_tilt_sensor_that_cannot_be_is_refused_with_its_line(tmp_path, own, told):
+    with pytest.raises(InputError, match=rf"stage\.yaml:11: stage\.sensors\.{told}"):
+        load_stage(with_tilt_sensor(tmp_path, own))
+
+
+def test_a_tilt_sensor_is_read_as_the_file_has_it(tmp_path):
+    sensor = load_stage(with_tilt_sensor(tmp_path, "zero: [1.0e-05, 2.0e-05]")).sensors["tilt_sensor_second"]
+    assert (sensor.fields, sensor.unit, sensor.zeros) == (("tilt_x", "tilt_y"), "rad", (1e-5, 2e-5))
+    path = with_tilt_sensor(tmp_path, "form: [{order: 2, x: [1.0e-06, 2.0e-06], y: [3.0e-06, 4.0e-06]}]")
+    stage = load_stage(path)
+    assert stage.sensors["tilt_sensor_second"].zeros == (0.0, 0.0)
+    assert stage.sensors["tilt_sensor_second"].forms == (
+        (AngularHarmonic(2, 1e-6, 2e-6),),
+        (AngularHarmonic(2, 3e-6, 4e-6),),
+    )
+    named = {p.name: p for p in uncertain_parameters(stage) if p.name.startswith("sensors.second")}
+    places = ["zero[x]", "zero[y]"]
+    places += [f"form[order {k}][{axis}][{part}]" for k in (1, 2) for axis in "xy" for part in ("cos", "sin")]
+    assert set(named) == {f"sensors.second.{place}" for place in places}
+    moved = named["sensors.second.zero[y]"].shifted(stage, 1e-6).sensors["tilt_sensor_second"]
+    assert moved.zeros == (0.0, 1e-6)
+    bent = named["sensors.second.form[order 1][y][sin]"].shifted(stage, 1e-6).sensors["tilt_sensor_second"]
+    assert bent.form[-1] == PlanarHarmonic(1, (0.0, 0.0), (0.0, 1e-6))
 
 
 def test_the_order_in_the_file_is_not_that_of_the_bits(tmp_path):

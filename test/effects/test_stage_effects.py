@@ -25,6 +25,7 @@ from rotary_error_monitor.effects.rotor import RotorState, StageEffect, effects_
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin
 
 LINES = 900
+SECOND = "tilt_sensor_second"
 STAGE = StageDescription(
     encoder=Encoder(
         disc_radius=0.1,
@@ -61,6 +62,16 @@ STAGE = StageDescription(
             zero=-1e-6,
             place={"azimuth": 2.0, "height": 0.05},
             form=(AngularHarmonic(2, -1e-6, 5e-7),),
+        ),
+        SECOND: ListedSensor(
+            "tilt_sensor",
+            *(1e-7, 1e-8, 1e-3, 1e-6),
+            zero=(2e-5, -1e-5),
+            gain=-1.2,
+            place={"roll": 0.7},
+            form=(PlanarHarmonic(1, (4e-5, -2e-5), (2e-5, 4e-5)),),
+            fields=("tilt_x", "tilt_y"),
+            unit="rad",
         ),
     },
 )
@@ -126,6 +137,11 @@ class Bench:
             return self.radial_changed(radial) if self.radial_changed else radial
         if stream in s.sensors:
             probe = s.sensors[stream]
+            if probe.kind == "tilt_sensor":
+                roll = probe.place["roll"]
+                axes = np.array([[math.cos(roll), -math.sin(roll)], [math.sin(roll), math.cos(roll)]])
+                added = self.probe_added[stream](self.t) if stream in self.probe_added else 0.0
+                return np.array(probe.zero) + probe.gain * (axes @ (g + harm(probe.form))) + added
             phi = probe.place["azimuth"]
             if probe.kind == "axial_probe":
                 along = sum(
@@ -265,6 +281,23 @@ CLOSED_FORMS = {
             t, with_probe("axial_probe_top", form=(AngularHarmonic(1, 2e-6, 1e-6), AngularHarmonic(4, 1e-6, 2e-6)))
         ),
     ),
+    "tilt_sensor_zero": (
+        SECOND,
+        {"shift": (2e-6, -1e-6)},
+        lambda t: Bench(t, with_probe(SECOND, zero=(2.2e-5, -1.1e-5))),
+    ),
+    "tilt_sensor_gain": (SECOND, {"relative": 0.1}, lambda t: Bench(t, with_probe(SECOND, gain=-1.32))),
+    "tilt_sensor_roll": (SECOND, {"angle": 0.2}, lambda t: Bench(t, with_probe(SECOND, place={"roll": 0.9}))),
+    "tilt_sensor_drift": (
+        SECOND,
+        {"rate": (1e-7, -2e-7)},
+        lambda t: Bench(t, probe_added={SECOND: lambda now: now * np.array([1e-7, -2e-7])}),
+    ),
+    "tilt_sensor_form": (
+        f"{SECOND}.order_4",
+        ORDER,
+        lambda t: Bench(t, with_probe(SECOND, form=(*STAGE.sensors[SECOND].form, ROW))),
+    ),
     "bearing_asynchronous": (
         "",
         {"order": 2.37, "radial": 1e-6, "tilt": 2e-6, "phase": 0.7},
@@ -325,6 +358,8 @@ CLOSED_FORMS = {
 }
 
 EFFECTS = load_effects(StageEffect)
+PROBES = {f"probe_{what}" for what in ("zero", "gain", "drift", "form")}
+TILTS = {f"tilt_sensor_{what}" for what in ("zero", "gain", "roll", "drift", "form")}
 STREAMS = ("head_a", "head_b", "head_c", "head_d", "autocollimator", "lvdt", *STAGE.sensors)
 
 
@@ -370,8 +405,12 @@ def test_effect_without_size_changes_nothing(effect, twin):
 
 def test_effects_of_listed_sensors_are_those_of_stages_that_list_some():
     bare = {effect.name for effect in effects_of(replace(STAGE, sensors={}), EFFECTS)}
-    own = {"spindle_axial", "axial_growth", "probe_zero", "probe_gain", "probe_drift", "probe_form"}
+    own = {"spindle_axial", "axial_growth"} | PROBES | TILTS
     assert bare == set(CLOSED_FORMS) - own
+    for left_out, missing in (("rad", TILTS), ("m", PROBES)):
+        sensors = {stream: sensor for stream, sensor in STAGE.sensors.items() if sensor.unit != left_out}
+        found = {effect.name for effect in effects_of(replace(STAGE, sensors=sensors), EFFECTS)}
+        assert found == set(CLOSED_FORMS) - missing
     assert {effect.name for effect in effects_of(STAGE, EFFECTS)} == set(CLOSED_FORMS)
 
 
@@ -388,7 +427,9 @@ def test_a_probe_on_the_axis_looks_at_one_spot_and_sees_no_form():
     effect = next(e for e in EFFECTS if e.name == "probe_form")
     top = STAGE.sensors["axial_probe_top"]
     central = replace(STAGE, sensors={**STAGE.sensors, "axial_probe_top": replace(top, place={"radius": 0.0})})
-    assert effect.locations(STAGE) == tuple(STAGE.sensors) and effect.locations(central) == ("radial_probe_low",)
+    assert effect.locations(STAGE) == ("axial_probe_top", "radial_probe_low") and effect.locations(central) == (
+        "radial_probe_low",
+    )
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)

@@ -15,6 +15,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.sensors.library import is_listed
 
 TURNING = ("both_directions", "s_curves", "steady", "indexing")
 """Motions that make whole turns: what turns with the rotor can then be told from what does not."""
@@ -60,7 +61,7 @@ def record(seed: int, section: Mapping[str, object], duration: float, **options:
 def stream_of(topic: str) -> str | None:
     """Stream of the estimator by the topic of its samples; none for what it does not take."""
     name = topic.split("/")[2]
-    taken = name.startswith("head_") or "_probe_" in name or name in ("autocollimator", "command")
+    taken = name.startswith("head_") or is_listed(name) or name in ("autocollimator", "command")
     return name if taken else None
 
 

@@ -142,6 +142,41 @@ def test_redundancy_says_which_fault_would_show():
     assert redundant_sensors(np.array([True, True, False, True, True, True]), np.array(three)).all()
 
 
+def tilts(roll: float) -> list[list[float]]:
+    cos, sin = np.cos(roll), np.sin(roll)
+    return [[0.0, 0.0, 0.0, cos, -sin, 0.0], [0.0, 0.0, 0.0, sin, cos, 0.0]]
+
+
+def test_a_sensor_of_two_fields_is_checked_by_what_all_the_others_say_of_both():
+    radials, tilted = np.array([True, True, False, False, False, True]), np.array([True, True, False, True, True, True])
+    rows, owner = np.array(tilts(0.4)), np.array([0, 0])
+    assert not redundant_sensors(radials, rows, owner).any()
+    assert redundant_sensors(tilted, rows, owner).tolist() == [True]
+    # a probe at a height tells tilt across one direction: one of the fields could be wrong unseen
+    beside = np.array([*tilts(0.4), radial(0.0, 0.1)]), np.array([0, 0, 1])
+    assert redundant_sensors(radials, *beside).tolist() == [False, True]
+    beside = np.array([*tilts(0.4), radial(0.0, 0.1), radial(1.5, 0.2)]), np.array([0, 0, 1, 2])
+    assert redundant_sensors(radials, *beside).tolist() == [True, True, True]
+
+
+@pytest.mark.parametrize("roll", [0.0, 0.9, -2.0])
+def test_fields_in_rad_and_in_m_are_weighed_by_their_variances(roll):
+    """The tilt by a probe over its lever beside that of an instrument, in closed form; other units change nothing."""
+    truth, height = np.array([0.0, 0.0, 0.0, 3e-6, -2e-6, 0.0]), 0.2
+    rows = np.array([*tilts(roll), radial(0.0, height)])
+    shown, variance = (rows @ truth)[None] + [[0.0, 0.0, 1e-8]], np.array([[1e-14, 1e-14, 1e-16]])
+    motion = known(1, exc=(0.0, 1e-12), eyc=(0.0, 1e-12))
+    found = combine(motion, Seen(rows, shown, variance))
+    assert found.observable[0].tolist() == [True, True, False, True, True, False]
+    by_probe = 1e-16 / height**2  # of ebc, beside 1e-14 of the instrument
+    expected = -2e-6 + 1e-8 / height * (1 / by_probe) / (1 / by_probe + 1 / 1e-14)
+    np.testing.assert_allclose(found.components[0, 3:5], [3e-6, expected], rtol=1e-6)
+    np.testing.assert_allclose(found.covariance[0, 4, 4], 1 / (1 / by_probe + 1 / 1e-14), rtol=1e-4)
+    scale = np.array([1e3, 1e3, 1.0])
+    again = combine(motion, Seen(rows * scale[:, None], shown * scale, variance * scale**2))
+    np.testing.assert_allclose(again.components, found.components, rtol=1e-9, atol=1e-20)
+
+
 def test_the_bits_of_a_time_do_not_depend_on_how_many_there_are():
     draw = np.random.default_rng(3)
     rows = np.array([face(1.0, 0.08), radial(2.0, 0.1), radial(0.3, 0.2)])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -37,11 +39,28 @@ INSTEAD = {
 """One probe on the axis, and two at each of two heights: what an autocollimator shows, and axial error motion."""
 
 
-def stage_with_probes_instead(folder: Path) -> Path:
-    """File of the embedded stage without autocollimator, and with probes in its place."""
+SECOND = {
+    "nose": INSTEAD["nose"],
+    "second": {
+        "kind": "tilt_sensor",
+        "noise": 2.0e-7,
+        "resolution": 1.0e-8,
+        "range": 1.0e-3,
+        "uncertainty": 5.0e-7,
+        "zero": [2.0e-5, -1.0e-5],
+        "gain": -1.0,
+        "roll": 0.4,
+        "form": [{"order": 1, "x": [4.0e-5, -1.0e-5], "y": [1.0e-5, 4.0e-5]}],
+    },
+}
+"""A probe on the axis and another autocollimator."""
+
+
+def stage_with_probes_instead(folder: Path, sensors: Mapping[str, Mapping[str, Any]] = INSTEAD) -> Path:
+    """File of the embedded stage without autocollimator, and with listed sensors in its place."""
     content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
     del content["stage"]["autocollimator"]
-    content["stage"]["sensors"] = INSTEAD
+    content["stage"]["sensors"] = dict(sensors)
     content["stage"]["spindle"]["axial"] = [{"order": 1, "cos": 3.0e-7, "sin": -2.0e-7}]
     path = folder / "instead.yaml"
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Vector3Stamped
 from nodes.mock_cells import mock_parameters
-from nodes.probes import STREAMS, stage_with_probes
+from nodes.probes import SECOND, STREAMS, stage_with_probes, stage_with_probes_instead
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import load_stage
@@ -120,3 +120,41 @@ def test_the_process_ends_with_2_where_its_sensor_is_wrong(probed):
     assert "parameter 'sensor' is 'side', which is none of the stage's" in process.output
     assert "axial_probe_top, radial_probe_low" in process.output
     assert "Traceback" not in process.output
+
+
+@pytest.fixture
+def tilting(settings, tmp_path) -> Iterator[Cell]:
+    path = stage_with_probes_instead(tmp_path, SECOND)
+    with Cell(parameters=mock_parameters(settings, stage=path), sensors=("tilt_sensor_second",)) as cell:
+        yield cell
+
+
+def test_a_tilt_sensor_sends_both_of_its_fields(tilting, settings, tmp_path):
+    topic = tilting.wire.topic("tilt_sensor_samples", "second")
+    assert topic.name == "/stage/tilt_sensor_second/samples"
+    blocks, people = tilting.collect(topic), tilting.collect(tilting.wire.topic("tilt_sensor_tilt", "second"))
+    tilting.run(ListedSensorNode, "listed_sensor_second")
+    tilting.wait_until(lambda: people and len(blocks) > 2, "blocks")
+    block = messages.block_from_message(blocks[1])
+    truth = mock_stage(load_stage(tmp_path / "instead.yaml"), settings)
+    same = truth.samples("tilt_sensor_second", truth.index_at("tilt_sensor_second", block.stamp_ns), len(block.rows))
+    assert block.names == ("t", "tilt_x", "tilt_y")
+    np.testing.assert_array_equal(block.rows[:, 1:], same.rows[:, 1:])
+    assert people[0].vector.x and people[0].vector.y and people[0].vector.z == 0.0
+
+
+def test_vectors_of_a_driver_of_an_autocollimator(tilting):
+    blocks = tilting.collect(tilting.wire.topic("tilt_sensor_samples", "second"))
+    driver = tilting.node.create_publisher(Vector3Stamped, "/my_tilt", 10)
+    tilting.run(ListedSensorNode, "listed_sensor_second", source="vector3", vector3__topic="/my_tilt")
+    tilting.wait_until(lambda: driver.get_subscription_count() > 0, "the node to listen")
+    driver.publish(messages.vector_message(tilting.node.get_clock().now().nanoseconds, "", 1e-6, -2e-6))
+    tilting.wait_until(lambda: sum(block.width for block in blocks) == 1, "the sample")
+    (row,) = np.concatenate([messages.block_from_message(block).rows for block in blocks])
+    np.testing.assert_allclose(row[1:], [1e-6, -2e-6], atol=1e-18)
+
+
+def test_one_voltage_is_no_tilt(tilting, tmp_path):
+    told = "source iio reads one voltage, but tilt_sensor_second has the fields tilt_x, tilt_y; expected the source"
+    with pytest.raises(InputError, match=told):
+        tilting.run(ListedSensorNode, "listed_sensor_second", source="iio", iio__device=str(tmp_path))

@@ -1,10 +1,11 @@
-"""A cell whose stage has displacement probes in place of an autocollimator, by its file alone: live, and replayed."""
+"""A cell whose stage has listed sensors in place of an autocollimator, by its file alone: live, and replayed."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from nodes.mock_cells import mock_parameters
-from nodes.probes import INSTEAD, stage_with_probes_instead
+from nodes.probes import INSTEAD, SECOND, stage_with_probes_instead
 from nodes.replayed_motion import assert_repeated
 
 from rotary_error_monitor.description.machine import load_machine
@@ -26,8 +27,9 @@ HEADS = "abcd"
 SIGMAS = 6.0
 
 
-def test_all_six_components_are_observable_and_right(settings, tmp_path):
-    path = stage_with_probes_instead(tmp_path)
+@pytest.mark.parametrize("sensors", [INSTEAD, SECOND], ids=["probes", "second autocollimator"])
+def test_all_six_components_are_observable_and_right(settings, tmp_path, sensors):
+    path = stage_with_probes_instead(tmp_path, sensors)
     stage = load_stage(path)
     parameters = mock_parameters(settings, stage=path)
     with Cell(HEADS, parameters, sensors=tuple(stage.sensors)) as cell:
@@ -35,7 +37,7 @@ def test_all_six_components_are_observable_and_right(settings, tmp_path):
         recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
         for head in HEADS:
             cell.run(EncoderHead, f"encoder_head_{head}")
-        for name in INSTEAD:
+        for name in sensors:
             cell.run(ListedSensorNode, f"listed_sensor_{name}")
         cell.run(MockController, "mock_controller", machine="xyzac_trt")
         cell.run(GapMonitor, "gap_monitor")
@@ -43,7 +45,8 @@ def test_all_six_components_are_observable_and_right(settings, tmp_path):
         cell.wait_until(lambda: len(estimates) > 10, "estimates", 60)
         cell.forget_status("error_estimator: estimate")
         cell.wait_for_status("error_estimator: estimate", "complete")
-        cell.wait_for_status("gap_monitor: /stage/axial_probe_nose/samples", "alive")
+        for stream in stage.sensors:
+            cell.wait_for_status(f"gap_monitor: /stage/{stream}/samples", "alive")
         cell.remove(recorder)
 
     plant = mock_stage(stage, settings)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pipeline.test_estimation import NAMES, SPEED, STAGE, START, in_order, joined, true_motion, values
 
-from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor
+from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, PlanarHarmonic
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
@@ -38,6 +38,18 @@ RADIAL = {
     )
 }
 FACE = {f"axial_probe_f{k}": probe("axial_probe", azimuth=2.0 * k, radius=0.08) for k in range(3)}
+SECOND = {
+    "tilt_sensor_second": ListedSensor(
+        "tilt_sensor",
+        *(3e-7, 1e-7, 5e-4, 1e-7),
+        (2e-5, -1e-5),
+        -1.0,
+        {"roll": 0.7},
+        (PlanarHarmonic(1, (4e-5, -1e-5), (1e-5, 4e-5)),),
+        fields=("tilt_x", "tilt_y"),
+        unit="rad",
+    )
+}
 
 
 def truth(t: np.ndarray) -> np.ndarray:
@@ -47,9 +59,13 @@ def truth(t: np.ndarray) -> np.ndarray:
 
 
 def displacement(name: str, sensor: ListedSensor, t: np.ndarray) -> np.ndarray:
-    """By the geometry of a rigid body, without noise."""
+    """(n, k) by the geometry of a rigid body, without noise."""
     theta = true_motion(t)[0]
     exc, eyc, ezc, eac, ebc, _ = truth(t).T
+    if sensor.unit == "rad":
+        x, y = eac + 4e-5 * np.cos(theta) - 1e-5 * np.sin(theta), ebc + 1e-5 * np.cos(theta) + 4e-5 * np.sin(theta)
+        cos, sin = np.cos(sensor.place["roll"]), np.sin(sensor.place["roll"])
+        return np.array(sensor.zero) + sensor.gain * np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
     phi = sensor.place.get("azimuth", 0.0)
     if name.startswith("axial"):
         x, y = sensor.place["radius"] * np.cos(phi), sensor.place["radius"] * np.sin(phi)
@@ -59,7 +75,7 @@ def displacement(name: str, sensor: ListedSensor, t: np.ndarray) -> np.ndarray:
         moved = (exc + height * ebc) * np.cos(phi) + (eyc - height * eac) * np.sin(phi)
     psi = phi - theta
     form = 3e-6 * np.cos(psi) - 1e-6 * np.sin(psi) + 2e-7 * np.cos(3 * psi) + 1e-7 * np.sin(3 * psi)
-    return sensor.zero + sensor.gain * (moved + form)
+    return (sensor.zero + sensor.gain * (moved + form))[:, None]
 
 
 def recorded(sensors, seed=0, duration=4.0, fault=None, tilt=True, rate=1000.0):
@@ -70,9 +86,10 @@ def recorded(sensors, seed=0, duration=4.0, fault=None, tilt=True, rate=1000.0):
         t = times * 1e-9
         if name in sensors:
             own = sensors[name]
-            readings = displacement(name, own, t) + abs(own.gain) * draw.normal(size=len(t)) * NOISE
-            readings = np.round(readings / STEP)[:, None] * STEP
-            fields = ("displacement",)
+            readings = displacement(name, own, t)
+            readings = readings + abs(own.gain) * draw.normal(size=readings.shape) * own.noise
+            readings = np.round(readings / own.resolution) * own.resolution
+            fields = own.fields
         else:
             fields = ("tilt_x", "tilt_y") if name == "autocollimator" else ("angle",)
             readings = values(name, t)
@@ -120,6 +137,8 @@ def off(result):
         (RADIAL, False, {"eac", "ebc"}),
         (FACE, False, {"ezc", "eac", "ebc"}),
         (AXIAL | RADIAL | FACE, True, {"ezc"}),
+        (SECOND, False, {"eac", "ebc"}),
+        (AXIAL | SECOND, True, {"ezc"}),
     ],
 )
 def test_what_sensors_add_is_right_within_its_covariance(seed, sensors, tilt, gained):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,6 +131,32 @@ def test_the_form_is_that_of_the_place_that_is_met() -> None:
     theta = plant.scene(TIME).theta
     expected = 1e-6 * np.cos(np.arctan2(-1e-3, 0.05) - theta)
     np.testing.assert_allclose(plant.signal("axial_probe_top", TIME)[:, 0], expected, rtol=0, atol=1e-18)
+
+
+def tilt_sensor(form: tuple[PlanarHarmonic, ...] = (), roll: float = 0.0, **given: Any) -> ListedSensor:
+    place, fields = {"roll": roll}, ("tilt_x", "tilt_y")
+    return ListedSensor("tilt_sensor", 0.0, 0.0, 0.5, 1e-7, place=place, form=form, fields=fields, unit="rad", **given)
+
+
+@pytest.mark.parametrize("roll", [0.0, 0.6, -2.5])
+def test_a_tilt_sensor_sees_the_tilt_of_rotor_and_mirror_along_its_axes(roll: float) -> None:
+    form = (PlanarHarmonic(1, (3e-5, -1e-5), (1e-5, 3e-5)), PlanarHarmonic(3, (1e-6, 2e-6), (-2e-6, 1e-6)))
+    plant = plant_with(second=tilt_sensor(form, roll, zero=(2e-5, -3e-5), gain=-1.5))
+    theta = plant.scene(TIME).theta
+    _, _, _, eac, ebc = motion(theta)
+    x = eac + waves((AngularHarmonic(1, 3e-5, -1e-5), AngularHarmonic(3, 1e-6, 2e-6)), theta)
+    y = ebc + waves((AngularHarmonic(1, 1e-5, 3e-5), AngularHarmonic(3, -2e-6, 1e-6)), theta)
+    expected = [2e-5 - 1.5 * (np.cos(roll) * x - np.sin(roll) * y), -3e-5 - 1.5 * (np.sin(roll) * x + np.cos(roll) * y)]
+    shown = plant.signal("tilt_sensor_second", TIME)
+    assert shown.shape == (len(TIME), 2)
+    assert np.abs(shown - np.stack(expected, axis=1)).max() < 1e-8  # second order: products of tilts of 1e-4
+    block = plant.samples("tilt_sensor_second", 5, 7)
+    assert block.names == ("t", "tilt_x", "tilt_y")
+
+
+def test_a_mirror_that_leans_far_sends_the_ray_back_by_twice_its_tilt() -> None:
+    plant = plant_with(constant(eac=0.2), second=tilt_sensor())
+    np.testing.assert_allclose(plant.signal("tilt_sensor_second", TIME), [[0.2, 0.0]] * len(TIME), rtol=0, atol=1e-15)
 
 
 def test_axial_motion_is_part_of_the_truth() -> None:

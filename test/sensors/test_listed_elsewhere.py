@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from world import Options, make_recording, random_stage, samples, with_probes
+from world import Options, make_recording, random_stage, samples, with_probes, with_tilt_sensor
 
+from rotary_error_monitor.description.schema import sensor_kinds
 from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
 from rotary_error_monitor.sensors.library import sensor_of
@@ -19,22 +20,23 @@ def check(kind, sensor, reading, theta, motion):
     """That the displacement by the kind is what the true error motion (n, 6) gives by its sensitivity."""
     assert isinstance(kind, ListedKind)
     seen = kind.displacement(sensor, reading, theta)
-    expected = motion @ kind.sensitivity(sensor.place)
+    expected = motion @ kind.rows(sensor).T
     assert np.abs(seen - expected).max() < NEAR * np.ptp(expected)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_displacements_are_those_of_the_truth(seed):
-    section = with_probes(random_stage(seed), seed)
+    section = with_tilt_sensor(with_probes(random_stage(seed), seed), seed)
     stage = stage_from_mapping(section)
     recording = make_recording(seed, duration=6.0, stage=section, options=Options.textbook(motion="s_curves"))
     plant = StagePlant(stage, 1, clocks=stage_clocks(tuple(stage.encoder.azimuths), sensors=tuple(stage.sensors)))
     time = np.linspace(0, 30, 2000)
     scene = plant.scene(time)
-    assert len(stage.sensors) == len(recording.probes) == 4
+    assert len(stage.sensors) == len(recording.probes) == 5
+    assert {sensor.kind for sensor in stage.sensors.values()} == set(sensor_kinds()), "a kind that has no world"
     for stream, sensor in stage.sensors.items():
         ns, values = samples(recording.blocks[f"/stage/{stream}/samples"])
         at = recording.truth(ns)
         motion = np.stack([at.exc, at.eyc, at.ezc, at.eac, at.ebc, at.ecc], axis=1)
-        check(sensor_of(stream), sensor, values[:, 0], at.theta, motion)
-        check(sensor_of(stream), sensor, plant.signal(stream, time)[:, 0], scene.theta, scene.error_motion)
+        check(sensor_of(stream), sensor, values, at.theta, motion)
+        check(sensor_of(stream), sensor, plant.signal(stream, time), scene.theta, scene.error_motion)

@@ -1,4 +1,4 @@
-"""Displacement probes of a stage: what they see with homogeneous matrices, their amplifiers, and sections to draw."""
+"""Sensors that a stage lists: what they see with homogeneous matrices, their amplifiers, and sections to draw."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .geometry import autocollimator_reading
 from .noise import drawn_log, instrument_noise, quantise
 from .options import ROUNDINGS, Options, Seeds
 from .recording import probe_topic
@@ -17,13 +18,15 @@ from .rotor import Components
 Array = NDArray[np.float64]
 CYLINDER = 0.0225  # m, radius of the artefact before radial probes
 EVEN_RATE = 1000.0  # Hz, of probes whose rates are not odd
+FIELDS = {"tilt_sensor": ("tilt_x", "tilt_y")}
 
 
 class Probe:
-    """One probe of the section `sensors`, with the habits of its amplifier.
+    """One sensor of the section `sensors`, with the habits of its amplifier.
 
     Attributes:
         topic: of its samples.
+        fields: of a sample.
         rate: samples per second.
         rounding: one of `ROUNDINGS`.
     """
@@ -34,24 +37,30 @@ class Probe:
         rng = seeds.generator(f"{self.topic}/amplifier")
         drawn_rate, drawn_rounding = drawn_log(rng, 300.0, 2600.0), str(rng.choice(ROUNDINGS, p=(0.6, 0.3, 0.1)))
         self.rate = drawn_rate if options.odd_rates else EVEN_RATE
+        self.fields = FIELDS.get(section["kind"], ("displacement",))
         self.rounding = options.rounding or drawn_rounding
         self._seeds = seeds
 
     def __call__(self, pose: Components) -> Array:
-        """(n, 1) what it gives out: noise comes before the converter, which ends at its range and has steps."""
+        """(n, k) what it gives out: noise comes before the converter, which ends at its range and has steps."""
         section, rng = self._section, self._seeds.generator(f"{self.topic}/noise")
         size = section["noise"] * self._options.noise
         reading = probe_reading(pose, section)
-        reading = reading + instrument_noise(rng, len(reading), size, self._options.noise_shape)
+        reading = reading.reshape(len(reading), -1)
+        noise = [instrument_noise(rng, len(reading), size, self._options.noise_shape) for _ in self.fields]
+        reading = reading + np.stack(noise, axis=1)
         reading = np.clip(reading, -section["range"], section["range"])
         if self._options.quantise:
             reading = quantise(reading, section["resolution"], self.rounding)
-        return np.asarray(reading[:, None], float)
+        return np.asarray(reading, float)
 
 
 def probe_reading(pose: Components, section: Mapping[str, Any]) -> Array:
-    """(n,) reading of a probe without noise, range and steps: zero + gain * (motion and form of its target)."""
-    seen = {"axial_probe": _height_of_face, "radial_probe": _way_to_cylinder}[section["kind"]](pose, section)
+    """Reading of a sensor without noise, range and steps: zero + gain * (motion and form of its target).
+
+    (n,) of a probe, (n, 2) of a tilt sensor.
+    """
+    seen = SEEN[section["kind"]](pose, section)
     return np.asarray(section.get("zero", 0.0) + section.get("gain", 1.0) * seen, float)
 
 
@@ -107,6 +116,17 @@ def _way_to_cylinder(pose: Components, section: Mapping[str, Any]) -> Array:
         radius = CYLINDER + _form(np.arctan2(met[:, 1], met[:, 0]), section)
     way = (np.sqrt(b * b - a * (c - radius**2)) - b) / a
     return np.asarray(way - CYLINDER, float)
+
+
+def _image_of_mirror(pose: Components, section: Mapping[str, Any]) -> Array:
+    """(n, 2) half the place of the image of a ray that the mirror reflects, in the turned picture of the instrument."""
+    seen = autocollimator_reading(pose, {"flatness": section.get("form", [])})
+    roll = float(section.get("roll", 0.0))
+    turn = np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
+    return np.asarray(seen @ turn.T, float)
+
+
+SEEN = {"axial_probe": _height_of_face, "radial_probe": _way_to_cylinder, "tilt_sensor": _image_of_mirror}
 
 
 def _form(psi: Array, section: Mapping[str, Any]) -> Array:
@@ -181,3 +201,35 @@ def _rows(rng: np.random.Generator, size: float, orders: Sequence[int]) -> list[
     waves = rng.standard_normal((len(orders), 2)) / np.array(orders, float)[:, None]
     waves *= size / np.sqrt((waves**2).sum() / 2.0)
     return [{"order": int(k), "cos": float(c), "sin": float(s)} for k, (c, s) in zip(orders, waves, strict=True)]
+
+
+def with_tilt_sensor(stage: Mapping[str, Any], seed: int) -> dict[str, Any]:
+    """A copy of a section `stage` with a second autocollimator, `second`, that looks at another mirror.
+
+    Its noise, zero, axes and sign and how askew and uneven the mirror is are drawn from the seed.
+    """
+    rng = np.random.default_rng([seed, 20240302])
+    made = deepcopy(dict(stage))
+    askew, uneven = drawn_log(rng, 3e-6, 2e-4), drawn_log(rng, 2e-7, 1e-5)
+    azimuth = rng.uniform(-np.pi, np.pi)
+    x, y = askew * np.cos(azimuth), askew * np.sin(azimuth)  # turned by theta: (x cos - y sin, x sin + y cos)
+    form = [{"order": 1, "x": [float(x), float(-y)], "y": [float(y), float(x)]}]
+    for order in (2, 3):
+        waves = rng.standard_normal((2, 2)) * uneven / order
+        form.append({"order": order, "x": waves[0].tolist(), "y": waves[1].tolist()})
+    resolution = drawn_log(rng, 2e-8, 1e-6)
+    made["sensors"] = {
+        **made.get("sensors", {}),
+        "second": {
+            "kind": "tilt_sensor",
+            "noise": resolution * float(rng.uniform(0.3, 1.5)),
+            "resolution": resolution,
+            "range": 2e-3,
+            "uncertainty": drawn_log(rng, 1e-7, 2e-6),
+            "zero": rng.uniform(-1e-4, 1e-4, 2).tolist(),
+            "gain": float(rng.choice((1.0, 1.0, -1.0))),
+            "roll": float(rng.uniform(-np.pi, np.pi)),
+            "form": form,
+        },
+    }
+    return made

@@ -79,7 +79,7 @@ class _Maker:
             made[TEMPERATURE] = self._stream(TEMPERATURE, rates["temperature"], ("temperature",), self._temperature)
         for name, section in self.stage.get("sensors", {}).items():
             probe = Probe(self.seeds, name, section, self.options)
-            made[probe.topic] = self._stream(probe.topic, probe.rate, ("displacement",), self._seen_by(probe))
+            made[probe.topic] = self._stream(probe.topic, probe.rate, probe.fields, self._seen_by(probe))
             self.drawn["streams"][probe.topic]["rounding"] = probe.rounding
         return made
 

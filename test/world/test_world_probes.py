@@ -82,6 +82,27 @@ def test_a_plane_face_and_a_round_artefact_are_met_exactly():
     assert abs(probe_reading(at, section)[0] - (roots.max() - CYLINDER)) < 1e-15
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_tilt_sensor_sees_the_image_of_a_ray_in_its_turned_picture(seed):
+    """The mirror of the rotor by rotations of scipy; the ray meets the picture at a distance of 1."""
+    rng = np.random.default_rng(seed)
+    at, roll = pose(rng.uniform(-40.0, 40.0), seed), rng.uniform(-3.0, 3.0)
+    slope = rng.uniform(-0.05, 0.05, (2, 2))
+    section = {
+        "kind": "tilt_sensor", "roll": roll, "zero": [0.1, -0.2], "gain": -2.0,
+        "form": [{"order": 2, "x": slope[0].tolist(), "y": slope[1].tolist()}],
+    }  # fmt: skip
+    wave = np.array([np.cos(2 * at.theta[0]), np.sin(2 * at.theta[0])])
+    lean = Rotation.from_rotvec([at.eac[0], at.ebc[0], 0.0]) * Rotation.from_rotvec([*(slope @ wave), 0.0])
+    normal = lean.apply([0.0, 0.0, 1.0])
+    back = np.array([0.0, 0.0, -1.0]) + 2.0 * normal[2] * normal
+    image = 0.5 * back / back[2]
+    expected = Rotation.from_rotvec([0.0, 0.0, roll]).apply([-image[1], image[0], 0.0])[:2]
+    found = probe_reading(at, section)[0]
+    np.testing.assert_allclose(found, [0.1, -0.2] - 2.0 * expected, rtol=0, atol=1e-14)
+    assert np.abs(expected).max() > 1e-3
+
+
 def test_a_probe_on_the_axis_shows_the_form_by_where_it_stands():
     theta = np.linspace(-3.0, 9.0, 40)
     still = Components(theta, *np.zeros((6, 40)))

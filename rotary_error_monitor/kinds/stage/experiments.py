@@ -98,6 +98,8 @@ def _with_probes_moved(problem: StageProblem, streams: Iterable[str]) -> Iterato
     stage = problem.stage
     for stream in streams:
         sensor = stage.sensors[stream]
+        if len(sensor.fields) > 1:  # the form of its target is by orders of the rotation, wherever it stands
+            continue
         azimuth = sensor.place.get("azimuth", 0.0) + np.radians(PART_OF_A_TURN)
         moved = replace(sensor, place={**sensor.place, "azimuth": azimuth})
         words = f"move {stream} by {PART_OF_A_TURN}° around the axis and record again"

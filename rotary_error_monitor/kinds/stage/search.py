@@ -18,7 +18,7 @@ from rotary_error_monitor.effects.effect import AnyEffect, Searched, order_locat
 from rotary_error_monitor.effects.rotor import is_among
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Rows
-from rotary_error_monitor.sensors.library import is_listed, kind_of
+from rotary_error_monitor.sensors.library import instrument_of, is_listed, kind_of
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.stage.problem import StageProblem
@@ -45,7 +45,7 @@ class StageSearch:
     def candidates(self, rest: Rows) -> tuple[Candidate, ...]:
         """Every effect at every place; families of orders at the orders that stand out in `rest`."""
         groups = self._orders(rest, kind_of)
-        listed = self._orders({channel: rows for channel, rows in rest.items() if is_listed(channel)}, str)
+        listed = self._orders({channel: rows for channel, rows in rest.items() if is_listed(channel)}, instrument_of)
         found: list[Candidate] = []
         for effect in self._problem.effects:
             if effect.orders:

@@ -24,7 +24,7 @@ def without_stuck(stage: StageDescription, recording: StageRecording) -> StageRe
         if name not in streams or sensor.noise < FINE * sensor.resolution:
             continue
         stream = streams[name]
-        stuck = _in_long_runs(stream.values[:, 0])
+        stuck = np.logical_or.reduce([_in_long_runs(column) for column in stream.values.T])
         if not stuck.any():
             continue
         remarks.append(_told(name, stream, stuck, sensor))
@@ -47,7 +47,7 @@ def _in_long_runs(values: Array) -> NDArray[np.bool_]:
 
 
 def _told(name: str, stream: Stream, stuck: NDArray[np.bool_], sensor: ListedSensor) -> str:
-    value, count = float(stream.values[stuck][0, 0]), np.count_nonzero(stuck)
-    beyond = ", the end of its range" if abs(value) >= sensor.range else ""
-    since = float(stream.time[stuck][0])
-    return f"{name}: stuck at {1e6 * value:.4g} µm{beyond} from {since:.1f} s on; {count} equal samples are left out"
+    values, count = stream.values[stuck][0], np.count_nonzero(stuck)
+    beyond = ", the end of its range" if np.any(np.abs(values) >= sensor.range) else ""
+    since, told = float(stream.time[stuck][0]), ", ".join(f"{1e6 * value:.4g}" for value in values)
+    return f"{name}: stuck at {told} µ{sensor.unit}{beyond} from {since:.1f} s on; {count} equal samples are left out"

@@ -1,0 +1,85 @@
+"""What effects of the sensors that a stage lists by name share, whatever the fields and the unit of the sensors."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from rotary_error_monitor.description.listed_sensors import ListedSensor
+from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
+from rotary_error_monitor.effects.effect import Values, place_of
+from rotary_error_monitor.effects.rotor import LISTED, Array, RotorState, StageEffect
+
+
+class ListedEffect(StageEffect):
+    """Base of the effects of one listed sensor: it is located at the sensor's stream, and moves no other.
+
+    A concrete one states `listed_unit`; of its parameters those with that unit have a value for each field.
+    """
+
+    acts_on: ClassVar[tuple[str, ...]] = (LISTED,)
+    stands_out_in: ClassVar[tuple[str, ...]] = (LISTED,)
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Each listed sensor of its unit."""
+        return tuple(stream for stream, sensor in machine.sensors.items() if sensor.unit == self.listed_unit)
+
+    def touches(self, location: str, stream: str) -> bool:
+        """Whether the stream is that of the sensor."""
+        return stream == place_of(location)
+
+    def changed(self, sensor: ListedSensor, values: Values) -> ListedSensor:
+        """The sensor with the effect in its parameters."""
+        return sensor
+
+    def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
+        """The description with the changed sensor."""
+        stream = place_of(location)
+        sensor = stage.sensors[stream]
+        changed = self.changed(sensor, values)
+        return stage if changed is sensor else replace(stage, sensors={**stage.sensors, stream: changed})
+
+
+class ListedZero(ListedEffect):
+    """Base of the effects that shift the zero of each field."""
+
+    def changed(self, sensor: ListedSensor, values: Values) -> ListedSensor:
+        """Add the shift to its zero."""
+        return sensor.shifted(values.tolist())
+
+
+class ListedGain(ListedEffect):
+    """Base of the effects that scale all fields about their zeros."""
+
+    rescales = True
+
+    def changed(self, sensor: ListedSensor, values: Values) -> ListedSensor:
+        """Scale its gain."""
+        return replace(sensor, gain=sensor.gain * (1 + float(values[0])))
+
+
+class ListedDrift(ListedEffect):
+    """Base of the effects that move the zero of each field steadily."""
+
+    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
+        """Add rate times time."""
+        moved = values[0] * state.time if len(values) == 1 else state.time[:, None] * values
+        return np.asarray(ideal + moved, np.float64)
+
+
+class ListedForm(ListedEffect):
+    """Base of the effects that add one more order to what a target shows over a turn."""
+
+    orders = 100
+    falling = True
+
+    @abstractmethod
+    def row(self, values: Values) -> AngularHarmonic | PlanarHarmonic:
+        """Of the target's form."""
+
+    def changed(self, sensor: ListedSensor, values: Values) -> ListedSensor:
+        """Add the order to the target's form."""
+        return replace(sensor, form=(*sensor.form, self.row(values)))
