@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from rotary_error_monitor.effects.effect import Cause
@@ -63,8 +64,7 @@ def rank_alternatives(
     evidence = np.array([row.log_evidence for row in rows])
     logs = (evidence - chosen.log_evidence) / dispersion
     if credits is not None:
-        own = _keys(table, chosen)
-        logs = np.array([_credited(log, _keys(table, row), own, credits) for log, row in zip(logs, rows, strict=True)])
+        logs = _all_credited(logs, [_keys(table, row) for row in rows], credits)
     for k, member in enumerate(members):
         if table.candidates[member].key in needless:
             rows.append(table.evaluate((*members[:k], *members[k + 1 :])))
@@ -88,6 +88,22 @@ def rank_alternatives(
 
 def _keys(table: HypothesisTable, row: Hypothesis) -> frozenset[Key]:
     return frozenset(table.candidates[i].key for i in row.members)
+
+
+def _all_credited(
+    log_odds: NDArray[np.float64], keys: Sequence[frozenset[Key]], credits: Mapping[frozenset[Key], float]
+) -> NDArray[np.float64]:
+    """(n,) log odds of sets beside the first, which was chosen, from those on the table (n,).
+
+    There all are in their textbook forms, beside noise as it was then. What weighed sets turned out less likely by, the
+    best of them, those that were not weighed are taken to be as well.
+    """
+    own = keys[0]
+    turned_out = [credits[k] - log for log, k in zip(log_odds, keys, strict=True) if k != own and k in credits]
+    less = min(0.0, max(turned_out, default=0.0))
+    return np.array(
+        [_credited(log if k == own else log + less, k, own, credits) for log, k in zip(log_odds, keys, strict=True)]
+    )
 
 
 def _credited(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rotary_error_monitor.gap import alternatives
 from rotary_error_monitor.gap.alternatives import rank_alternatives
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.selection import select_causes
@@ -70,3 +71,18 @@ def test_beside_a_late_sensor_what_looks_the_same_stays_a_group(stage_problem):
     chances = {(row.effect, row.location): row.probability for row in diagnosis.ranking}
     assert chances["autocollimator_latency", ""] > 0.9
     assert [chances[key] for key in keys] == pytest.approx([0.5, 0.5], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("table", "weighed", "expected"),
+    [
+        ([0.0, 235.0, 65.0, -3.0], {1: -1.5}, [0.0, -1.5, -171.5, -239.5]),  # noise was learnt anew since the table
+        ([0.0, -2.0, 5.0, -3.0], {1: -1.0}, [0.0, -1.0, 0.0, -3.0]),  # a rival that gained tells nothing of others
+        ([0.0, 4.0, 9.0, 8.0], {1: -40.0, 2: -3.0}, [0.0, -40.0, -3.0, -4.0]),  # the best of those that were weighed
+        ([0.0, -2.0, 5.0, -3.0], {}, [0.0, -2.0, 0.0, -3.0]),
+    ],
+)
+def test_sets_that_were_not_weighed_turn_out_as_the_best_of_those_that_were(table, weighed, expected):
+    keys = [frozenset({(name, "")}) for name in "abcd"]
+    credits = {keys[0]: 0.0, **{keys[place]: odds for place, odds in weighed.items()}}
+    np.testing.assert_allclose(alternatives._all_credited(np.array(table), keys, credits), expected)
