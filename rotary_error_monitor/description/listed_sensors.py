@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,7 +21,8 @@ FIELDS, UNIT = ("displacement",), "m"
 class ListedSensor:
     """One sensor of the list: it reads `zero + gain * (what the error motion moves its target by + form)`.
 
-    It has a field or several, all with the same noise, resolution, range, uncertainty and gain.
+    It has a field or several, all with the same noise, resolution, range, uncertainty and gain. One that is an input
+    reads `zero +` what acts on the stage, such as a temperature; it has neither gain nor form.
 
     Attributes:
         kind: of sensor, one file in `config/schema/sensors/` and one class in `sensors/`.
@@ -35,7 +36,7 @@ class ListedSensor:
         form: what its target shows of itself over a turn, in `unit`: of one field by orders of the place on the
             target, `azimuth - theta`; of two by orders of the rotation, x and y along the axes of the stage.
         fields: of a sample, as its kind's file names them.
-        unit: SI unit of the fields, m or rad, as its kind's file names it.
+        unit: SI unit of the fields, m or rad, or °C, as its kind's file names it.
     """
 
     kind: str
@@ -49,6 +50,11 @@ class ListedSensor:
     form: tuple[AngularHarmonic | PlanarHarmonic, ...] = ()
     fields: tuple[str, ...] = FIELDS
     unit: str = UNIT
+
+    @property
+    def is_input(self) -> bool:
+        """Whether it measures what acts on the stage, and nothing of how the rotor stands."""
+        return is_input(self.kind)
 
     @property
     def zeros(self) -> tuple[float, ...]:
@@ -95,6 +101,17 @@ def quantity(kind: str) -> tuple[tuple[str, ...], str]:
     return tuple(said.get("fields", FIELDS)), str(said.get("unit", UNIT))
 
 
+def is_input(kind: str) -> bool:
+    """Whether sensors of a kind are inputs, as its file in `config/schema/sensors/` says."""
+    return bool(schema.sensor_kinds().get(kind, {}).get("input", False))
+
+
+def pose_streams(streams: Iterable[str]) -> tuple[str, ...]:
+    """Those of the streams of listed sensors that are no inputs."""
+    inputs = tuple(f"{kind}_" for kind in schema.sensor_kinds() if is_input(kind))
+    return tuple(stream for stream in streams if not stream.startswith(inputs))
+
+
 def _sensor(row: Mapping[str, Any]) -> ListedSensor:
     own = {name: value for name, value in row.items() if name not in ("kind", "form", _ELSEWHERE, *_COMMON)}
     (fields, unit), form = quantity(row["kind"]), row.get("form", ())
@@ -109,13 +126,12 @@ def _sensor(row: Mapping[str, Any]) -> ListedSensor:
 
 
 def _row(sensor: ListedSensor) -> dict[str, Any]:
+    row = {"kind": sensor.kind, **sensor.place, **{name: _plain(getattr(sensor, name)) for name in _COMMON}}
+    if sensor.is_input:
+        del row["gain"]
+        return row
     form = [{name: _plain(value) for name, value in vars(each).items()} for each in sensor.form]
-    return {
-        "kind": sensor.kind,
-        **sensor.place,
-        **{name: _plain(getattr(sensor, name)) for name in _COMMON},
-        "form": form,
-    }
+    return {**row, "form": form}
 
 
 def _numbers(value: Any) -> Any:  # noqa: ANN401 (what YAML holds)

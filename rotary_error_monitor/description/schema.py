@@ -74,8 +74,9 @@ def schema_content(schema: str) -> dict[str, Any]:
 def sensor_kinds() -> Mapping[str, Mapping[str, Any]]:
     """Content of `config/schema/sensors/<kind>.yaml` of each kind of listed sensor.
 
-    `required` and `properties` beside and in the place of those that all kinds state; `fields` of a sample and their
-    SI `unit`, which are one displacement in m where the file names none.
+    `required` and `properties` beside and in the place of those that all kinds state, `false` without one; `fields` of
+    a sample and their SI `unit`, which are one displacement in m where the file names none; `input: true` of a kind
+    that measures what acts on the stage, and nothing of how the rotor stands.
     """
     folder = config("schema/stage.yaml").parent / "sensors"
     return {path.stem: read_yaml(path).content for path in sorted(folder.glob("*.yaml"))}
@@ -89,6 +90,9 @@ def _validator(schema: str) -> Draft202012Validator:
 def _of_kinds(common: dict[str, Any]) -> dict[str, Any]:
     """Schema of a sensor of any kind that has a file: what all state, and what its own file says."""
     kinds = sensor_kinds()
+    stated = {
+        kind: {n: p for n, p in (common["properties"] | own["properties"]).items() if p} for kind, own in kinds.items()
+    }
     known = {"enum": list(kinds), "description": f"one of {', '.join(kinds)}"}
     choices = [
         {
@@ -96,8 +100,9 @@ def _of_kinds(common: dict[str, Any]) -> dict[str, Any]:
             "then": {
                 "type": "object",
                 "additionalProperties": False,
+                "description": f"of kind {kind}: {', '.join(stated[kind])}",
                 "required": ["kind", *common["required"], *own["required"]],
-                "properties": {"kind": {"const": kind}, **common["properties"], **own["properties"]},
+                "properties": {"kind": {"const": kind}, **stated[kind]},
             },
         }
         for kind, own in kinds.items()

@@ -13,13 +13,16 @@ from rotary_error_monitor.description.harmonics import AngularHarmonic as Angula
 from rotary_error_monitor.description.harmonics import PlanarHarmonic as PlanarHarmonic
 from rotary_error_monitor.description.harmonics import angular, pair, planar
 from rotary_error_monitor.description.listed_sensors import ListedSensor as ListedSensor
-from rotary_error_monitor.description.listed_sensors import listed_sensors
+from rotary_error_monitor.description.listed_sensors import listed_sensors, name_of
 from rotary_error_monitor.description.response import IDEAL, responses_of
 from rotary_error_monitor.description.response import Response as Response
 from rotary_error_monitor.description.stage_checks import contradictions
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
+
+THERMOMETER = "thermometer"
+"""Kind of the listed sensors that measure the temperature of a place."""
 
 TIMING = 2e-6
 """Standard uncertainty of the stamps of one stream against another, s, where the description states none: each of both
@@ -116,12 +119,14 @@ class StageDescription:
         encoder: that measures the rotation; a stage without one turns as commanded, as far as is known.
         autocollimator: that measures the tilt; a stage without one has tilt error motion as described.
         lvdt: that measures the radial error motion at a height, to compare with.
-        sensors: further ones by the name of their stream, such as `axial_probe_top`.
+        sensors: further ones that show how the rotor stands, by the name of their stream, such as `axial_probe_top`.
         stated_limits: limits by name, as in the file; empty where it states none.
         uncertainty: standard uncertainty of parameters by dotted name, as in the file or its calibration, such as
             `encoder.eccentricity` or `sensors.top.gain`. A twin is exact in what is not named; live, eccentricity and
             tilt of the mirror are then as uncertain as the stage shows them.
         responses: of instruments by stream, such as `head_a`; one that is not named reads what the package means.
+        inputs: further sensors that measure what acts on the stage, by the name of their stream, such as
+            `thermometer_bearing`.
     """
 
     encoder: Encoder | None = None
@@ -134,6 +139,18 @@ class StageDescription:
     stated_limits: Mapping[str, float] = field(default_factory=dict)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     responses: Mapping[str, Response] = field(default_factory=dict)
+    inputs: Mapping[str, ListedSensor] = field(default_factory=dict)
+
+    @property
+    def listed(self) -> Mapping[str, ListedSensor]:
+        """All that the file lists under `sensors`, by the name of their stream."""
+        both = {**self.sensors, **self.inputs}
+        return {stream: both[stream] for stream in sorted(both)}
+
+    @property
+    def thermometers(self) -> Mapping[str, str]:
+        """Streams of the listed thermometers by their names, which are those of their places."""
+        return {name_of(s, sensor): s for s, sensor in self.inputs.items() if sensor.kind == THERMOMETER}
 
     @property
     def ring(self) -> Encoder:
@@ -202,6 +219,7 @@ def load_stage(path: Path | str | None = None) -> StageDescription:
 def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
     """Stage from the content of a `stage` section that is valid by the schema."""
     mirror, spindle, lvdt = stage.get("mirror", {}), stage.get("spindle", {}), stage.get("lvdt")
+    listed = listed_sensors(stage.get("sensors", {}))
     return StageDescription(
         encoder=_encoder(stage["encoder"]) if "encoder" in stage else None,
         autocollimator=_autocollimator(stage["autocollimator"]) if "autocollimator" in stage else None,
@@ -217,11 +235,12 @@ def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
         lvdt=None
         if lvdt is None
         else Lvdt(float(lvdt["height"]), float(lvdt["noise"]), pair(lvdt.get("artefact_eccentricity", (0.0, 0.0)))),
-        sensors=listed_sensors(stage.get("sensors", {})),
+        sensors={stream: sensor for stream, sensor in listed.items() if not sensor.is_input},
         reference_temperature=float(stage.get("environment", {}).get("reference_temperature", 20.0)),
         stated_limits={name: float(value) for name, value in stage.get("limits", {}).items()},
         uncertainty=_calibrated(stage) | {name: float(value) for name, value in stage.get("uncertainty", {}).items()},
         responses=responses_of(stage),
+        inputs={stream: sensor for stream, sensor in listed.items() if sensor.is_input},
     )
 
 

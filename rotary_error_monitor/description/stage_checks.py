@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from rotary_error_monitor.description.listed_sensors import quantity
+from rotary_error_monitor.description.listed_sensors import is_input, quantity
 
 Place = list[str | int]
 
@@ -29,7 +29,8 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
 """What the section `uncertainty` may name of each section, whether a stage has that section or not."""
 
 MOST_STREAMS = 51
-"""Heads and listed sensors: with autocollimator and command as many bits as a float64, in which masks travel, holds."""
+"""Heads and listed sensors but inputs: with autocollimator and command as many bits as a float64, in which masks
+travel, holds."""
 
 _NO_PLACE = ("kind", "noise", "resolution", "range", "uncertainty", "zero", "form", "latency")
 """Of a listed sensor: what is no number that moves its reading, and what its own `uncertainty` is of."""
@@ -38,12 +39,13 @@ _NO_PLACE = ("kind", "noise", "resolution", "range", "uncertainty", "zero", "for
 def contradictions(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
     """Where a section that is valid by the schema contradicts itself, and what would be right."""
     heads, sensors = section.get("encoder", {}).get("heads", {}), section.get("sensors", {})
-    if not (heads or sensors or "autocollimator" in section):
+    poses = [name for name, sensor in sensors.items() if not is_input(sensor["kind"])]
+    if not (heads or poses or "autocollimator" in section):
         yield [], "nothing measures the rotor; expected a section 'encoder', 'autocollimator' or 'sensors'"
-    if len(heads) + len(sensors) > MOST_STREAMS:
+    if len(heads) + len(poses) > MOST_STREAMS:
         yield (
             ["sensors"],
-            f"{len(sensors)} sensors beside {len(heads)} heads; a mask of streams has place for {MOST_STREAMS} of both",
+            f"{len(poses)} sensors beside {len(heads)} heads; a mask of streams has place for {MOST_STREAMS} of both",
         )
     for name, sensor in sensors.items():
         for limit in ("resolution", "zero"):
@@ -59,7 +61,7 @@ def contradictions(section: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
         part, _, parameter = name.rpartition(".")
         known = _parameters(section, part)
         if not known:
-            listed = [f"sensors.{each}" for each in section.get("sensors", {})]
+            listed = [f"sensors.{each}" for each in poses]
             yield (
                 ["uncertainty", name],
                 f"there is no part '{part}'; expected one of {', '.join([*PARAMETERS, *listed])}",
@@ -74,4 +76,6 @@ def _parameters(section: Mapping[str, Any], part: str) -> tuple[str, ...]:
     if head != "sensors":
         return PARAMETERS.get(part, ())
     sensor = section.get("sensors", {}).get(listed)
-    return () if sensor is None else ("gain", *(name for name in sensor if name not in (*_NO_PLACE, "gain")))
+    if sensor is None or is_input(sensor["kind"]):
+        return ()
+    return ("gain", *(name for name in sensor if name not in (*_NO_PLACE, "gain")))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rotary_error_monitor.description import schema
+from rotary_error_monitor.description.listed_sensors import pose_streams
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import share
@@ -211,7 +212,7 @@ def wire_of(stage: StageDescription) -> Wire:
     Raises:
         InputError: a file breaks the schema, or a head's letter makes no topic name.
     """
-    return load_wire(tuple(stage.azimuths), sensors=tuple(stage.sensors))
+    return load_wire(tuple(stage.azimuths), sensors=tuple(stage.listed))
 
 
 def load_wire(
@@ -330,8 +331,9 @@ def _template(key: str, content: Mapping[str, Any]) -> Topic:
 
 def _expand(template: Topic, heads: Sequence[str], sensors: Sequence[str]) -> Iterator[Topic]:
     """The topic itself, or where its name holds `{head}` or `{sensor}` one for each."""
-    kept = (field for field in template.fields if sensors or not field.of_sensors)
-    fields = tuple(replace(f, bits=tuple(n for bit in f.bits for n in _names(bit, heads, sensors))) for f in kept)
+    poses = pose_streams(sensors)  # an estimate takes no others
+    kept = (field for field in template.fields if poses or not field.of_sensors)
+    fields = tuple(replace(f, bits=tuple(n for bit in f.bits for n in _names(bit, heads, poses))) for f in kept)
     template = replace(template, fields=fields)
     several = next((mark for mark in (HEAD, SENSOR) if mark in template.frame), None)
     if several is None:

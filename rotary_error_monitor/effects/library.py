@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import rotary_error_monitor.effects as room
 from rotary_error_monitor.effects.effect import AnyEffect, Effect, Searched
+from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.plugins import classes_in, modules_of
 
@@ -102,5 +103,5 @@ def _check_searched(item: type[AnyEffect], origin: str) -> None:
     wanted = item.searchable[item.searched]
     if wanted not in {row.name for row in item.parameters}:
         raise InputError(f"{origin}: effect '{item.name}' is searched by {item.searched.name}, but has no {wanted}")
-    if item.searched is Searched.MOMENT and item.locations is Effect.locations:
+    if item.searched is Searched.MOMENT and item.locations in (Effect.locations, StageEffect.locations):
         raise InputError(f"{origin}: effect '{item.name}' begins at a moment of one head: list heads in 'locations'")

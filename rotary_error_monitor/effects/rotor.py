@@ -56,6 +56,8 @@ class RotorState:
         observed: (n,) what the sensor itself read, rad; only heads have it. It carries the phase of errors within a
             line, far finer than the command knows the rotation.
         age: how long before `time` the sensor saw the rotor, s; all but `time` is of then.
+        warmings: (n,) temperature above the reference of each place with a thermometer of its own, K.
+        place: whose warming `warming` is: the name of a thermometer; empty for the stage's.
     """
 
     time: Array
@@ -68,6 +70,8 @@ class RotorState:
     lines: int
     observed: Array | None = None
     age: float = 0.0
+    warmings: Mapping[str, Array] = field(default_factory=dict)
+    place: str = ""
     _harmonics: dict[float, Array] = field(default_factory=dict, repr=False, compare=False)
     _unturned: tuple[RotorState, float] | None = field(default=None, repr=False, compare=False)
     _tables: dict[tuple[int, ...], Array] = field(default_factory=dict, repr=False, compare=False)
@@ -152,6 +156,12 @@ class RotorState:
         owner, found = self._kept[what]
         return found if owner is of or owner == of else make()
 
+    def warmed_at(self, place: str) -> RotorState:
+        """The same instants with the warming of the place of a thermometer, 0 where nobody measured it."""
+        if place == self.place:
+            return self
+        return replace(self, warming=self.warmings.get(place, np.zeros(len(self.time))), place=place, _kept={})
+
     def rotated(self, by: Array) -> RotorState:
         """The same instants with the true rotation ahead of this one by `by` (n,) rad."""
         most = float(np.max(np.abs(by), initial=0.0))
@@ -177,13 +187,20 @@ class StageEffect(Effect[StageDescription]):
             for what they share, and the other streams.
         rescales: whether it changes a signal in proportion to what the signal shows, other causes included.
         listed_unit: SI unit of the listed sensors that alone have it; empty where the unit does not matter.
+        warms: whether it goes with the warming of a place: the stage's thermometer, location '', and each thermometer
+            that the stage lists are such a place, and hooks get a state with the `warming` of that one.
     """
 
     acts_on: ClassVar[tuple[str, ...]] = (HEAD, AUTOCOLLIMATOR, LVDT, LISTED)
     stands_out_in: ClassVar[tuple[str, ...]] = (HEAD, COMMAND, AUTOCOLLIMATOR, LVDT, LISTED)
     rescales: ClassVar[bool] = False
     listed_unit: ClassVar[str] = ""
+    warms: ClassVar[bool] = False
     searchable: ClassVar[Mapping[Searched, str]] = {Searched.MOMENT: "time", Searched.WAVE: "order"}
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Places where the effect may sit: one without a name, and with `warms` each thermometer that is listed."""
+        return ("", *machine.thermometers) if self.warms else ("",)
 
     @property
     def moves_rotor(self) -> bool:

@@ -155,29 +155,37 @@ class LoadCompliance(StageEffect):
 
 
 class ThermalDrift(StageEffect):
-    """The axis moves sideways as the stage warms."""
+    """The axis moves sideways as the stage warms, or one place of it."""
 
     name = "thermal_drift"
     title = "radial drift with temperature"
     source = "ISO 230-3, drift of the axis average line"
     parameters = (Parameter("radial", "m/K", 5e-7, 2, bound=1e-4),)
     acts_on = (HEAD, LVDT, LISTED)
+    warms = True
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
-        """Add to the drift per kelvin."""
+        """Add to the drift per kelvin of the stage; that of a place has no place in a description."""
+        if location:
+            return stage
         x, y = stage.spindle.radial_thermal
         drift = (x + float(values[0]), y + float(values[1]))
         return replace(stage, spindle=replace(stage.spindle, radial_thermal=drift))
 
+    def radial(self, values: Values, state: RotorState) -> Array | None:
+        """In proportion to the warming of the place; that of the stage is in its description."""
+        return np.outer(state.warming, values) if state.place else None
+
 
 class AxialGrowth(StageEffect):
-    """The spindle grows along its axis as the stage warms."""
+    """The spindle grows along its axis as the stage warms, or one place of it."""
 
     name = "axial_growth"
     title = "axial growth with temperature"
     source = "ISO 230-3, axial drift of a rotating spindle"
     parameters = (Parameter("axial", "m/K", 5e-7, bound=1e-4),)
     acts_on = (LISTED,)
+    warms = True
 
     def axial(self, values: Values, state: RotorState) -> Array:
         """In proportion to the warming."""

@@ -108,7 +108,7 @@ def record(cell: MockCell, stage: StageDescription) -> Recording:
         "block_period": BLOCK_PERIOD,
     }
     machine: dict[str, Any] = {"machine": cell.machine}
-    letters, sensors = tuple(stage.azimuths), stage.sensors
+    letters, sensors = tuple(stage.azimuths), stage.listed
     with Cell(letters, shared, sensors=tuple(sensors)) as running, _progress(cell.duration, cell.quiet) as progress:
         progress.set_description("starting")
         # the recorder first: what the others say from their start on is in the bag

@@ -39,7 +39,10 @@ _FEWEST_TURNS = 1.0
 _SHORTEST = 1.25 * SHORTEST
 """Time, s, that is kept at least: streams begin and end a little apart."""
 
-_HELPFUL = {"lvdt_samples": 1.0, "force_samples": 1.0, "temperature_samples": 10.0}
+_SLOW = 10.0
+"""Silence, s, after which a thermometer counts as stale."""
+
+_HELPFUL = {"lvdt_samples": 1.0, "force_samples": 1.0, "temperature_samples": _SLOW}
 """Streams that a stage need not have, and the silence, s, after which they count as stale."""
 
 
@@ -132,7 +135,7 @@ class GapMonitor(ManagedNode):
             *([] if self.stage.autocollimator is None else [self.wire.topic("autocollimator_samples")]),
             self.wire.topic("command_samples"),
         ]
-        listed = [self.wire.of_stream(stream) for stream in self.stage.sensors]
+        listed = [self.wire.of_stream(stream) for stream in self.stage.listed]
         helpful = [*(self.wire.topic(key) for key in _HELPFUL), *listed]
         self._recorded = dict(zip(self.wire.names, self.contract.names, strict=True))
         self._recent = RecentTurns(
@@ -147,7 +150,8 @@ class GapMonitor(ManagedNode):
         self._max_age_ns = round(self.setting("max_age") * NANOSECONDS)
         late_after, now_ns = self.setting("max_age"), self.now_ns()
         self._needed = {t.name: StreamWatch(t.name, late_after, _STALE_AFTER, now_ns) for t in needed}
-        stale_after = {topic.name: _HELPFUL.get(topic.key, _STALE_AFTER) for topic in helpful}
+        slow = {self.wire.of_stream(stream).key: _SLOW for stream in self.stage.inputs}
+        stale_after = {topic.name: (_HELPFUL | slow).get(topic.key, _STALE_AFTER) for topic in helpful}
         self._helpful = {name: StreamWatch(name, late_after, after, now_ns) for name, after in stale_after.items()}
         self._due = time.monotonic()
         self._under_way = _Recording()

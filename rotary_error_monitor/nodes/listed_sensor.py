@@ -17,10 +17,12 @@ from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.sensor import SensorNode
 
 NAME = "listed_sensor"
+_INPUT_PERIOD = 1.0
+"""Time between blocks of a thermometer, s, as of the stage's temperature."""
 
 
 class ListedSensorNode(SensorNode):
-    """Publishes what one listed sensor sees as sample blocks, and as a vector for people."""
+    """Publishes what one listed sensor sees as sample blocks, and its latest sample for people."""
 
     kind = NAME
     settings = (
@@ -38,6 +40,11 @@ class ListedSensorNode(SensorNode):
         (people,) = (topic for topic in self.wire if topic.frame == stream and not topic.is_sample_block)
         return self.wire.of_stream(stream), people
 
+    def block_period(self, stream: str) -> float:
+        """The parameter; of inputs, which are slow, a second where that is longer."""
+        usual = super().block_period(stream)
+        return max(_INPUT_PERIOD, usual) if stream in self.stage.inputs else usual
+
     def sensor(self) -> str:
         """Stream of this sensor, by the parameter or by the name of the node.
 
@@ -45,7 +52,7 @@ class ListedSensorNode(SensorNode):
             InputError: the stage lists no such sensor, or several of different kinds by that name.
         """
         asked = str(self.setting("sensor") or self.get_name().removeprefix(f"{NAME}_"))
-        listed = self.stage.sensors
+        listed = self.stage.listed
         found = [s for s in listed if s == asked] or [s for s in listed if name_of(s, listed[s]) == asked]
         if len(found) != 1:
             lists = f"lists the sensors {', '.join(listed)}" if listed else "lists no sensors"

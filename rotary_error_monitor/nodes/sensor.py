@@ -26,7 +26,8 @@ _LATE_PERIODS = 4.0
 _STALE_AFTER = 0.5
 
 _SILENT_AFTER = 1.0
-"""Time without a message of the driver from which it counts as silent, s: that within which a fault is to be said."""
+"""Time without a message of the driver from which it counts as silent, s, where blocks do not take longer: that within
+which a fault is to be said."""
 
 _LOOK_PERIOD = 0.2
 """Time between two looks whether there is something to say of the driver, s: a fifth of that."""
@@ -88,15 +89,16 @@ class BlockSender:
 class Driver:
     """The topic of a third-party driver: its messages are gathered as samples, and its silence is said."""
 
-    def __init__(self, node: ManagedNode, source: Heard, slowest: float = 0.0) -> None:
-        """Have `source` gather the samples of its topic, of which two may be `slowest` s apart.
+    def __init__(self, node: ManagedNode, source: Heard, silent_after: float) -> None:
+        """Have `source` gather the samples of its topic, which counts as silent after a time, s.
 
         Where several publish, nothing tells whose sample is whose, and none is taken.
         """
         self._node = node
         self._source = source
         self._topic = node.resolve_topic_name(source.topic)
-        self._watch = StreamWatch(self._topic, _STALE_AFTER + slowest, _SILENT_AFTER + slowest, node.now_ns())
+        late_after = silent_after - _SILENT_AFTER + _STALE_AFTER
+        self._watch = StreamWatch(self._topic, late_after, silent_after, node.now_ns())
         self._said = ""
         node.listen(self._topic, messages.message_class(source.type), driver_profile(), self._receive)
         node.every(_LOOK_PERIOD, self._look)
@@ -173,17 +175,22 @@ class SensorNode(ManagedNode):
             InputError: the stage has no such instrument.
         """
 
+    def block_period(self, stream: str) -> float:
+        """Time from one block of a stream to the next, s: the parameter `block_period`."""
+        return float(self.setting("block_period"))
+
     def open(self) -> None:
         """Open the source and begin to send."""
-        period_ns = round(self.setting("block_period") * NANOSECONDS)
         self.hardware = self.setting("source")
         samples, people = self.topics()
+        period_ns = round(self.block_period(samples.frame) * NANOSECONDS)
         instrument = Instrument(samples.frame, samples.columns, self.stage, self.setting, self.now_ns())
         with told_of(self.hardware):
             self._source = source = opened(self._devices[self.hardware], instrument)
         told = people, partial(messages.latest_message, people, joint=self.joint)
         self._sender = BlockSender(self, samples, source, period_ns, told, self.slowest)
-        self._driver = Driver(self, source, self.slowest) if isinstance(source, Heard) else None
+        silent_after = max(_SILENT_AFTER, _STALE_AFTER + 2 * period_ns / NANOSECONDS) + self.slowest
+        self._driver = Driver(self, source, silent_after) if isinstance(source, Heard) else None
         if isinstance(source, Polled):
             self.at_each(round(NANOSECONDS / self.setting(POLL_RATE.name)), lambda _: self._poll(source))
 

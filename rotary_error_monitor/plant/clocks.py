@@ -25,6 +25,9 @@ HEAD = "head_"
 LISTED_RATE = 1000.0
 """Usual rate of listed sensors, Hz: what displacement probes of spindle tests are sampled with."""
 
+INPUT_RATE = 1.0
+"""Rate of listed thermometers, Hz: what loggers of machine tools' temperatures have."""
+
 
 def fields_of(stream: str, sensors: Mapping[str, ListedSensor]) -> tuple[str, ...]:
     """Fields of a sample of a stream of a stage that lists these sensors."""
@@ -62,7 +65,10 @@ class Clock:
 
 
 def stage_clocks(
-    heads: Sequence[str] = "abcd", rate: float | None = None, sensors: Sequence[str] = ()
+    heads: Sequence[str] = "abcd",
+    rate: float | None = None,
+    sensors: Sequence[str] = (),
+    inputs: Sequence[str] = (),
 ) -> dict[str, Clock]:
     """Clocks of all streams by name; none coincides with another.
 
@@ -71,6 +77,7 @@ def stage_clocks(
         rate: rate of heads, autocollimator, command and listed sensors, Hz; None takes 250, 400, 250 and 1000 Hz as
             usual recordings do.
         sensors: streams of the listed sensors, such as `axial_probe_top`.
+        inputs: streams of the listed sensors that are inputs, such as `thermometer_bearing`, which are slow.
     """
     head_rate, collimator_rate, command_rate, listed_rate = (
         (250.0, 400.0, 250.0, LISTED_RATE) if rate is None else (rate,) * 4
@@ -84,4 +91,5 @@ def stage_clocks(
         "temperature": Clock(5.0),
     }
     listed = {name: Clock(listed_rate, (0.33 + 0.013 * i) / listed_rate) for i, name in enumerate(sensors)}
-    return fast | fixed | listed
+    slow = {name: Clock(INPUT_RATE, 0.1 + 0.013 * i) for i, name in enumerate(inputs)}
+    return fast | fixed | listed | slow

@@ -85,6 +85,13 @@ class Temperature:
         )
 
 
+def place_temperature(whole: Temperature, seed: int, place: str) -> Temperature:
+    """Temperature of one place of a stage: it begins as the whole does, and warms in its own time by its own size."""
+    draw = Noise(seed, f"temperature_{place}").generator()
+    rise, settling = float(draw.uniform(1.0, 4.0)), float(np.exp(draw.uniform(np.log(3.0), np.log(120.0))))
+    return Temperature(start=whole.start, rise=rise, settling=settling)
+
+
 def lagged_warming(
     temperature: Temperature, reference: float, time: NDArray[np.float64], lag: float
 ) -> NDArray[np.float64]:

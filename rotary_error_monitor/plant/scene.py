@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +35,7 @@ class Scene:
         tilt: (n,) its tilt, rotation vector as `x + 1j * y`, rad.
         stage: the true stage.
         motion, temperature: their whole course, for what depends on the past.
+        places: the same of the temperature of each place with a thermometer, by its name.
     """
 
     time: NDArray[np.float64]
@@ -49,6 +51,13 @@ class Scene:
     stage: StageDescription
     motion: Course
     temperature: Temperature
+    places: Mapping[str, Temperature] = field(default_factory=dict)
+
+    def warming_at(self, place: str) -> NDArray[np.float64]:
+        """(n,) temperature of a place above the reference, K; of the stage where the place has no name."""
+        if not place:
+            return self.warming
+        return self.places[place].at(self.time) - self.stage.reference_temperature
 
     @property
     def error_motion(self) -> NDArray[np.float64]:

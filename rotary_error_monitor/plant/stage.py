@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.clocks import FIELDS as FIELDS
@@ -16,7 +17,7 @@ from rotary_error_monitor.plant.clocks import HEAD as HEAD
 from rotary_error_monitor.plant.clocks import Clock as Clock
 from rotary_error_monitor.plant.clocks import fields_of as fields_of
 from rotary_error_monitor.plant.clocks import stage_clocks as stage_clocks
-from rotary_error_monitor.plant.environment import Forces, Temperature
+from rotary_error_monitor.plant.environment import Forces, Temperature, place_temperature
 from rotary_error_monitor.plant.geometry import Turns, as_columns
 from rotary_error_monitor.plant.instruments import planar, read_off, seen, waves
 from rotary_error_monitor.plant.motion import Course, reversing_motion
@@ -40,6 +41,7 @@ class StagePlant:
         epoch_ns: when time 0 is, timestamp (ns).
         motion: what the controller commands.
         forces, temperature: what acts from outside.
+        places: temperature of places with a thermometer by its name; one that is not named is drawn from the seed.
         clocks: when each stream samples, by the name of the stream; a head or listed sensor without one gives none.
         faults: what the description does not say.
         jitter: standard deviation of the true rotation about the command, rad.
@@ -59,6 +61,7 @@ class StagePlant:
     noise_forms: Mapping[str, NoiseForm] = field(default_factory=dict)
     force_noise: float = 0.2
     temperature_noise: float = 0.01
+    places: Mapping[str, Temperature] = field(default_factory=dict)
 
     @cached_property
     def stage(self) -> StageDescription:
@@ -69,12 +72,18 @@ class StagePlant:
         return stage
 
     @cached_property
+    def place_temperatures(self) -> Mapping[str, Temperature]:
+        """Temperature of each place with a listed thermometer, by its name."""
+        drawn = {place: place_temperature(self.temperature, self.seed, place) for place in self.stage.thermometers}
+        return drawn | {**self.places}
+
+    @cached_property
     def streams(self) -> tuple[str, ...]:
         """Names of the streams that this stage has and that a clock drives."""
         heads = tuple(f"{HEAD}{name}" for name in self.stage.azimuths)
         absent = {name for name in ("autocollimator", "lvdt") if getattr(self.stage, name) is None}
         others = tuple(name for name in FIELDS if name not in absent)
-        return tuple(name for name in (*heads, *others, *self.stage.sensors) if name in self.clocks)
+        return tuple(name for name in (*heads, *others, *self.stage.listed) if name in self.clocks)
 
     def index_at(self, stream: str, time_ns: int) -> int:
         """Index of the first sample of a stream at or after `time_ns`, timestamp (ns).
@@ -93,7 +102,7 @@ class StagePlant:
         times_ns = self._clock(stream).times_ns(first, count)
         time = np.asarray(times_ns * 1e-9, dtype=np.float64)
         values = self._instrument(stream, self.signal(stream, time), time, first)
-        return block_from_samples(self.epoch_ns + times_ns, fields_of(stream, self.stage.sensors), values)
+        return block_from_samples(self.epoch_ns + times_ns, fields_of(stream, self.stage.listed), values)
 
     def signal(self, stream: str, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, fields) what an instrument without noise, limits and resolution shows at `time` (n,) s after the epoch.
@@ -116,6 +125,9 @@ class StagePlant:
             return as_columns(self.forces.at(time))
         if stream == "temperature":
             return self.temperature.at(time)[:, None]
+        if stream in self.stage.inputs:
+            sensor = self.stage.inputs[stream]
+            return sensor.zeros[0] + self.place_temperatures[name_of(stream, sensor)].at(time)[:, None]
         return read_off(seen(stream, self.scene(time), self.faults), response)
 
     def scene(self, time: NDArray[np.float64]) -> Scene:
@@ -129,7 +141,7 @@ class StagePlant:
         nowhere, level = np.zeros(len(time), dtype=np.complex128), np.zeros(len(time))
         theta = driven + self._jitter(time)
         turns = Turns(np.exp(1j * theta))
-        known = (self.stage, self.motion, self.temperature)
+        known = (self.stage, self.motion, self.temperature, self.place_temperatures)
         scene = Scene(time, command, speed, theta, turns, force, warming, nowhere, level, nowhere, *known)
         for fault in self.faults:
             theta = fault.drive(scene.theta, scene)
@@ -184,8 +196,8 @@ class StagePlant:
             noisy = shown + scale * noise + scale * self._turbulence(time)
             most = scale * collimator.range
             return _rounded(np.clip(noisy, -most, most), scale * collimator.resolution)
-        if stream in self.stage.sensors:
-            sensor = self.stage.sensors[stream]
+        if stream in self.stage.listed:
+            sensor = self.stage.listed[stream]
             noisy = shown + sensor.noise * self._noise(stream, first, shown.shape)
             limited = np.clip(noisy, -sensor.range, sensor.range)
             return _rounded(limited, sensor.resolution) if sensor.resolution else limited

@@ -15,6 +15,7 @@ from rotary_error_monitor.effects.rotor import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plugins import classes_in, modules_in
 from rotary_error_monitor.sensors.listed import ListedKind
+from rotary_error_monitor.sensors.listed_input import ListedInput
 from rotary_error_monitor.sensors.sensor import Sensor
 
 COMMAND = "command"
@@ -26,6 +27,19 @@ def sensor_kinds() -> Mapping[str, Sensor]:
     """Kinds of sensor by the first word of the names of their streams: those that this room defines."""
     found: list[Sensor] = [item() for module in modules_in(room) for item in classes_in(module, Sensor) if item.kind]
     return MappingProxyType({sensor.kind: sensor for sensor in found})
+
+
+@cache
+def input_kinds() -> Mapping[str, ListedInput]:
+    """Kinds of listed sensors that are inputs, by the first word of the names of their streams."""
+    kinds = (item for module in modules_in(room) for item in classes_in(module, ListedInput) if item.kind)
+    return MappingProxyType({item.kind: item() for item in kinds})
+
+
+def input_of(stream: str) -> ListedInput | None:
+    """The kind of a stream that is a listed sensor's which is an input; None of any other stream."""
+    kinds = (kind for name, kind in input_kinds().items() if stream.startswith(f"{name}_"))
+    return max(kinds, key=lambda kind: len(kind.kind), default=None)
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.sources.device import Device, Instrument
 from rotary_error_monitor.sources.source import Heard
 
@@ -25,19 +26,21 @@ class WrenchDriver(Device):
 
 
 class TemperatureDriver(Device):
-    """Temperature of a thermometer, °C."""
+    """Temperature of the stage's thermometer, or of a listed one, °C."""
 
     name = "temperature"
-    serves = ("stage_temperature",)
+    serves = ("stage_temperature", "listed_sensor")
     settings = (
         Setting("temperature.topic", "thermometer/temperature", "topic of a third-party driver: temperature in °C"),
     )
 
     def open(self, instrument: Instrument) -> Heard:
-        """Source of the temperatures."""
-        return Heard(
-            instrument.fields,
-            instrument.setting("temperature.topic"),
-            "sensor_msgs/msg/Temperature",
-            lambda message: (message.temperature,),
-        )
+        """Source of the temperatures.
+
+        Raises:
+            InputError: the instrument is no thermometer.
+        """
+        if instrument.fields != ("temperature",):
+            raise InputError(f"{instrument.stream} shows {', '.join(instrument.fields)}; only a thermometer is read so")
+        topic = instrument.setting("temperature.topic")
+        return Heard(instrument.fields, topic, "sensor_msgs/msg/Temperature", lambda message: (message.temperature,))

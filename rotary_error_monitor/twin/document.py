@@ -47,9 +47,9 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
         } | two_axis_rows(stage.response("lvdt"))
     if command := angle_rows(stage.response("command")):
         content["command"] = command
-    if stage.sensors:
-        content["sensors"] = sensors_section(stage.sensors)
-        for stream, sensor in stage.sensors.items():
+    if stage.listed:
+        content["sensors"] = sensors_section(stage.listed)
+        for stream, sensor in stage.listed.items():
             if latency := stage.response(stream).latency:
                 content["sensors"][name_of(stream, sensor)]["latency"] = latency
     if stage.stated_limits:

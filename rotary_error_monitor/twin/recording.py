@@ -13,7 +13,7 @@ from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
-from rotary_error_monitor.sensors.library import COMMAND, kind_of, sensor_kinds
+from rotary_error_monitor.sensors.library import COMMAND, input_of, kind_of, sensor_kinds
 from rotary_error_monitor.sensors.listed import ListedKind
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
@@ -53,7 +53,7 @@ class StageRecording:
     Attributes:
         start_ns: stamp of the earliest sample, timestamp (ns); time 0 of all streams.
         streams: `head_a` …, `autocollimator`, `lvdt`, `command`, `force`, `temperature`, and listed sensors such as
-            `axial_probe_top`, as far as recorded.
+            `axial_probe_top` or `thermometer_bearing`, as far as recorded.
         remarks: what a reader should know, such as samples that had to be left out.
     """
 
@@ -79,7 +79,7 @@ class StageRecording:
 
 def fields_of(stream: str) -> tuple[str, ...]:
     """Fields of a stream's samples, those of what drives the stage included."""
-    sensor = sensor_kinds().get(kind_of(stream))
+    sensor = sensor_kinds().get(kind_of(stream)) or input_of(stream)
     return _INPUTS[stream] if sensor is None else sensor.fields
 
 
@@ -220,8 +220,9 @@ def _stream(name: str, blocks: Sequence[SampleBlock], start_ns: int, remarks: li
         remarks.append(f"{samples_topic(name)}: {np.count_nonzero(~finite)} samples are not finite and were left out")
     distinct = np.concatenate([[True], np.diff(time) > 0])
     kept = finite & distinct
-    if np.count_nonzero(kept) < (FEWEST_SAMPLES if kind_of(name) in (*sensor_kinds(), COMMAND) else 2):
-        raise InputError(f"{samples_topic(name)}: only {np.count_nonzero(kept)} samples; {FEWEST_SAMPLES} are needed")
+    fewest = FEWEST_SAMPLES if kind_of(name) in (*sensor_kinds(), COMMAND) else 2
+    if np.count_nonzero(kept) < fewest:
+        raise InputError(f"{samples_topic(name)}: only {np.count_nonzero(kept)} samples; {fewest} are needed")
     return Stream(time[kept], values[kept])
 
 

@@ -9,18 +9,19 @@ What each kind of sensor shows of the rotor stands in `sensors`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, make_smoothing_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.listed_sensors import name_of
+from rotary_error_monitor.description.stage import THERMOMETER, ListedSensor, StageDescription
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
 from rotary_error_monitor.metrology.harmonics import angular_sum
-from rotary_error_monitor.sensors.library import sensor_of
+from rotary_error_monitor.sensors.library import input_of, sensor_of
 from rotary_error_monitor.twin.finite import check_finite
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 
@@ -42,16 +43,22 @@ MEDIAN_OF_DIFFERENCES = 0.954
 
 @dataclass(frozen=True)
 class StageInputs:
-    """What drives the stage, as functions of time: command and speed (m,), force (m, 2), warming (m,)."""
+    """What drives the stage, as functions of time: command and speed (m,), force (m, 2), warming (m,).
+
+    `warmings` are those of the places of listed thermometers, by their names, as far as they were recorded.
+    """
 
     command: Callable[[Array], Array]
     omega: Callable[[Array], Array]
     force: Callable[[Array], Array]
     warming: Callable[[Array], Array]
+    warmings: Mapping[str, Callable[[Array], Array]] = field(default_factory=dict)
 
 
-def stage_inputs(recording: StageRecording, reference_temperature: float) -> StageInputs:
-    """Inputs from the recorded streams.
+def stage_inputs(
+    recording: StageRecording, reference_temperature: float, listed: Mapping[str, ListedSensor] | None = None
+) -> StageInputs:
+    """Inputs from the recorded streams; `listed` are those that the stage lists, by their streams.
 
     The command is interpolated with its own velocity, so it holds under acceleration. Temperature is smoothed: its
     noise is the sensor's, and the stage is slower than that. Without a force stream no force acted, nor where a load
@@ -62,17 +69,33 @@ def stage_inputs(recording: StageRecording, reference_temperature: float) -> Sta
     speed = angle.derivative()
     force, temperature = recording.streams.get("force"), recording.streams.get("temperature")
     force_at = None if force is None else CubicSpline(force.time, _above_noise(force.values), axis=0)
-    warming_at = None if temperature is None else _smooth(temperature)
 
     def force_of(time: Array) -> Array:
         return np.zeros((len(time), 2)) if force is None or force_at is None else force_at(_within(time, force))
 
-    def warming_of(time: Array) -> Array:
-        if temperature is None or warming_at is None:
-            return np.zeros(len(time))
-        return np.asarray(warming_at(_within(time, temperature)), np.float64) - reference_temperature
+    def nothing(time: Array) -> Array:
+        return np.zeros(len(time))
 
-    return StageInputs(angle, speed, force_of, warming_of)
+    warmings = {
+        name_of(stream, sensor): _warming(_measured(recording.streams[stream], stream, sensor), reference_temperature)
+        for stream, sensor in (listed or {}).items()
+        if sensor.kind == THERMOMETER and stream in recording.streams
+    }
+    own = nothing if temperature is None else _warming(temperature, reference_temperature)
+    return StageInputs(angle, speed, force_of, own, warmings)
+
+
+def _warming(temperature: Stream, reference: float) -> Callable[[Array], Array]:
+    """Smoothed temperature above the reference, K, as a function of time; it stays at its first and last value."""
+    smooth = _smooth(temperature)
+    return lambda time: np.asarray(smooth(_within(time, temperature)), np.float64) - reference
+
+
+def _measured(stream: Stream, name: str, sensor: ListedSensor) -> Stream:
+    """What a listed input measures by its readings."""
+    kind = input_of(name)
+    assert kind is not None  # only such sensors are among a stage's inputs
+    return Stream(stream.time, kind.measured(sensor, stream.values)[:, None])
 
 
 def _smooth(stream: Stream) -> Callable[[Array], Array]:
@@ -195,6 +218,7 @@ class StageTwin:
             lines=0 if self.stage.encoder is None else self.stage.encoder.lines_per_revolution,
             observed=observed,
             age=delay,
+            warmings={place: warming(earlier) for place, warming in self.inputs.warmings.items()},
         )
 
     def motion(self, time: Array, causes: Sequence[Cause] = ()) -> tuple[Array, Array, Array]:
@@ -225,7 +249,7 @@ class StageTwin:
         sensor = sensor_of(name)
         ideal = sensor.shown(name, RotorPose(stage, state, acting))
         for cause, effect in acting:
-            ideal = effect.measured(cause.values, cause.location, state, ideal)
+            ideal = effect.measured(cause.values, cause.location, _felt(cause, effect, state), ideal)
         check_finite(name, ideal, causes)
         ideal = sensor.within_range(stage, name, ideal)
         return ideal[:, None] if ideal.ndim == 1 else ideal
@@ -235,9 +259,14 @@ Acting = Sequence[tuple[Cause, StageEffect]]
 """Causes with their effects, known to be of a stage."""
 
 
+def _felt(cause: Cause, effect: StageEffect, state: RotorState) -> RotorState:
+    """The state as the hooks of a cause see it: with the warming of its place if it goes with that."""
+    return state.warmed_at(cause.location) if effect.warms else state
+
+
 def turned_by(acting: Acting, state: RotorState) -> Array:
     """(m,) rad by which effects turn the rotor ahead of that state."""
-    ahead = (effect.rotation(cause.values, state) for cause, effect in acting)
+    ahead = (effect.rotation(cause.values, _felt(cause, effect, state)) for cause, effect in acting)
     return sum((part for part in ahead if part is not None), np.zeros(len(state.theta)))
 
 
@@ -263,7 +292,7 @@ class RotorPose:
 
         total = state.keep("radial", spindle, own)
         for cause, effect in self.acting:
-            part = effect.radial(cause.values, state)
+            part = effect.radial(cause.values, _felt(cause, effect, state))
             total = total if part is None else total + part
         return total
 
@@ -271,7 +300,7 @@ class RotorPose:
         """(n,) axial error motion, m: as described, and what effects add."""
         total = angular_sum(self.stage.spindle.axial, self.state.theta)
         for cause, effect in self.acting:
-            part = effect.axial(cause.values, self.state)
+            part = effect.axial(cause.values, _felt(cause, effect, self.state))
             total = total if part is None else total + part
         return total
 
@@ -287,7 +316,7 @@ class RotorPose:
 
         total = state.keep("tilt", spindle, own)
         for cause, effect in self.acting:
-            part = effect.tilt(cause.values, state)
+            part = effect.tilt(cause.values, _felt(cause, effect, state))
             total = total if part is None else total + part
         return total
 
@@ -305,7 +334,7 @@ def twin_of(
     sensors = [name for name in recording.sensors if name in sensor_of(name).streams(stage)]
     return StageTwin(
         stage,
-        inputs or stage_inputs(recording, stage.reference_temperature),
+        inputs or stage_inputs(recording, stage.reference_temperature, stage.inputs),
         {name: recording.streams[name].time for name in sensors},
         {name: recording.streams[name].values[:, 0] for name in recording.heads},
         known,

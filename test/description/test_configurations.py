@@ -15,7 +15,7 @@ import yaml
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from rotary_error_monitor.description.listed_sensors import quantity
+from rotary_error_monitor.description.listed_sensors import is_input, quantity
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_from_mapping
 from rotary_error_monitor.description.machine_section import machine_mapping
 from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
@@ -82,12 +82,13 @@ def stages(draw: st.DrawFn) -> Any:
         zeros = [0.5 * sensor["range"] * draw(st.floats(-1.0, 1.0)) for _ in fields]
         sensor["zero"] = zeros if len(fields) > 1 else zeros[0]
         sensor["resolution"] = min(sensor["resolution"], 0.5 * sensor["range"])
-    assume("encoder" in section or "autocollimator" in section or section.get("sensors"))
+    poses = [name for name, row in section.get("sensors", {}).items() if not is_input(row["kind"])]
+    assume("encoder" in section or "autocollimator" in section or poses)
     if "encoder" not in section:
         section.get("calibration", {}).pop("encoder", None)
     there = [part for part in PARAMETERS if part != "encoder" or part in section]
     names = [f"{part}.{name}" for part in there for name in PARAMETERS[part]]
-    names += [f"sensors.{name}.gain" for name in section.get("sensors", {})]
+    names += [f"sensors.{name}.gain" for name in poses]
     if "uncertainty" in section:
         section["uncertainty"] = {draw(st.sampled_from(names)): size for size in section["uncertainty"].values()}
     return content

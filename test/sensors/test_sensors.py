@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import filterfalse
 
 import numpy as np
 import pytest
 
 from rotary_error_monitor.description import schema
-from rotary_error_monitor.description.listed_sensors import quantity
+from rotary_error_monitor.description.listed_sensors import is_input, quantity
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription, Turbulence, load_stage
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.effects.rotor import RotorState
 from rotary_error_monitor.plant.instruments import GEOMETRY
-from rotary_error_monitor.sensors.library import kind_of, sensor_kinds, sensor_of
+from rotary_error_monitor.sensors.library import input_kinds, kind_of, sensor_kinds, sensor_of
 from rotary_error_monitor.sensors.listed import ListedKind
+from rotary_error_monitor.sensors.listed_input import ListedInput
 from rotary_error_monitor.sensors.sensor import Sensor
 
 STAGE = load_stage()
@@ -58,8 +60,9 @@ def turned(vector, theta):
 
 
 def test_kinds_are_those_of_the_room():
-    assert set(sensor_kinds()) == {"head", "autocollimator", "lvdt", *schema.sensor_kinds()}
-    assert {"axial_probe", "radial_probe", "tilt_sensor"} <= set(schema.sensor_kinds())
+    assert set(sensor_kinds()) == {"head", "autocollimator", "lvdt", *filterfalse(is_input, schema.sensor_kinds())}
+    assert set(input_kinds()) == {*filter(is_input, schema.sensor_kinds())}
+    assert {"axial_probe", "radial_probe", "tilt_sensor", "thermometer"} <= set(schema.sensor_kinds())
     assert kind_of("head_a") == "head" and kind_of("lvdt.x") == "lvdt"
     assert sensor_of("head_c") is sensor_kinds()["head"]
 
@@ -78,14 +81,24 @@ def test_the_wire_has_the_fields_and_the_unit_of_each_stream(kind):
 @pytest.mark.parametrize("kind", sorted(schema.sensor_kinds()))
 def test_all_that_a_listed_kind_is_written_down_in_says_the_same_of_it(kind):
     """Its class, its schema and its topics; nothing else has to name a kind but the geometry of the plant."""
-    sensor, stream = sensor_kinds()[kind], f"{kind}_a"
-    assert isinstance(sensor, ListedKind)
+    sensor, stream = (sensor_kinds() | input_kinds())[kind], f"{kind}_a"
+    assert isinstance(sensor, ListedInput if is_input(kind) else ListedKind)
     assert quantity(kind) == (sensor.fields, sensor.unit)
     wire = load_wire(("a", "b"), sensors=(stream,))
     samples, (people,) = wire.of_stream(stream), [t for t in wire if t.frame == stream and not t.is_sample_block]
     assert samples.columns == sensor.fields and people.publishers == samples.publishers == ("listed_sensor",)
-    assert {field.unit for field in (*samples.fields, *people.fields)} == {sensor.unit}
-    assert kind in GEOMETRY
+    told = [field for field in (*samples.fields, *people.fields) if field.name != "variance"]
+    assert {field.unit for field in told} == {sensor.unit}
+    assert (kind in GEOMETRY) is not is_input(kind)
+    assert ("error_estimator" in samples.subscribers) is not is_input(kind)
+    assert {"gap_monitor", "recorder"} <= set(samples.subscribers)
+
+
+def test_the_masks_of_an_estimate_have_no_bits_of_inputs():
+    topic = load_wire(("a", "b"), sensors=("axial_probe_top", "thermometer_bearing")).topic("error_motion_samples")
+    assert topic.field("streams").bits == ("head_a", "head_b", "autocollimator", "command", "axial_probe_top")
+    alone = load_wire(("a", "b"), sensors=("thermometer_bearing",)).topic("error_motion_samples")
+    assert alone == load_wire(("a", "b")).topic("error_motion_samples")
 
 
 def test_a_head_sees_where_its_sight_line_cuts_the_ring(pose):

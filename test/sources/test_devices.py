@@ -62,7 +62,7 @@ def install_mine(install, tmp_path):
         ("encoder_head", ["mock", "counter", "joint_state"]),
         ("autocollimator", ["mock", "iio", "vector3"]),
         ("lvdt", ["mock", "vector3"]),
-        ("listed_sensor", ["mock", "iio", "vector3"]),
+        ("listed_sensor", ["mock", "iio", "temperature", "vector3"]),
         ("hygrometer", []),
     ],
 )

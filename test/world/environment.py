@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from .noise import Smooth
+from .noise import Smooth, drawn_log
 from .options import Options, Seeds
 
 Array = NDArray[np.float64]
@@ -32,6 +32,7 @@ class Environment:
         rng = seeds.generator("temperature")
         self._offset, self._slope = rng.uniform(-3.0, 3.0), rng.uniform(-0.02, 0.02)
         self._swing, self._pulsation = rng.uniform(0.0, 0.2), 2.0 * np.pi / rng.uniform(20.0, 900.0)
+        self._seeds = seeds
 
     def force(self, times: Array) -> Array:
         """(n, 2) force on the shaft in N."""
@@ -46,6 +47,18 @@ class Environment:
         if not self.has_temperature:
             return np.zeros(len(times))
         return self._offset + self._slope * times + self._swing * np.sin(self._pulsation * times)
+
+    def warmth_of(self, place: str, times: Array) -> Array:
+        """(n,) temperature of a place in K above the reference: it settles, and coolant or load make it swing."""
+        rng = self._seeds.generator(f"warmth of {place}")
+        start, rise, settling = rng.uniform(-0.5, 0.5), rng.uniform(1.0, 4.0), drawn_log(rng, 4.0, 100.0)
+        swing, pulsation, phase = (
+            rng.uniform(0.2, 0.6),
+            2.0 * np.pi / rng.uniform(8.0, 40.0),
+            rng.uniform(-np.pi, np.pi),
+        )
+        settled = -rise * np.expm1(-np.maximum(times, 0.0) / settling)
+        return np.asarray(start + settled + swing * np.sin(pulsation * times + phase), float)
 
 
 def _pushes(rng: np.random.Generator, duration: float) -> PchipInterpolator:

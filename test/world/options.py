@@ -30,6 +30,7 @@ class Options:
         axial: standard deviation in m of the axial error motion of a spindle whose description has none.
         force, temperature, lvdt: whether the stream is there; without it no force acts and the temperature is the
             reference temperature.
+        place_drift: (x, y) in m/K by which the axis moves as the place of a thermometer warms, by its name.
         noise: factor of all noise.
         noise_shape: noise coloured, heavy-tailed and of 0.7 to 1.3 times the stated size; else white and Gaussian.
         turbulence: whether the autocollimator has the turbulence that its description states.
@@ -63,6 +64,7 @@ class Options:
     force: bool | None = None
     temperature: bool | None = None
     lvdt: bool | None = None
+    place_drift: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     noise: float = 1.0
     noise_shape: bool = True
     turbulence: bool = True

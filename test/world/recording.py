@@ -20,6 +20,7 @@ LVDT = "/stage/lvdt/samples"
 COMMAND = "/stage/command/samples"
 FORCE = "/stage/force/samples"
 TEMPERATURE = "/stage/temperature/samples"
+THERMOMETER = "thermometer"  # kind of a listed sensor that is no probe
 
 
 def head_topic(head: str) -> str:
@@ -63,7 +64,7 @@ class Recording:
     def probes(self) -> dict[str, Mapping[str, Any]]:
         """What the description says of each probe, by its topic, in the order of the description."""
         sensors = self.stage.get("sensors", {})
-        return {probe_topic(name, section): section for name, section in sensors.items()}
+        return {probe_topic(name, row): row for name, row in sensors.items() if row["kind"] != THERMOMETER}
 
     @property
     def count(self) -> float:

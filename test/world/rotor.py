@@ -70,6 +70,7 @@ class Rotor:
         self._radial_compliance = float(spindle.get("radial_compliance", 0.0))
         self._tilt_compliance = float(spindle.get("tilt_compliance", 0.0))
         self._thermal = np.array(spindle.get("radial_thermal", (0.0, 0.0)), float)
+        self._place_drift = options.place_drift
 
     def __call__(self, times_ns: NDArray[np.int64]) -> Components:
         """Components at the timestamps (n,)."""
@@ -89,6 +90,8 @@ class Rotor:
             moved[:, 4] += self._tilt_compliance * force[:, 0]
         if self.environment.has_temperature:
             moved[:, :2] += self.environment.warmth(times)[:, None] * self._thermal
+        for place, drift in self._place_drift.items():
+            moved[:, :2] += self.environment.warmth_of(place, times)[:, None] * np.array(drift)
         exc, eyc, ezc, eac, ebc = np.ascontiguousarray(moved.T)
         return Components(theta, exc, eyc, ezc, eac, ebc, jitter)
 

@@ -14,7 +14,17 @@ from .geometry import autocollimator_reading, head_reading, lvdt_reading
 from .noise import drawn_log, instrument_noise, quantise, turbulence
 from .options import ROUNDINGS, Options, Seeds
 from .probes import Probe
-from .recording import AUTOCOLLIMATOR, COMMAND, FORCE, LVDT, TEMPERATURE, Recording, head_topic
+from .recording import (
+    AUTOCOLLIMATOR,
+    COMMAND,
+    FORCE,
+    LVDT,
+    TEMPERATURE,
+    THERMOMETER,
+    Recording,
+    head_topic,
+    probe_topic,
+)
 from .rotor import Rotor
 from .streams import Stream, make_blocks, make_stream
 
@@ -78,6 +88,10 @@ class _Maker:
         if self.rotor.environment.has_temperature:
             made[TEMPERATURE] = self._stream(TEMPERATURE, rates["temperature"], ("temperature",), self._temperature)
         for name, section in self.stage.get("sensors", {}).items():
+            if section["kind"] == THERMOMETER:
+                topic = probe_topic(name, section)
+                made[topic] = self._stream(topic, rates["thermometer"], ("temperature",), self._place(name, section))
+                continue
             probe = Probe(self.seeds, name, section, self.options)
             made[probe.topic] = self._stream(probe.topic, probe.rate, probe.fields, self._seen_by(probe))
             self.drawn["streams"][probe.topic]["rounding"] = probe.rounding
@@ -161,11 +175,31 @@ class _Maker:
         step = float(self.seeds.generator("thermometer").choice((0.01, 0.0625)))
         return self._steps(warm + self._noise("temperature", len(times), 0.01), step)[:, None]
 
+    def _place(self, name: str, section: Mapping[str, Any]) -> Callable[[Array], Array]:
+        """Signal of the thermometer at a place, whose zero is as uncertain as stated."""
+        zero = (
+            section.get("zero", 0.0) + section["uncertainty"] * self.seeds.generator(f"{name}/zero").standard_normal()
+        )
+
+        def signal(times: Array) -> Array:
+            warm = self.rotor.environment.reference + self.rotor.environment.warmth_of(name, times)
+            noisy = zero + warm + self._noise(f"{name}/temperature", len(times), section["noise"])
+            return self._steps(noisy, section["resolution"])[:, None]
+
+        return signal
+
 
 def _rates(rng: np.random.Generator, options: Options) -> dict[str, Any]:
     """Nominal rates in Hz of the streams; the heads mostly share one."""
     if not options.odd_rates:
-        fixed = {"autocollimator": 100.0, "command": 250.0, "lvdt": 200.0, "force": 100.0, "temperature": 2.0}
+        fixed = {
+            "autocollimator": 100.0,
+            "command": 250.0,
+            "lvdt": 200.0,
+            "force": 100.0,
+            "temperature": 2.0,
+            "thermometer": 1.0,
+        }
         return {"heads": [500.0], **fixed}
     together = rng.uniform() < 0.8
     heads = rng.choice(HEAD_RATES, 1 if together else 6).tolist()
@@ -176,6 +210,7 @@ def _rates(rng: np.random.Generator, options: Options) -> dict[str, Any]:
         "lvdt": drawn_log(rng, 60.0, 600.0),
         "force": drawn_log(rng, 30.0, 300.0),
         "temperature": drawn_log(rng, 0.7, 10.0),
+        "thermometer": 1.0,
     }
 
 

@@ -89,8 +89,8 @@ class ThermalDrift(StageFault):
     radial: Pair
 
     def displace(self, radial: Plane, scene: Scene) -> Plane:
-        """Drift."""
-        return radial + complex(*self.radial) * scene.warming
+        """Drift; a location is the place of a thermometer whose warming it goes with."""
+        return radial + complex(*self.radial) * scene.warming_at(self.location)
 
 
 @vocabulary("unbalance")

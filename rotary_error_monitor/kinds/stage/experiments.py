@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,8 +54,10 @@ def advise(problem: StageProblem, keys: Sequence[Key], causes: Sequence[Cause]) 
     old = _Measurement(problem, problem.twin.inputs, problem.stage, LVDT in problem.twin.times)
     known = old.shown(first), [old.columns(rival) for rival in rivals]
     scored = []
-    concerned = tuple(stream for stream in problem.stage.sensors if stream in {place_of(place) for _, place in keys})
-    for experiment in (*_experiments(problem), *_with_probes_moved(problem, concerned)):
+    named = {place_of(place) for _, place in keys}
+    moved = _with_probes_moved(problem, (stream for stream in problem.stage.sensors if stream in named))
+    warmed = _with_places_warmed(problem, (place for place in problem.stage.thermometers if place in named))
+    for experiment in (*_experiments(problem), *moved, *warmed):
         new = _Measurement(problem, experiment.inputs, experiment.stage, experiment.with_lvdt)
         wanted = np.concatenate([known[0], new.shown(first)])
         tables = [np.concatenate([seen, new.columns(r)]) for seen, r in zip(known[1], rivals, strict=True)]
@@ -76,7 +79,7 @@ def _experiments(problem: StageProblem) -> Iterable[Experiment]:
     yield Experiment("record again at a third of the speed", turn(1 / 3), stage, lvdt)
     loaded = replace(plain, force=_circling)
     yield Experiment("record again with a force of 100 N on the shaft from changing sides", loaded, stage, lvdt)
-    warming = replace(plain, warming=lambda time: 5.0 * np.asarray(time) / duration)
+    warming = replace(plain, warming=partial(_rising, duration))
     yield Experiment("record again while the stage warms by 5 K", warming, stage, lvdt)
     if stage.lvdt is None:
         probed = replace(stage, lvdt=PROBE)
@@ -105,6 +108,20 @@ def _with_probes_moved(problem: StageProblem, streams: Iterable[str]) -> Iterato
         words = f"move {stream} by {PART_OF_A_TURN}° around the axis and record again"
         there = replace(stage, sensors={**stage.sensors, stream: moved})
         yield Experiment(words, problem.twin.inputs, there, LVDT in problem.twin.times)
+
+
+def _with_places_warmed(problem: StageProblem, places: Iterable[str]) -> Iterator[Experiment]:
+    """Places of thermometers that warm as the others do not."""
+    plain, duration = problem.twin.inputs, problem.recording.duration
+    for place in places:
+        warmings: dict[str, Callable[[Array], Array]] = {**plain.warmings, place: partial(_rising, duration)}
+        words = f"record again while {place} warms by 5 K more than the other thermometers"
+        yield Experiment(words, replace(plain, warmings=warmings), problem.stage, LVDT in problem.twin.times)
+
+
+def _rising(duration: float, time: Array) -> Array:
+    """(m,) K at times (m,) of what warms by 5 K throughout."""
+    return 5.0 * np.asarray(time) / duration
 
 
 def _scaled(of_time: Callable[[Array], Array], by: float) -> Callable[[Array], Array]:

@@ -43,7 +43,7 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
 
         with opened_bag(recording) as reader:
             letters, without = sorted(twin.description.azimuths), absent_kinds(twin.description)
-            listed = tuple(twin.description.sensors)
+            listed = tuple(twin.description.listed)
             streams = streams_with(letters, without, listed)
             needed, optional = ([samples_topic(name) for name in names] for names in streams)
             _check_topics(reader, needed)

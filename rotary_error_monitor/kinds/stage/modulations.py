@@ -34,6 +34,9 @@ SOFT = (1 / 128, 1 / 32, 1 / 8)
 """Speeds, in parts of the highest one, below which an effect may be another than at speed: four-fold steps."""
 
 
+_SLOW = ("temperature", "time")
+
+
 class StageModulations:
     """Modulations of the effects of one recording; those of its stretches are cut out of the same functions."""
 
@@ -47,7 +50,7 @@ class StageModulations:
         self._size: tuple[tuple[str, str, bytes, str], float] | None = None
         self._twin = StageTwin(twin.stage, twin.inputs, dict.fromkeys(twin.times, self._time), known=twin.known)
 
-    def of_state(self, state: RotorState, around: bool, jumps: bool) -> list[Modulation]:
+    def of_state(self, state: RotorState, around: bool, jumps: bool, slow: bool = True) -> list[Modulation]:
         """Those that follow from the rotor's state.
 
         Args:
@@ -55,6 +58,7 @@ class StageModulations:
             around: whether the place on the circle is one of them.
             jumps: whether the textbook form jumps where the rotor turns back. No real thing does: near standstill all
                 of it may be missing.
+            slow: whether it may go with time or temperature in any slow course.
         """
         peak = 1 / SHARE if jumps else 1.0
         norm, unit, found = self._norm, self._norm.unit, self._quantities(state)
@@ -73,7 +77,7 @@ class StageModulations:
         rows = [
             Modulation(name.replace("square of ", "").replace("velocity", "speed"), norm(name, found[name]), say, True)
             for name, say in words.items()
-            if unit(name)
+            if unit(name) and (slow or name not in _SLOW)
         ]
         for part in SOFT:
             name = f"below {part * self._top:.2g} rad/s"
@@ -85,7 +89,16 @@ class StageModulations:
             for wave in state.harmonic(order):
                 rows.append(Modulation(f"place {order}", np.sqrt(2) * wave, _around, True))
         course = np.clip(state.time / self._duration, 0, 1)
-        return [*rows, *slow_courses(course)]
+        return [*rows, *(slow_courses(course) if slow else ())]
+
+    def may_wander(self, cause: Cause) -> bool:
+        """Whether a cause may depart in any slow course.
+
+        What goes with a place that no thermometer reads goes with another place in such a course: where several places
+        are read, one that is not is likelier than that.
+        """
+        effect = cause.effect
+        return not (isinstance(effect, StageEffect) and effect.warms and self._twin.stage.thermometers)
 
     def of_size(self, cause: Cause, signal: Array, stream: str) -> list[Modulation]:
         """Those that follow from what the cause does (n, k) to a stream."""

@@ -192,14 +192,14 @@ class StageProblem:
         linear, amplitudes = linear_values(cause)
         sizes, neighbours = amplitude_sizes(cause), neighbouring(cause)
         around = [self._derivatives(neighbour, linear, ()) for neighbour in neighbours]
-        jumps = self._modulations.jumps(cause)
+        jumps, slow = self._modulations.jumps(cause), self._modulations.may_wander(cause)
         signatures = self._derivatives(cause, linear, causes)
         sudden = jumps or cause.effect.searched is Searched.MOMENT
         kind, say, real = self._no_jumps(cause, causes, signatures) if sudden else ("", stays, {})
         stacked: Signals = {}
         labels = spread_out((), amplitudes, sizes)
         for name, signature in signatures.items():
-            modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps)
+            modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps, slow)
             modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
             beside = [SHARE * sizes * rows[name] for rows in around]
             beside += [real[name]] if name in real else []

@@ -29,6 +29,7 @@ from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS, stage_condi
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.stuck import without_stuck
+from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
 from rotary_error_monitor.twin.stage import StageInputs, twin_of
 
@@ -45,8 +46,8 @@ def stage_problem(
     effects: Sequence[StageEffect],
     known: Sequence[Cause] = (),
 ) -> StageProblem:
-    """The problem of a recording of any length, without what is stuck; arguments as `StageProblem`."""
-    recording = without_stuck(stage, recording)
+    """The problem of a recording of any length, without what is stuck or of no use; arguments as `StageProblem`."""
+    stage, recording = with_useful_inputs(stage, without_stuck(stage, recording))
     kind = LongStageProblem if recording.duration > LONGEST else StageProblem
     return kind(stage, recording, effects, known)
 

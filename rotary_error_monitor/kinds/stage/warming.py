@@ -1,13 +1,16 @@
-"""What is not known of a stage's temperature, as nuisances: nobody measured it, or the thermometer has noise."""
+"""What is not known of the temperature of a stage and of places of it, as nuisances.
+
+Nobody measured it, or the thermometer has noise and a zero that is uncertain.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from rotary_error_monitor.effects.rotor import Array, RotorState
+from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 from rotary_error_monitor.twin.stage import MEDIAN_OF_DIFFERENCES, Acting, StageTwin, turned_by
 
@@ -31,8 +34,27 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Stag
     elif np.any(twin.stage.spindle.radial_thermal):
         courses = _noisy(recording.streams[TEMPERATURE])
     else:
-        return ()
-    return tuple(_WarmedTwin(twin, course) for course in courses)
+        courses = []
+    whole = (_WarmedTwin(twin, course) for course in courses)
+    places = (_WarmedTwin(twin, course, place) for place, course in _of_places(twin, recording))
+    return (*whole, *places)
+
+
+def _of_places(twin: StageTwin, recording: StageRecording) -> Iterator[tuple[str, Course]]:
+    """Courses by place: of listed thermometers, and of what the twin states to go with one that nobody read."""
+    read = {place: stream for place, stream in twin.stage.thermometers.items() if stream in recording.streams}
+    for place, stream in read.items():
+        sensor = twin.stage.inputs[stream]
+        noise = float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12)))
+        zero = [_always(sensor.uncertainty)] if sensor.uncertainty else []
+        yield from ((place, course) for course in (*zero, *_noisy(recording.streams[stream], noise)))
+    stated = {cause.location for cause in twin.known if isinstance(cause.effect, StageEffect) and cause.effect.warms}
+    for place in sorted(stated - {"", *read}):
+        yield from ((place, course) for course in _unknown(recording.duration))
+
+
+def _always(warming: float) -> Course:
+    return lambda time: np.full(len(time), warming)
 
 
 def _unknown(last: float) -> list[Course]:
@@ -44,10 +66,11 @@ def _unknown(last: float) -> list[Course]:
     return [course(power) for power in range(UNKNOWN_COURSES)]
 
 
-def _noisy(temperature: Stream) -> list[Course]:
-    """Cosines over the recording, each as large as white noise of the thermometer has it."""
+def _noisy(temperature: Stream, stated: float | None = None) -> list[Course]:
+    """Cosines over the recording, each as large as white noise of the thermometer has it: as stated, K, or as seen."""
     count, begin = len(temperature.time), float(temperature.time[0])
-    noise = float(np.median(np.abs(np.diff(temperature.values[:, 0])))) / MEDIAN_OF_DIFFERENCES if count > 1 else 0.0
+    seen = float(np.median(np.abs(np.diff(temperature.values[:, 0])))) / MEDIAN_OF_DIFFERENCES if count > 1 else 0.0
+    noise = seen if stated is None else stated
     span = max(float(temperature.time[-1]) - begin, np.finfo(np.float64).tiny)
 
     def course(order: int) -> Course:
@@ -58,16 +81,20 @@ def _noisy(temperature: Stream) -> list[Course]:
 
 
 class _WarmedTwin(StageTwin):
-    """A twin on another course of temperature; the rotor's states are the first one's but for that."""
+    """A twin on another course of temperature, of the stage or a place; its states are the first one's but for that."""
 
-    def __init__(self, twin: StageTwin, course: Course) -> None:
+    def __init__(self, twin: StageTwin, course: Course, place: str = "") -> None:
+        before = twin.inputs.warmings.get(place, lambda time: np.zeros(len(time))) if place else twin.inputs.warming
+
         def warming(time: Array) -> Array:
-            return np.asarray(twin.inputs.warming(time) + course(time), np.float64)
+            return np.asarray(before(time) + course(time), np.float64)
 
-        inputs = replace(twin.inputs, warming=warming)
+        inputs = replace(twin.inputs, warmings={**twin.inputs.warmings, place: warming})
+        if not place:
+            inputs = replace(twin.inputs, warming=warming)
         super().__init__(twin.stage, inputs, twin.times, twin.observed, twin.known, twin.keeps_states)
         self._cool = twin
-        self._course = course
+        self._course, self._place = course, place
 
     def state(self, stream: str, delay: float = 0.0) -> RotorState:
         """The rotor at the sample times of a stream, `delay` seconds earlier."""
@@ -81,4 +108,7 @@ class _WarmedTwin(StageTwin):
         return self._warm(cool) if np.array_equal(turned, cool.theta) else super()._moved_state(stream, acting)
 
     def _warm(self, state: RotorState) -> RotorState:
-        return replace(state, warming=state.warming + self._course(state.time - state.age), _kept={})
+        added = self._course(state.time - state.age)
+        if not self._place:
+            return replace(state, warming=state.warming + added, _kept={})
+        return replace(state, warmings={**state.warmings, self._place: state.warmings.get(self._place, 0.0) + added})

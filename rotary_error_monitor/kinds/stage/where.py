@@ -141,6 +141,7 @@ def _state(problem: StageProblem, stream: str, length: int) -> RotorState:
         state.warming[:length],
         state.command_at,
         state.lines,
+        warmings={place: warming[:length] for place, warming in state.warmings.items()},
     )
 
 
@@ -175,6 +176,9 @@ def _dependences(state: RotorState) -> dict[str, Array]:
         found["force"] = state.force / max(float(np.max(np.abs(state.force))), 1e-9)
     if np.ptp(state.warming) > 0:
         found["temperature"] = state.warming[:, None] / float(np.max(np.abs(state.warming)))
+    for place, warming in state.warmings.items():
+        if np.ptp(warming) > 0:
+            found[f"temperature of {place}"] = warming[:, None] / float(np.max(np.abs(warming)))
     return found
 
 

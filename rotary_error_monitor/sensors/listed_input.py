@@ -1,0 +1,29 @@
+"""What the kinds of listed sensors share that measure what acts on the stage, such as its temperature at a place."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+from rotary_error_monitor.description.stage import ListedSensor
+from rotary_error_monitor.effects.rotor import Array
+
+
+class ListedInput(ABC):
+    """Base of the kinds of listed sensors that are inputs; one object stands for all sensors of a kind.
+
+    They show nothing of how the rotor stands, so they are no `Sensor`: no twin predicts them, no estimate takes them.
+
+    Attributes:
+        kind: first word of the names of its streams: `thermometer` of `thermometer_bearing`.
+        fields: of a sample, as `msg_defs/` names them.
+        unit: of the fields.
+    """
+
+    kind: ClassVar[str] = ""
+    fields: ClassVar[tuple[str, ...]] = ()
+    unit: ClassVar[str] = ""
+
+    @abstractmethod
+    def measured(self, sensor: ListedSensor, reading: Array) -> Array:
+        """(n,) what acts on the stage, in `unit`, by readings (n, fields)."""
