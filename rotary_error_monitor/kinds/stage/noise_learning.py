@@ -40,6 +40,15 @@ WAVES = 40
 """Half periods of the shortest wave over the recording that is looked for in the place of slow noise: most of the power
 of that is in lower orders."""
 
+ORBITS = 4
+"""Orders of the rotation of which one may come and go in the place of slow noise: those above are faster than it."""
+
+ENVELOPE = 16
+"""Half periods over the recording of the fastest course by which that comes and goes: slower than the rotor turns."""
+
+MOMENTS = 40
+"""Parts of the recording at whose ends what turns may begin: nearer moments explain nearly the same."""
+
 NOISIER = 0.05
 """Noise is reported from this much above what the twin states."""
 
@@ -167,6 +176,9 @@ class NoiseLearning:
         """What else may be slow beside known effects: what goes with an input, and waves."""
         yield _seen([in_all(columns[:, None], own.weight) for columns in self._inputs(own.time).T])
         yield [in_all(columns, own.weight) for columns in _waves(own.passed)]
+        angle = np.asarray(self._problem.twin.inputs.command(own.time), np.float64)
+        for alike in _orbits(angle, own.passed):
+            yield [in_all(columns, own.weight) for columns in alike]
 
     def _inputs(self, time: Array) -> Array:
         """(k, p) what the stage is exposed to: its commanded motion, temperature and force."""
@@ -187,6 +199,19 @@ def _differences(track: Track) -> Array:
 def _seen(rivals: Rivals) -> Rivals:
     """Those that show in these channels at all."""
     return [columns for columns in rivals if columns.shape[1] and np.any(columns)]
+
+
+def _orbits(angle: Array, passed: Array) -> Iterator[Rivals]:
+    """What turns with the rotor from one moment on, or comes and goes on a slow course, in one of a few orders.
+
+    Where the rotor turns slowly these are as slow as the noise, which then took what had slipped on it.
+    """
+    begins = np.arange(1, MOMENTS) / MOMENTS
+    courses = np.cos(np.pi * passed[:, None] * np.arange(ENVELOPE + 1))
+    orders = np.arange(1, ORBITS + 1)[:, None] * angle
+    turning = np.stack([np.cos(orders), np.sin(orders)], axis=2)
+    yield [each * (passed > begin)[:, None] for each in turning for begin in begins]
+    yield [(each[:, :, None] * courses[:, None]).reshape(len(passed), -1) for each in turning]
 
 
 def _waves(passed: Array) -> Rivals:

@@ -12,7 +12,9 @@ from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.slow_noise import in_all, learn_slow_noise
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.kinds.stage.noise_learning import _orbits
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.plant.noise_forms import Wander
@@ -81,3 +83,35 @@ def test_the_size_of_slow_noise_is_told(stage_problem):
         (told,) = [remark for remark in diagnosis.remarks if remark.startswith("autocollimator: slow noise")]
         ratios.append(float(told.split(" of ")[1].split()[0]) / (1e6 * 0.15 * std))
     assert 0.6 < np.median(ratios) < 1.6
+
+
+@pytest.mark.parametrize("turns", [6, 12, 20])
+def test_what_slips_on_a_slow_rotor_is_no_noise(turns):
+    """It turns with the rotor from one moment on, as slowly as noise may wander; no known effect does that."""
+    count, rng = 480, np.random.default_rng(turns)
+    passed = (np.arange(count) + 0.5) / count
+    angle, weight, uncertain = 2 * np.pi * turns * passed, np.ones((2, count)), np.zeros((2 * count, 0))
+    kept = []
+    for _ in range(10):
+        phase = angle + rng.uniform(0, 2 * np.pi)
+        slipped = passed > rng.uniform(0.2, 0.8)
+        white = rng.normal(size=(2, count)) + 1.5 * slipped * np.stack([np.cos(phase), np.sin(phase)])
+        orbits = [[in_all(columns, weight) for columns in alike] for alike in _orbits(angle, passed)]
+        kept.append(learn_slow_noise(white, weight, passed, uncertain, orbits) is None)
+        assert learn_slow_noise(white, weight, passed, uncertain, [[]]) is not None, "by noise alone it is explained"
+    assert sum(kept) >= 9, kept
+
+
+@pytest.mark.parametrize("turns", [6, 12, 20])
+def test_noise_that_wanders_while_the_rotor_turns_is_noise(turns):
+    count = 480
+    passed = (np.arange(count) + 0.5) / count
+    angle, weight, uncertain = 2 * np.pi * turns * passed, np.ones((2, count)), np.zeros((2 * count, 0))
+    learnt = []
+    for seed in range(10):
+        rng = np.random.default_rng([turns, seed])
+        walks = np.cumsum(rng.normal(size=(2, count)), axis=1) / 8
+        white = rng.normal(size=(2, count)) + walks - walks.mean(axis=1, keepdims=True)
+        orbits = [[in_all(columns, weight) for columns in alike] for alike in _orbits(angle, passed)]
+        learnt.append(learn_slow_noise(white, weight, passed, uncertain, orbits) is not None)
+    assert sum(learnt) >= 9, learnt
