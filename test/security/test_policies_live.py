@@ -21,7 +21,10 @@ from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
+from rotary_error_monitor.nodes.stage_command import StageCommand
 from rotary_error_monitor.nodes.stage_follower import StageFollower
+from rotary_error_monitor.nodes.stage_force import StageForce
+from rotary_error_monitor.nodes.stage_temperature import StageTemperature
 from rotary_error_monitor.security.access import OPERATOR, cell_accesses
 from rotary_error_monitor.testing import Cell
 
@@ -40,6 +43,9 @@ NODES = {
     "gap_monitor": (GapMonitor, {}),
     "linuxcnc_bridge": (LinuxcncBridge, {}),
     "stage_follower": (StageFollower, MACHINE),
+    "stage_command": (StageCommand, {}),
+    "stage_force": (StageForce, {}),
+    "stage_temperature": (StageTemperature, {}),
 }
 
 
