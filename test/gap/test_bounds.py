@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from probed_stage import STAGE, blocks_of, recorded
+from probed_stage import STAGE, WITH_SECOND, blocks_of, recorded
 from scipy.optimize import lsq_linear
 from simulated_pointings import pointing_file, simulate_pointings
 
@@ -52,6 +52,7 @@ KINDS = {
     "quadrature": QuadratureEffect,
 }
 HOOKS = ("amend", "delay", "rotation", "radial", "axial", "tilt", "measured", "turn", "displacement")
+PROBED = replace(STAGE, sensors={**STAGE.sensors, **WITH_SECOND.sensors})
 OF_ALL_STAGES = effects_of(replace(STAGE, sensors={}), load_effects(StageEffect))
 OF_PROBES = {effect.name for effect in load_effects(StageEffect)} - {effect.name for effect in OF_ALL_STAGES}
 ALL = [
@@ -69,8 +70,8 @@ def made_stage(effects):
 
 
 def made_probed_stage(effects):
-    topics = {samples_topic(name): blocks for name, blocks in blocks_of(recorded(5)).items()}
-    return StageProblem(STAGE, record_stage(topics, "abcd", listed=tuple(STAGE.sensors)), effects)
+    topics = {samples_topic(name): blocks for name, blocks in blocks_of(recorded(5, stage=PROBED)).items()}
+    return StageProblem(PROBED, record_stage(topics, "abcd", listed=tuple(PROBED.sensors)), effects)
 
 
 def made_machine(effects):
