@@ -79,7 +79,8 @@ def stages(draw: st.DrawFn) -> Any:
     section = content["stage"]
     for sensor in section.get("sensors", {}).values():
         fields, _ = quantity(sensor["kind"])
-        zeros = [0.5 * sensor["range"] * draw(st.floats(-1.0, 1.0)) for _ in fields]
+        largest = min(0.5 * sensor["range"], 100.0)  # of a thermometer in K; of others the range is below that anyway
+        zeros = [largest * draw(st.floats(-1.0, 1.0)) for _ in fields]
         sensor["zero"] = zeros if len(fields) > 1 else zeros[0]
         sensor["resolution"] = min(sensor["resolution"], 0.5 * sensor["range"])
     poses = [name for name, row in section.get("sensors", {}).items() if not is_input(row["kind"])]
