@@ -14,7 +14,7 @@ from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.nodes.sensor import SensorNode
+from rotary_error_monitor.nodes.sensor import THERMOMETER, SensorNode
 
 NAME = "listed_sensor"
 _INPUT_PERIOD = 1.0
@@ -44,6 +44,10 @@ class ListedSensorNode(SensorNode):
         """The parameter; of inputs, which are slow, a second where that is longer."""
         usual = super().block_period(stream)
         return max(_INPUT_PERIOD, usual) if stream in self.stage.inputs else usual
+
+    def slowest(self, stream: str) -> float:
+        """Of inputs that of thermometers, s."""
+        return THERMOMETER if stream in self.stage.inputs else super().slowest(stream)
 
     def sensor(self) -> str:
         """Stream of this sensor, by the parameter or by the name of the node.

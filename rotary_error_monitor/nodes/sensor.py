@@ -29,6 +29,9 @@ _SILENT_AFTER = 1.0
 """Time without a message of the driver from which it counts as silent, s, where blocks do not take longer: that within
 which a fault is to be said."""
 
+THERMOMETER = 10.0
+"""Longest time between two samples of a usual thermometer, s."""
+
 _LOOK_PERIOD = 0.2
 """Time between two looks whether there is something to say of the driver, s: a fifth of that."""
 
@@ -149,12 +152,10 @@ class SensorNode(ManagedNode):
     Attributes:
         kind: of the instrument, as devices name what they serve.
         joint: name of the joint in its message for people, where that is a joint state; empty for that of the frame.
-        slowest: longest time between two samples of a usual instrument of the kind, s; 0 for those of many a second.
     """
 
     kind: ClassVar[str]
     joint: ClassVar[str] = ""
-    slowest: ClassVar[float] = 0.0
 
     def __init__(self, name: str, **how: Any) -> None:  # noqa: ANN401 (as `ManagedNode`)
         """As `ManagedNode`; parameters are those of the devices as well.
@@ -179,6 +180,10 @@ class SensorNode(ManagedNode):
         """Time from one block of a stream to the next, s: the parameter `block_period`."""
         return float(self.setting("block_period"))
 
+    def slowest(self, stream: str) -> float:
+        """Longest time between two samples of a usual instrument of a stream, s; 0 for those of many a second."""
+        return 0.0
+
     def open(self) -> None:
         """Open the source and begin to send."""
         self.hardware = self.setting("source")
@@ -188,8 +193,9 @@ class SensorNode(ManagedNode):
         with told_of(self.hardware):
             self._source = source = opened(self._devices[self.hardware], instrument)
         told = people, partial(messages.latest_message, people, joint=self.joint)
-        self._sender = BlockSender(self, samples, source, period_ns, told, self.slowest)
-        silent_after = max(_SILENT_AFTER, _STALE_AFTER + 2 * period_ns / NANOSECONDS) + self.slowest
+        slowest = self.slowest(samples.frame)
+        self._sender = BlockSender(self, samples, source, period_ns, told, slowest)
+        silent_after = max(_SILENT_AFTER, _STALE_AFTER + 2 * period_ns / NANOSECONDS) + slowest
         self._driver = Driver(self, source, silent_after) if isinstance(source, Heard) else None
         if isinstance(source, Polled):
             self.at_each(round(NANOSECONDS / self.setting(POLL_RATE.name)), lambda _: self._poll(source))

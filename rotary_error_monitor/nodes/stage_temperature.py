@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.nodes.sensor import SensorNode
+from rotary_error_monitor.nodes.sensor import THERMOMETER, SensorNode
 
 NAME = "stage_temperature"
 
@@ -19,7 +19,10 @@ class StageTemperature(SensorNode):
     """Publishes the temperature of the stage as sample blocks, and as a temperature for people."""
 
     kind = NAME
-    slowest = 10.0
+
+    def slowest(self, stream: str) -> float:
+        """That of thermometers, s."""
+        return THERMOMETER
 
     def topics(self) -> tuple[Topic, Topic]:
         """Those of the one that a stage has."""

@@ -57,6 +57,8 @@ def test_temperatures_of_a_third_party_driver(settings, path):
         rows = np.concatenate([messages.block_from_message(block).rows for block in blocks])
         np.testing.assert_array_equal(rows[:, 1], [20.5, 20.25, 21.0])
         assert not [each for each in said[1:] if "stale" in each or "no " in each], said
+        cell.spin_for(3.0)
+        assert cell.has_status("listed_sensor_bearing: /pt100", "alive"), "a thermometer may take its time"
 
 
 def test_thermometers_in_a_cell(settings, path, tmp_path):

@@ -6,15 +6,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from pipeline.test_estimation import START, joined
+from pipeline.test_estimation import START
 from pipeline.test_listed_sensors import (
     AXIAL,
     FACE,
     RADIAL,
     SECOND,
+    assert_repeated,
     described,
     drifting,
-    in_blocks,
     jumping,
     noisy,
     off,
@@ -26,9 +26,7 @@ from pipeline.test_listed_sensors import (
 )
 
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
-from rotary_error_monitor.pipeline.publication import decisions_from_block
 
 NAME = "tilt_sensor_second"
 BEGIN = 2.4
@@ -122,13 +120,7 @@ def test_a_replay_gives_the_same_bits_however_blocks_come():
     pairs = recorded(sensors, 5, 1.5, jumping(NAME, 0.6, 1e-4), tilt=False)
     _, live, doubted = run(pairs, stage)
     assert set(doubted) == {NAME}
-    estimator, out = Estimator(stage, EstimatorSettings(), decisions_from_block(live)), []
-    for chosen in in_blocks(pairs, np.random.default_rng(1)):
-        for i in chosen:
-            estimator.accept(*pairs[i])
-        out += estimator.advance()
-    again = joined([*out, *estimator.finish()])
-    assert again.names == live.names and (again.rows == live.rows).all()
+    assert_repeated(pairs, stage, live)
 
 
 def test_heads_and_autocollimator_stay_what_they_are():
