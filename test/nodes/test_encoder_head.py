@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from nodes.plant_samples import assert_samples
 from sensor_msgs.msg import JointState
 
 from rotary_error_monitor.errors import InputError
@@ -40,10 +41,7 @@ def test_two_processes_see_the_same_rotor(cell, plant):
     cell.wait_until(lambda: all(len(each) > 2 for each in blocks), "blocks of both", 30)
     for head, received in zip("ab", blocks, strict=True):
         block = messages.block_from_message(received[-1])
-        first = plant.index_at(f"head_{head}", block.stamp_ns)
-        same = plant.samples(f"head_{head}", first, len(block.rows))
-        np.testing.assert_array_equal(block.times_ns, same.times_ns)
-        np.testing.assert_array_equal(block.column("angle"), same.column("angle"))
+        assert_samples(block, plant, f"head_{head}")
 
 
 def test_people_see_a_joint_state(cell):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from nodes.mock_cells import mock_parameters
+from nodes.plant_samples import assert_sample, assert_samples
 from nodes.replayed_motion import assert_repeated
 from sensor_msgs.msg import Temperature
 
@@ -66,7 +67,7 @@ def test_thermometers_in_a_cell(settings, path, tmp_path):
     with Cell("abcd", mock_parameters(settings, stage=path), sensors=tuple(stage.listed)) as cell:
         estimates = cell.collect(cell.wire.topic("error_motion_samples"))
         read = {place: cell.collect(cell.wire.topic("thermometer_samples", place)) for place in PLACES}
-        people = cell.collect(cell.wire.topic("thermometer_temperature", "bearing"))
+        people = cell.collect(cell.wire.topic("thermometer_temperature", PLACES[0]))
         recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
         for head in "abcd":
             cell.run(EncoderHead, f"encoder_head_{head}")
@@ -93,12 +94,11 @@ def test_thermometers_in_a_cell(settings, path, tmp_path):
         stream = f"thermometer_{place}"
         for message in blocks[1:]:
             block = messages.block_from_message(message)
-            same = truth.samples(stream, truth.index_at(stream, int(block.times_ns[0])), len(block.rows))
-            np.testing.assert_array_equal(block.column("temperature"), same.column("temperature"))
+            assert_samples(block, truth, stream)
             assert len(block.rows) == 1, "one sample a second"
         mine = {messages.block_from_message(message).stamp_ns for message in blocks}
         assert len({block.stamp_ns for block in recorded[samples_topic(stream)]} & mine) > 1
-    assert abs(people[0].temperature - 20.0) < 10.0
+    assert_sample(people[0].header.stamp, [people[0].temperature], truth, f"thermometer_{PLACES[0]}")
     replayed = replay_bag(
         tmp_path / "bag", stage, load_machine("xyzac_trt"), EstimatorSettings(period_ns=5_000_000, check_turns=0.0)
     )
