@@ -20,6 +20,7 @@ from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compare_with_lvdt
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.mock_cell.run import FORCE_CYCLE, SPEEDS, MockCell, Recording, seconds
+from rotary_error_monitor.pipeline.corrections import OFFSET
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.recordings.replay import replay_bag
@@ -205,7 +206,7 @@ def _repetition(reader: BagReader, wire: Wire, replayed: Replay, since_ns: int) 
     assert replayed.tool_offset is not None
     for key, columns, again in (
         ("error_motion_samples", ("theta",), replayed.theta[:, None]),
-        ("tool_offset_samples", ("x", "y", "z", "a", "b", "c"), replayed.tool_offset),
+        ("tool_offset_samples", OFFSET, replayed.tool_offset),
     ):
         topic = wire.topic(key)
         times, values = _samples(reader, topic, columns)

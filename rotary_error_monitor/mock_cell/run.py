@@ -149,11 +149,7 @@ def _activate_once_all_is_recorded(running: Cell, names: Sequence[str]) -> None:
     """Nobody reckons with what the recorder does not hear yet, and it is there for what they say first."""
     instruments = {"encoder_head", "autocollimator", "listed_sensor", "mock_controller"}
     wanted = {topic.name for topic in running.wire if instruments.intersection(topic.publishers)}
-    running.wait_until(
-        lambda: wanted.isdisjoint(running.figures("recorder: recording")["silent_topics"].split(", ")),
-        "the recorder to hear every instrument",
-        STARTING,
-    )
+    running.wait_until(lambda: running.recorder_hears(wanted), "the recorder to hear every instrument", STARTING)
     for name in names:
         _take_through(running, name, Transition.TRANSITION_CONFIGURE)
     for name in names:

@@ -10,13 +10,16 @@ from sensor_msgs.msg import JointState
 from rotary_error_monitor.codec.messages import stamp_of
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.pace import Pace
 from rotary_error_monitor.nodes.publishers import name_of
 from rotary_error_monitor.pipeline.compensation import Compensator
-from rotary_error_monitor.pipeline.corrections import CompensationOutput, Correction
+from rotary_error_monitor.pipeline.corrections import OFFSET, CompensationOutput, Correction
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 _FOREIGN_FOR_NS = 2 * NANOSECONDS
 """How long a second compensation must have been silent before this one goes on, ns."""
+
+_FIGURES_PERIOD = 20_000_000  # ns, between two messages for plotting
 
 _LATE_FOR_NS = NANOSECONDS
 """How long after an offset that was too old lateness counts as the reason for the lack of corrections, ns."""
@@ -33,9 +36,10 @@ class CorrectionOutput:
     def __init__(self, node: ManagedNode, compensator: Compensator, age_limit_ns: int) -> None:
         """Publish for `node`; nothing that is older than `age_limit_ns`."""
         self._node, self._compensator, self._age_limit_ns = node, compensator, age_limit_ns
-        keys = ("tool_offset_samples", "tool_offset_pose", "corrected_offset_pose", "axis_corrections")
-        self._topics = {key: node.wire.topic(key) for key in keys}
+        offsets = ("tool_offset_samples", "tool_offset_figures", "tool_offset_pose", "corrected_offset_pose")
+        self._topics = {key: node.wire.topic(key) for key in (*offsets, "axis_corrections")}
         self._outputs = {key: node.publish_on(topic) for key, topic in self._topics.items()}
+        self._figures_pace = Pace(_FIGURES_PERIOD)
         self._own: deque[int] = deque(maxlen=1024)
         self._foreign_ns: int | None = None
         self._feedback = node.wire.topic("applied_corrections")
@@ -146,7 +150,12 @@ class CorrectionOutput:
         fresh = SampleBlock(block.stamp_ns, block.names, block.rows[stale:])
         topic = self._topics["tool_offset_samples"]
         self._outputs["tool_offset_samples"].publish(messages.block_bytes(fresh, topic.frame))
-        self._worst_age = max(self._worst_age, (self._node.now_ns() - int(fresh.times_ns[-1])) / NANOSECONDS)
+        newest_ns = int(fresh.times_ns[-1])
+        if self._figures_pace.is_due(newest_ns):
+            frame = self._topics["tool_offset_figures"].frame
+            offset = fresh.columns(OFFSET)[-1]
+            self._outputs["tool_offset_figures"].publish(messages.figures_message(newest_ns, frame, offset))
+        self._worst_age = max(self._worst_age, (self._node.now_ns() - newest_ns) / NANOSECONDS)
 
     def _publish_correction(self, correction: Correction) -> None:
         self.latest = correction

@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 
+import numpy as np
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
@@ -18,6 +19,7 @@ from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.pace import Pace
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import COMMAND, Estimator, EstimatorSettings
@@ -25,7 +27,7 @@ from rotary_error_monitor.pipeline.observability import possible_components, unc
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 NAME = "error_estimator"
-_HUMAN_PERIOD = 50_000_000
+_POSE_PERIOD, _FIGURES_PERIOD = 50_000_000, 20_000_000  # ns, between two messages for people and for plotting
 _WATCH_PERIOD = 0.05  # s, between two looks whether there is something to say at once
 _SILENT_AFTER = 0.5  # s without an estimate from which it is said: beyond what a computer that is busy takes
 _DEFAULTS = EstimatorSettings()
@@ -86,8 +88,10 @@ class ErrorEstimator(ManagedNode):
         )
         self._said: dict[str, str] = {}
         self._samples, self._pose = self.wire.topic("error_motion_samples"), self.wire.topic("error_motion_pose")
+        self._figures_topic = self.wire.topic("error_motion_figures")
         self._sample_publisher, self._pose_publisher = self.publish_on(self._samples), self.publish_on(self._pose)
-        self._pose_ns = 0
+        self._figures_publisher = self.publish_on(self._figures_topic)
+        self._pose_pace, self._figures_pace = Pace(_POSE_PERIOD), Pace(_FIGURES_PERIOD)
         self._reported = (0, 0, 0)
         self._components = 0
         now_ns, patience = self.now_ns(), self.setting("patience")
@@ -162,20 +166,20 @@ class ErrorEstimator(ManagedNode):
         self._sample_publisher.publish(messages.block_bytes(estimate, self._samples.frame))
         self._output.observe(estimate, self.now_ns())
         self._components = int(estimate.column("observable")[-1])
-        if estimate.stamp_ns - self._pose_ns < _HUMAN_PERIOD:
-            return
-        self._pose_ns = estimate.stamp_ns
-        latest = SampleBlock(estimate.stamp_ns, estimate.names, estimate.rows[-1:])
-        motion = error_motion_from_block(latest)
-        self._pose_publisher.publish(
-            messages.pose_message(
-                int(latest.times_ns[0]),
-                self._pose.frame,
-                motion.components[0],
-                motion.covariance[0],
-                motion.observable[0],
+        pose, figures = self._pose_pace.is_due(estimate.stamp_ns), self._figures_pace.is_due(estimate.stamp_ns)
+        if pose or figures:
+            self._publish_for_people(SampleBlock(estimate.stamp_ns, estimate.names, estimate.rows[-1:]), pose, figures)
+
+    def _publish_for_people(self, latest: SampleBlock, pose: bool, figures: bool) -> None:
+        motion, stamp_ns = error_motion_from_block(latest), int(latest.times_ns[0])
+        components, observable = motion.components[0], motion.observable[0]
+        if figures:
+            shown = np.where(observable, components, np.nan)
+            self._figures_publisher.publish(messages.figures_message(stamp_ns, self._figures_topic.frame, shown))
+        if pose:
+            self._pose_publisher.publish(
+                messages.pose_message(stamp_ns, self._pose.frame, components, motion.covariance[0], observable)
             )
-        )
 
     def _estimate_condition(self, now_ns: int) -> Condition:
         status, flow = self._estimator.status, self._output.report(now_ns)

@@ -17,6 +17,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
     PoseWithCovarianceStamped,
     Quaternion,
+    TwistStamped,
     Vector3Stamped,
     WrenchStamped,
 )
@@ -234,6 +235,15 @@ def pose_message(
     position.x, position.y, position.z = (float(value) for value in values[:3])
     message.pose.pose.orientation = quaternion(values[3:])
     message.pose.covariance = matrix.ravel()
+    return message
+
+
+def figures_message(stamp_ns: int, frame: str, components: NDArray[np.float64]) -> TwistStamped:
+    """Six components (m, then rad) in µm and µrad, as people read them; NaN leaves a gap in a plot."""
+    message = TwistStamped(header=header(stamp_ns, frame))
+    vectors = (message.twist.linear, message.twist.angular)
+    for vector, values in zip(vectors, np.reshape(components * 1e6, (2, 3)).tolist(), strict=True):
+        vector.x, vector.y, vector.z = values
     return message
 
 

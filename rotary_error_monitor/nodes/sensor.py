@@ -13,6 +13,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.pace import Pace
 from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.qos import driver_profile
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
@@ -64,7 +65,7 @@ class BlockSender:
         self._people = node.publish_on(human[0])
         self._human_message = human[1]
         self._sent_ns = 0
-        self._human_ns = 0
+        self._human_pace = Pace(_HUMAN_PERIOD)
         began_ns = node.now_ns()
         period = period_ns / NANOSECONDS
         stale_after = _STALE_AFTER + 2 * period + slowest
@@ -84,8 +85,7 @@ class BlockSender:
     def _publish(self, block: SampleBlock) -> None:
         self._blocks.publish(messages.block_bytes(block, self._frame))
         self.watch.observe(block, self._node.now_ns())
-        if block.stamp_ns - self._human_ns >= _HUMAN_PERIOD:
-            self._human_ns = block.stamp_ns
+        if self._human_pace.is_due(block.stamp_ns):
             self._people.publish(self._human_message(block))
 
 

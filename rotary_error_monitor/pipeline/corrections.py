@@ -19,7 +19,8 @@ from rotary_error_monitor.pipeline.offset_spread import OffsetSpread, Spread
 from rotary_error_monitor.pipeline.poses import TimedPoses
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
-COLUMNS = ("x", "y", "z", "a", "b", "c", "joint_age", "directions", "temperature")
+OFFSET = ("x", "y", "z", "a", "b", "c")
+COLUMNS = (*OFFSET, "joint_age", "directions", "temperature")
 """Columns of a block of tool offsets after `t`; the last three say what it was computed from."""
 
 FEW_POSES = 32

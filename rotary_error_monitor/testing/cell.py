@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Self, TypeVar
@@ -250,6 +250,14 @@ class Cell:
             TimeoutError: no such status came.
         """
         return {each.key: each.value for each in self.status(name).values}
+
+    def recorder_hears(self, topics: Set[str], recorder: str = "recorder") -> bool:
+        """Whether a recorder has heard something on each of the topics, by its latest status, waiting for the first.
+
+        Raises:
+            TimeoutError: no such status came.
+        """
+        return topics.isdisjoint(self.figures(f"{recorder}: recording")["silent_topics"].split(", "))
 
     @property
     def statuses(self) -> Mapping[str, DiagnosticStatus]:

@@ -1,11 +1,13 @@
-"""What the nodes of mock instruments send, held against the samples of the plant."""
+"""What nodes send, held against the samples that it shows: the plant's, or those of their own blocks."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -23,3 +25,23 @@ def assert_sample(stamp: Any, shown: list[float], plant: StagePlant, stream: str
     same = plant.samples(stream, plant.index_at(stream, stamp_ns), 1)
     assert int(same.times_ns[0]) == stamp_ns
     assert shown == list(same.rows[0, 1:])
+
+
+def assert_figures(figures: Sequence[Any], blocks: Sequence[Any], names: Sequence[str], hidden: str = "") -> None:
+    """What is sent for plotting, in µm and µrad, is the last sample of a published block; a gap where hidden."""
+    sent = {}
+    for message in blocks:
+        block = messages.block_from_message(message)
+        sent[int(block.times_ns[-1])] = block.columns(names)[-1]
+    found = 0
+    for message in figures:
+        stamp_ns = messages.ns_from_stamp(message.header.stamp)
+        if stamp_ns not in sent:
+            continue  # its block was published before anybody listened
+        found += 1
+        vectors = (message.twist.linear, message.twist.angular)
+        shown = np.array([getattr(vector, axis) for vector in vectors for axis in "xyz"])
+        expected = 1e6 * sent[stamp_ns]
+        expected[[name == hidden for name in names]] = np.nan
+        np.testing.assert_array_equal(shown, expected)
+    assert found > 2

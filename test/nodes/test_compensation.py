@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 from faults.documenting import Row, shows
+from nodes.plant_samples import assert_figures
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.description.machine import load_machine
@@ -19,6 +20,7 @@ from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.pipeline.corrections import OFFSET
 from rotary_error_monitor.pipeline.estimation import COLUMNS
 from rotary_error_monitor.signals.blocks import block_from_samples
 
@@ -80,9 +82,9 @@ def is_held_for(cell, reason: str):
 
 
 def test_corrections_null_the_offset(cell, plant, feed, corrections):
-    offsets, left, blocks = (
+    offsets, left, blocks, figures = (
         cell.collect(cell.wire.topic(key))
-        for key in ("tool_offset_pose", "corrected_offset_pose", "tool_offset_samples")
+        for key in ("tool_offset_pose", "corrected_offset_pose", "tool_offset_samples", "tool_offset_figures")
     )
     cell.run(MockController, "mock_controller", machine="xyzac_trt")
     cell.run(Compensation, "compensation", machine="xyzac_trt", **RELAXED)
@@ -97,6 +99,7 @@ def test_corrections_null_the_offset(cell, plant, feed, corrections):
     feed.run_until(lambda: cell.has_status("compensation: correction", "correcting"), "a word that all is well")
     block = messages.block_from_message(blocks[-1])
     assert block.names == ("t", *cell.wire.topic("tool_offset_samples").columns)
+    assert_figures(figures, blocks, OFFSET)
 
 
 def test_the_offset_is_that_of_the_model(cell, plant, feed):

@@ -7,6 +7,7 @@ import signal
 import numpy as np
 import pytest
 from faults.documenting import Row, shows
+from nodes.plant_samples import assert_figures
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
@@ -67,12 +68,14 @@ def newest_mask(received):
 
 def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sensors, plant):
     poses = cell.collect(cell.wire.topic("error_motion_pose"))
+    figures = cell.collect(cell.wire.topic("error_motion_figures"))
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > 10 and len(poses) > 2, "estimates", 30)
+    cell.wait_until(lambda: len(estimates) > 10 and len(poses) > 2 and len(figures) > 4, "estimates", 30)
     assert check_against_truth(estimates[2:], plant) == {"exc", "eyc", "eac", "ebc", "ecc"}
     covariance = np.reshape(poses[-1].pose.covariance, (6, 6))
     assert covariance[2, 2] == -1.0
     assert (np.diag(covariance)[[0, 1, 3, 4, 5]] > 0).all()
+    assert_figures(figures, estimates, COMPONENTS, hidden="ezc")
     cell.forget_status("error_estimator: estimate")
     cell.wait_for_status("error_estimator: estimate", "complete")
     assert float(cell.figures("error_estimator: estimate")["rate_hz"]) > 50

@@ -60,9 +60,7 @@ def test_blocks_are_those_of_the_plant_and_are_recorded(probed, truth, tmp_path)
     assert_sample(people[0].header.stamp, [vector.x], truth, "axial_probe_top")
     assert (vector.y, vector.z) == (0.0, 0.0)
     wanted = {topic.name for topic in topics}
-    probed.wait_until(
-        lambda: wanted.isdisjoint(probed.figures("recorder: recording")["silent_topics"].split(", ")), "the recorder"
-    )
+    probed.wait_until(lambda: probed.recorder_hears(wanted), "the recorder")
     probed.remove(recorder)
     bag = BagReader(tmp_path / "bag").read_blocks([topic.name for topic in topics])
     for topic, blocks in zip(topics, received, strict=True):

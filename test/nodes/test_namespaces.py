@@ -63,9 +63,7 @@ def test_a_bag_of_a_cell_in_a_namespace_is_that_of_any_cell(cell, tmp_path):
     cell.run(EncoderHead, "encoder_head_b")
     cell.run(EncoderHead, "encoder_head_a", ros_args=LEFT)
     recorder = cell.run(Recorder, "recorder", ros_args=LEFT, folder=str(tmp_path / "bag"))
-    cell.wait_until(
-        lambda: "head_a" not in cell.figures("left/recorder: recording")["silent_topics"], "the recorder to hear"
-    )
+    cell.wait_until(lambda: cell.recorder_hears({"/stage/head_a/samples"}, "left/recorder"), "the recorder")
     cell.remove(recorder)
     blocks = BagReader(tmp_path / "bag").read_blocks(["/stage/head_a/samples", "/stage/head_b/samples"])
     assert blocks["/stage/head_a/samples"]

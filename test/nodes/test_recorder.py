@@ -195,7 +195,7 @@ def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tm
     cell.start("mock_controller", machine="xyzac_trt", block_period=0.005)
     cell.start("encoder_head", "encoder_head_a", block_period=0.005)
     cell.wait_until(lambda: all(len(each) > 5 for each in heard.values()), "messages of all", 60)
-    cell.wait_for_status("recorder: recording", "recording")
+    cell.wait_until(lambda: cell.recorder_hears(heard.keys()), "the recorder to hear them too", 60)
     began_ns = time.time_ns()
     recorder.pause()
     cell.spin_for(2.0)

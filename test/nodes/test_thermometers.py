@@ -83,9 +83,7 @@ def test_thermometers_in_a_cell(settings, path, tmp_path):
             cell.wait_for_status(f"gap_monitor: {samples_topic(f'thermometer_{place}')}", "alive")
             cell.wait_for_status(f"listed_sensor_{place}: {samples_topic(f'thermometer_{place}')}", "alive")
         topics = {samples_topic(f"thermometer_{place}") for place in PLACES}
-        cell.wait_until(
-            lambda: topics.isdisjoint(cell.figures("recorder: recording")["silent_topics"].split(", ")), "the recorder"
-        )
+        cell.wait_until(lambda: cell.recorder_hears(topics), "the recorder")
         cell.remove(recorder)
 
     truth = mock_stage(stage, settings)
