@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
@@ -50,15 +51,22 @@ class BagPart:
 
     Attributes:
         file: below the writer.
-        count: messages written.
+        counts: messages written, by topic.
     """
 
     def __init__(
-        self, folder: Path, name: str, topics: Sequence[Recordable], definitions: Mapping[str, str], reserve: Reserve
+        self,
+        folder: Path,
+        name: str,
+        topics: Sequence[Recordable],
+        definitions: Mapping[str, str],
+        reserve: Reserve,
+        compression: CompressionType = CompressionType.NONE,
     ) -> None:
         """Create the file `name` in `folder`; `definitions` are those of the topics' types."""
         self.name = name
-        self.count = 0
+        self.counts: Counter[str] = Counter()
+        self._compression = compression
         self.file = RecordFile(folder / name, reserve)
         self._times: tuple[int, int] | None = None
         try:
@@ -71,7 +79,7 @@ class BagPart:
     @property
     def entry(self) -> FileEntry:
         """What `metadata.yaml` says of the file."""
-        return FileEntry(self.name, self.count, *(self._times or (0, 0)))
+        return FileEntry(self.name, self.counts.total(), *(self._times or (0, 0)))
 
     @property
     def index_size(self) -> int:
@@ -88,13 +96,13 @@ class BagPart:
     def add(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int) -> None:
         """Append a message; times are timestamps (ns)."""
         self._writer.add_message(self._channels[topic], log_time_ns, data, publish_time_ns, sequence)
-        self.count += 1
+        self.counts[topic] += 1
         first, last = self._times or (log_time_ns, log_time_ns)
         self._times = min(first, log_time_ns), max(last, log_time_ns)
 
     def _begin(self, topics: Sequence[Recordable], definitions: Mapping[str, str]) -> None:
         # A file with the methods of a stream is all that the writer needs, whatever its annotation asks for.
-        self._writer = Writer(self.file, CHUNK_SIZE, CompressionType.NONE)  # type: ignore[arg-type]
+        self._writer = Writer(self.file, CHUNK_SIZE, self._compression)  # type: ignore[arg-type]
         self._writer.start(profile="ros2", library=LIBRARY)
         schemas = {
             msgtype: self._writer.register_schema(msgtype, "ros2msg", definition.encode())

@@ -13,8 +13,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
 
+from mcap.writer import CompressionType
+
+from rotary_error_monitor.bags.kept_files import KeptFile, KeptFiles
 from rotary_error_monitor.bags.lock import BagLock, holder
-from rotary_error_monitor.bags.metadata import FileEntry, TopicEntry, qos_profiles, type_definition, write_metadata
+from rotary_error_monitor.bags.metadata import TopicEntry, qos_profiles, type_definition, write_metadata
 from rotary_error_monitor.bags.part import BagPart, Recordable
 from rotary_error_monitor.bags.storage import RecordFile, Reserve
 from rotary_error_monitor.codec.contents import TYPES, Content
@@ -24,6 +27,8 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 RESERVE = ".reserve"
+REMOVED = "files removed for what shall be kept at most"
+"""What the bag calls the files that went."""
 DEFAULT_QOS = Qos("reliable", "volatile", 10)
 _SEQUENCES = 1 << 32  # mcap has 32 bits for the number of a message
 
@@ -69,6 +74,9 @@ class BagWriter:
         sync_period: float = 1.0,
         max_file_size: int = 0,
         max_file_duration: float = 0.0,
+        keep_size: int = 0,
+        keep_duration: float = 0.0,
+        compression: str = "none",
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Create the bag with its `metadata.yaml`.
@@ -81,10 +89,14 @@ class BagWriter:
             max_file_size: bytes from which the next file is begun; 0 for one file. The index of a file is kept in
                 memory until its end, so that recordings without an end want one of these bounds.
             max_file_duration: time (s) from the first message of a file after which the next is begun; 0 for one file.
+            keep_size: bytes that all files together may take: when a file ends, the oldest go until the next one has
+                room; 0 for all.
+            keep_duration: time (s) after which a file goes, at the end of another; 0 for never.
+            compression: of the chunks, zstd, lz4 or none.
             clock: monotonic time (s).
 
         Raises:
-            InputError: the folder exists, or a type is not known.
+            InputError: the folder exists, a type is not known, or what shall be kept is less than two files.
             OSError: the folder cannot be written, or the disk has no room for a recording.
         """
         self.folder = Path(folder)
@@ -93,13 +105,15 @@ class BagWriter:
         self.notes: dict[str, str] = {}
         self._topics = {topic.name: topic for topic in topics}
         self._definitions = {topic.type: _definition(topic) for topic in self._topics.values()}
+        _check_kept(keep_size, keep_duration, max_file_size, max_file_duration)
         self._limits = max_file_size, max_file_duration
+        self._compression = CompressionType[compression.upper()]
         self._periods = flush_period, sync_period
         self._clock = clock
         self._flushed = self._synced = clock()
         self._closed = False
         self._name = self.folder.resolve().name
-        self._entries: list[FileEntry] = []
+        self._kept = KeptFiles(keep_size, keep_duration)
         self._ending: list[RecordFile] = []
         self._lock = _new_folder(self.folder)
         self._home = self._lock.path
@@ -141,7 +155,7 @@ class BagWriter:
             raise InputError(f"{self.folder}: topic {topic} is not recorded; recorded are {', '.join(self._topics)}")
         publish_time_ns = log_time_ns if publish_time_ns is None else publish_time_ns
         if self._part.is_full(log_time_ns, *self._limits):
-            self._split()
+            self._split(log_time_ns)
         try:
             self._part.add(topic, data, log_time_ns, publish_time_ns, sequence % _SEQUENCES)
         except OSError as error:
@@ -195,27 +209,30 @@ class BagWriter:
 
     def _new_part(self) -> BagPart:
         """The next file; none is left where it cannot be begun."""
-        name = f"{self._name}_{len(self._entries)}.mcap"
+        name = f"{self._name}_{self._kept.begun}.mcap"
+        topics = tuple(self._topics.values())
         try:
-            return BagPart(self._lock.place, name, tuple(self._topics.values()), self._definitions, self._reserve)
+            part = BagPart(self._lock.place, name, topics, self._definitions, self._reserve, self._compression)
         except OSError:
             with contextlib.suppress(OSError):
                 (self._lock.place / name).unlink(missing_ok=True)
             raise
+        self._kept.begun += 1
+        return part
 
-    def _split(self) -> None:
+    def _split(self, now_ns: int) -> None:
         """Go on in a new file; where that cannot be made, the old one is ended all the same."""
         full = self._part
-        self._entries.append(full.entry)
         try:
-            part = self._new_part()
+            self._part = self._new_part()
         except OSError as error:
-            self._entries.pop()
             self._stop(error, whole=True)
-        self._part = part
         self._ending.append(full.file)  # not its index, which is written now
         try:
             full.finish()
+            self._kept.add(KeptFile(full.entry, full.file.tell(), full.counts))
+            if self._kept.remove_old(self._lock.place, self._limits[0] or full.file.tell(), now_ns):
+                self.notes[REMOVED] = self._kept.told()
             self._write_metadata()
         except OSError as error:
             self._stop(error, whole=False)
@@ -237,7 +254,7 @@ class BagWriter:
         if self._lock.path is None:
             self._stop(OSError(errno.ENOENT, "the folder was removed"), kept="what was recorded is gone with it")
         if self._part.file.removed:
-            count = self._part.count
+            count = self._part.counts.total()
             self._stop(
                 OSError(errno.ENOENT, f"{self._part.name} was removed"),
                 kept=f"its {count} messages are gone with it",
@@ -300,8 +317,21 @@ class BagWriter:
         raise RecordingStoppedError(self.stopped) from error
 
     def _write_metadata(self) -> None:
-        topics = [TopicEntry(t.name, t.type, qos_profiles(t.qos), self.counts[t.name]) for t in self._topics.values()]
-        write_metadata(self._lock.place, topics, [*self._entries, self._part.entry], self.notes)
+        counts = self.counts - self._kept.removed
+        topics = [TopicEntry(t.name, t.type, qos_profiles(t.qos), counts[t.name]) for t in self._topics.values()]
+        write_metadata(self._lock.place, topics, [*self._kept, self._part.entry], self.notes)
+
+
+def _check_kept(keep_size: int, keep_duration: float, max_file_size: int, max_file_duration: float) -> None:
+    """Only whole files go, and the one at hand stays."""
+    if (keep_size or keep_duration) and not (max_file_size or max_file_duration):
+        raise InputError("keep_size or keep_duration without files that end: give max_file_size or max_file_duration")
+    if 0 < keep_size < 2 * max_file_size:
+        raise InputError(
+            f"keep_size of {keep_size} bytes: expected at least two files of {max_file_size}, or 0 for all"
+        )
+    if 0.0 < keep_duration < max_file_duration:
+        raise InputError(f"keep_duration of {keep_duration} s: expected a file of {max_file_duration} s or more, or 0")
 
 
 def _new_folder(folder: Path) -> BagLock:

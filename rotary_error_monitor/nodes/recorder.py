@@ -64,6 +64,19 @@ class Recorder(ManagedNode):
             "time after which the recording goes on in a new file of the bag, s; 0 for one file however long",
             (0.0, 1e9),
         ),
+        Setting(
+            "keep_size",
+            0,
+            "size of all files of the bag: when one ends, the oldest go until the next has room, bytes; 0 for all",
+            (0, 1 << 62),
+        ),
+        Setting(
+            "keep_duration",
+            0.0,
+            "age from which a file of the bag goes, when another one ends, s; 0 for never",
+            (0.0, 1e10),
+        ),
+        Setting("compression", "zstd", "of the bag; each reader of mcap knows these", choices=("zstd", "lz4", "none")),
     )
 
     def open(self) -> None:
@@ -78,6 +91,9 @@ class Recorder(ManagedNode):
                 flush_period=period,
                 max_file_size=self.setting("max_file_size"),
                 max_file_duration=self.setting("max_file_duration"),
+                keep_size=self.setting("keep_size"),
+                keep_duration=self.setting("keep_duration"),
+                compression=self.setting("compression"),
             )
         except OSError as error:
             raise InputError(f"parameter 'folder': {folder} cannot be written ({error}); give another path") from error

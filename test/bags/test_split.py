@@ -18,6 +18,7 @@ from rotary_error_monitor.bags.recovery import recover
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
 from rotary_error_monitor.codec.contents import TYPES, Temperature
 from rotary_error_monitor.codec.messages import encode
+from rotary_error_monitor.errors import InputError
 
 from .conftest import START, read_by_mcap, read_by_rosbags
 
@@ -101,6 +102,72 @@ def test_a_killed_recording_of_several_files(tmp_path: Path, count: int) -> None
     assert recover(bag).counts.total() == count
     assert len(read_by_rosbags(bag)) == count and BagReader(bag).damage is None
     assert _information(bag)["relative_file_paths"] == [f"bag_{part}.mcap" for part in range(-(-count // 10))]
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_compressed_bags_are_read_by_all(tmp_path: Path, compression: str) -> None:
+    bag = tmp_path / "bag"
+    with BagWriter(bag, TOPICS, compression=compression) as writer:
+        for number in range(30):
+            writer.write("/t/a", _message(number, 5000), START + number * SECOND // 10)
+    size = sum(path.stat().st_size for path in bag.glob("*.mcap"))
+    assert size > 150_000 if compression == "none" else size < 30_000
+    assert _numbers(bag) == list(range(30)) and len(read_by_rosbags(bag)) == len(read_by_mcap(bag)) == 30
+    assert BagReader(bag).remarks == () and _information(bag)["compression_mode"] == "", "chunks, not messages or files"
+
+
+@pytest.mark.parametrize(
+    ("kept", "first"),
+    [({"keep_duration": 4.0}, 80), ({"keep_duration": 4.4}, 70), ({"keep_size": 160_000, "max_file_size": 40_000}, 90)],
+)
+def test_the_oldest_files_go(tmp_path: Path, kept: dict[str, float], first: int) -> None:
+    """What stays is a whole bag, at every moment: names, numbers and times in it are those of its files."""
+    bag = tmp_path / "bag"
+    writer = BagWriter(bag, TOPICS, flush_period=0.0, **{"max_file_duration": 1.0, **kept})  # type: ignore[arg-type]
+    for number in range(125):
+        writer.write(TOPICS[number % 2].name, _message(number, 3000), START + number * SECOND // 10)
+        there = {path.name for path in bag.glob("*.mcap")}
+        assert there == set(_information(bag)["relative_file_paths"])  # type: ignore[call-overload]
+        if "keep_size" in kept:
+            closed = sorted(bag.glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)[:-1]
+            assert sum(path.stat().st_size for path in closed) + 40_000 <= 160_000
+    writer.close()
+    numbers = _numbers(bag)
+    assert numbers == list(range(first, 125)) and len(read_by_rosbags(bag)) == len(numbers)
+    information = _information(bag)
+    assert information["message_count"] == len(numbers)
+    assert information["starting_time"] == {"nanoseconds_since_epoch": START + first * SECOND // 10}
+    counts = [topic["message_count"] for topic in information["topics_with_message_count"]]  # type: ignore[attr-defined]
+    assert sum(counts) == len(numbers)
+    (remark,) = BagReader(bag).remarks
+    assert f"{first // 10} files with {first} messages, up to" in remark
+    assert writer.counts.total() == 125
+
+
+def test_a_file_that_cannot_be_removed_stays_in_the_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path, **_: object) -> None:
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    writer = _record(tmp_path / "bag", 50, max_file_duration=1.0, keep_duration=1.0)
+    monkeypatch.undo()
+    writer.close()
+    assert _numbers(tmp_path / "bag") == list(range(50)) and BagReader(tmp_path / "bag").remarks == ()
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        ({"keep_size": 10_000}, "without files that end"),
+        ({"keep_duration": 10.0}, "without files that end"),
+        ({"keep_size": 10_000, "max_file_size": 6000}, "10000 bytes: expected at least two files of 6000"),
+        ({"keep_duration": 10.0, "max_file_duration": 60.0}, r"10.0 s: expected a file of 60.0 s or more"),
+    ],
+)
+def test_less_than_a_file_cannot_be_kept(tmp_path: Path, limits: dict[str, float], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        BagWriter(tmp_path / "bag", TOPICS, **limits)  # type: ignore[arg-type]
+    assert not (tmp_path / "bag").exists()
 
 
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:

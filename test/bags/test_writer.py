@@ -39,7 +39,8 @@ from rotary_error_monitor.codec.contents import Temperature
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
 folder, period = sys.argv[1], float(sys.argv[2])
-writer = BagWriter(folder, [BagTopic("/machine/temperature", "sensor_msgs/msg/Temperature")])
+topics = [BagTopic("/machine/temperature", "sensor_msgs/msg/Temperature")]
+writer = BagWriter(folder, topics, compression=(sys.argv[3:] or ["none"])[0])
 data = [encode(Temperature(number, number, 0.0, "x" * 80)) for number in range(40_000)]
 print("ready", flush=True)
 try:
@@ -140,10 +141,11 @@ def test_a_message_leaves_the_process_within_the_flush_period(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_came_a_second_before_a_kill_can_be_read(tmp_path: Path, seed: int) -> None:
+@pytest.mark.parametrize("compression", ["none", "zstd"])
+def test_what_came_a_second_before_a_kill_can_be_read(tmp_path: Path, seed: int, compression: str) -> None:
     folder = tmp_path / "bag"
     with subprocess.Popen(
-        [sys.executable, "-c", RECORD, str(folder), "0.0005"], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", RECORD, str(folder), "0.0005", compression], stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None and process.stdout.readline() == "ready\n"
         time.sleep(random.Random(seed).uniform(0.05, 2.0))  # the moment of the kill is what varies here

@@ -357,10 +357,27 @@ def test_a_long_recording_is_split(cell, tmp_path):
     cell.run(EncoderHead, "encoder_head_a")
     cell.wait_until(lambda: len(list(bag.glob("bag_*.mcap"))) > 3, "four files")
     cell.remove(recorder)
+    with (bag / "bag_0.mcap").open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    assert {chunk.compression for chunk in chunks} == {"zstd"}
     blocks = [BlockDecoder().decode(data) for data in recorded(bag, "/stage/head_a/samples")]
     times = np.concatenate([block.times_ns for block in blocks])
     assert (np.diff(times) == np.diff(times)[0]).all()
     assert BagReader(bag).remarks == ()
+
+
+def test_a_recording_for_months_keeps_its_last_files(cell, tmp_path):
+    bag = tmp_path / "bag"
+    limits = {"max_file_duration": 0.5, "keep_duration": 1.0}
+    recorder = cell.run(Recorder, "recorder", folder=str(bag), **limits)
+    cell.run(EncoderHead, "encoder_head_a")
+    cell.wait_until(lambda: (bag / "bag_6.mcap").exists(), "seven files")
+    assert not (bag / "bag_0.mcap").exists() and len(list(bag.glob("bag_*.mcap"))) <= 4
+    cell.remove(recorder)
+    blocks = [BlockDecoder().decode(data) for data in recorded(bag, "/stage/head_a/samples")]
+    times = np.concatenate([block.times_ns for block in blocks])
+    assert (np.diff(times) == np.diff(times)[0]).all() and times[-1] - times[0] > 900_000_000
+    assert any("files removed for what shall be kept at most" in remark for remark in BagReader(bag).remarks)
 
 
 def test_memory_does_not_grow_with_the_messages(cell, tmp_path):
