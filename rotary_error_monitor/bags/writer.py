@@ -186,6 +186,12 @@ class BagWriter:
             self._part.file.sync()
         self._keep_reserve()
 
+    def write_notes(self) -> None:
+        """Bring `notes` to `metadata.yaml` now; where that cannot be written, they come with the next one."""
+        self._check_open()
+        with contextlib.suppress(OSError):
+            self._write_metadata()
+
     def close(self) -> None:
         """Write the index and the final `metadata.yaml`; closing a closed bag does nothing.
 

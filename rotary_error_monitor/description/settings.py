@@ -30,6 +30,8 @@ class Setting:
         bounds: smallest and largest value, for numbers.
         choices: the values allowed, for text; empty where any text will do.
         at_start: given at the start or never, for what runs programs: who may set parameters shall not run any.
+        required: of a text that has no default: empty says that nobody has given it, and no node configures so.
+        hint: what to give for one that is required, where the choices alone do not tell.
     """
 
     name: str
@@ -38,6 +40,8 @@ class Setting:
     bounds: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
     at_start: bool = False
+    required: bool = False
+    hint: str = ""
 
     @property
     def expected(self) -> str:
@@ -70,8 +74,18 @@ class Setting:
             InputError: naming parameter, value and what is expected.
         """
         finite = all(math.isfinite(number) for number in _numbers(value))
-        if not finite or (self.choices and value not in self.choices):
+        lacking = self.required and value == ""
+        if not finite or (self.choices and value not in self.choices and not lacking):
             raise InputError(f"{where}: parameter '{self.name}' is {value!r}; expected: {self.expected}")
+
+    def check_given(self, value: object, where: str) -> None:
+        """Refuse that nobody has given a value that is required.
+
+        Raises:
+            InputError: naming the parameter and what to give.
+        """
+        if self.required and value == "":
+            raise InputError(f"{where}: parameter '{self.name}' is not given; expected: {self.hint or self.expected}")
 
 
 def _numbers(value: object) -> Iterable[float]:

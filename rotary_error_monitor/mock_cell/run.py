@@ -23,6 +23,7 @@ from tqdm import tqdm
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.signals.blocks import NANOSECONDS
+from rotary_error_monitor.sources.mock import MOCK
 from rotary_error_monitor.testing import Cell, NodeProcess
 
 HEIGHTS = (0.005, 0.016, 0.060)
@@ -107,6 +108,7 @@ def record(cell: MockCell, stage: StageDescription) -> Recording:
         "mock.force_cycle": FORCE_CYCLE,
         "block_period": BLOCK_PERIOD,
     }
+    sensed: dict[str, Any] = {"source": MOCK, **mock}
     machine: dict[str, Any] = {"machine": cell.machine}
     letters, sensors = tuple(stage.azimuths), stage.listed
     with Cell(letters, shared, sensors=tuple(sensors)) as running, _progress(cell.duration, cell.quiet) as progress:
@@ -116,10 +118,10 @@ def record(cell: MockCell, stage: StageDescription) -> Recording:
         running.wait_for_status("recorder: state", "active", STARTING)
         instruments = [
             running.start("mock_controller", **mock, **machine, rate=cell.rate),
-            running.start("autocollimator", **mock, rate=cell.rate),
-            *(running.start("encoder_head", f"encoder_head_{x}", **mock, head=x, rate=cell.rate) for x in letters),
+            running.start("autocollimator", **sensed, rate=cell.rate),
+            *(running.start("encoder_head", f"encoder_head_{x}", **sensed, head=x, rate=cell.rate) for x in letters),
             *(
-                running.start("listed_sensor", f"listed_sensor_{name_of(x, sensors[x])}", **mock, sensor=x)
+                running.start("listed_sensor", f"listed_sensor_{name_of(x, sensors[x])}", **sensed, sensor=x)
                 for x in sensors
             ),
         ]
@@ -127,7 +129,7 @@ def record(cell: MockCell, stage: StageDescription) -> Recording:
             running.start("error_estimator", autostart=False),
             running.start("compensation", autostart=False, **machine, correction_period=CORRECTION_PERIOD),
         ]
-        lvdt = running.start("lvdt", autostart=False, **mock)
+        lvdt = running.start("lvdt", autostart=False, **sensed)
         _activate_once_all_is_recorded(running, [process.name for process in reckoning])
         running.wait_until(lambda: _corrects(running), "the cell to correct", STARTING)
         for height in HEIGHTS:

@@ -1,6 +1,6 @@
 """The autocollimator that looks at the mirror on the rotor.
 
-ros2 run rotary_error_monitor autocollimator
+ros2 run rotary_error_monitor autocollimator --ros-args -p source:=mock
 ros2 run rotary_error_monitor autocollimator --ros-args -p source:=vector3 -p vector3.topic:=/my_collimator/angles
 ros2 run rotary_error_monitor autocollimator --ros-args -p source:=iio -p iio.sensitivity:=0.0004
 """

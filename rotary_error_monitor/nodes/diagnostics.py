@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.admission import AHEAD_NS
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
 STANDSTILL = 0.8
 """s of real time, a little less than a report takes: a simulation that is alive moves its clock many times in it."""
+
+SIMULATED_TOPICS = "simulated_topics"
+"""Figure of a node's state: what of it is simulated, for whoever records it."""
 
 
 class Level(IntEnum):
@@ -52,6 +57,34 @@ def diagnostic_array(stamp: Time, node: str, hardware: str, conditions: Iterable
             for condition in conditions
         ],
     )
+
+
+def simulation_figures(source: str, topics: Sequence[str]) -> dict[str, object]:
+    """Figures that say that what a node publishes on its topics is simulated by a source."""
+    return {"source": source, "simulated": "true", SIMULATED_TOPICS: ", ".join(topics)}
+
+
+def simulated_topics(data: bytes) -> set[str]:
+    """The topics that a node's message, as it is serialised, says are simulated.
+
+    Raises:
+        InputError: it is no such message.
+    """
+    if SIMULATED_TOPICS.encode() not in data:  # as of all nodes of a real cell: nothing is built for them
+        return set()
+    try:
+        message = deserialize_message(data, DiagnosticArray)
+    except RuntimeError as error:  # so rmw says that bytes are no message
+        raise InputError(f"{len(data)} bytes are no message of diagnostics: {error}") from error
+    told = (each.value for status in message.status for each in status.values if each.key == SIMULATED_TOPICS)
+    return {topic for text in told for topic in text.split(", ")}
+
+
+def life_condition(halted: str, origin: Mapping[str, object], *, active: bool) -> Condition:
+    """Condition of a node's life cycle, with the figures of its `origin`; `halted` says why it stands, if it does."""
+    if halted:
+        return Condition("state", Level.ERROR, halted, origin)
+    return Condition("state", *((Level.OK, "active") if active else (Level.WARN, "inactive")), origin)
 
 
 def _text(value: object) -> str:

@@ -1,6 +1,6 @@
 """One read head of the rotary encoder.
 
-ros2 run rotary_error_monitor encoder_head --ros-args -r __node:=encoder_head_b
+ros2 run rotary_error_monitor encoder_head --ros-args -r __node:=encoder_head_b -p source:=mock
 ros2 run rotary_error_monitor encoder_head --ros-args -p head:=a -p source:=joint_state
 """
 

@@ -1,6 +1,6 @@
 """One of the sensors that the stage's description lists by name, such as a displacement probe.
 
-ros2 run rotary_error_monitor listed_sensor --ros-args -r __node:=listed_sensor_top
+ros2 run rotary_error_monitor listed_sensor --ros-args -r __node:=listed_sensor_top -p source:=mock
 ros2 run rotary_error_monitor listed_sensor --ros-args -p sensor:=top -p source:=vector3 -p vector3.topic:=/my_probe
 """
 

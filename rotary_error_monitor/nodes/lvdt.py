@@ -1,6 +1,6 @@
 """The reference LVDT that touches an artefact above the ring: to compare with, never an input of the estimate.
 
-ros2 run rotary_error_monitor lvdt
+ros2 run rotary_error_monitor lvdt --ros-args -p source:=mock
 ros2 run rotary_error_monitor lvdt --ros-args -p source:=vector3 -p vector3.topic:=/my_lvdt/displacement
 """
 

@@ -31,7 +31,14 @@ from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import Topic, Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages, parameters
-from rotary_error_monitor.nodes.diagnostics import ClockWatch, Condition, Level, diagnostic_array
+from rotary_error_monitor.nodes.diagnostics import (
+    ClockWatch,
+    Condition,
+    Level,
+    diagnostic_array,
+    life_condition,
+    simulation_figures,
+)
 from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.protection import SECURITY, judge_node, security_conditions
 from rotary_error_monitor.nodes.publishers import Listening
@@ -53,6 +60,8 @@ class ManagedNode(LifecycleNode):
         stage: description of the rotary stage, from `open()` on.
         contract: the wire contract for the heads of that stage, as it stands in `msg_defs/` and in bags.
         wire: the same with the names that topics have in the node's namespace.
+        hardware: where what it publishes comes from, such as the device that is its source; empty for none.
+        simulates: whether that is a simulation; the node says so in the log and in its diagnostics.
         active: whether the life cycle state is active; messages are handled only then.
         busy: held by whatever callback runs, so that callbacks of worker and executor take turns.
         end: done once the node shall end: by a signal, or with the exception that its worker met.
@@ -60,6 +69,7 @@ class ManagedNode(LifecycleNode):
 
     settings: tuple[Setting, ...] = ()
     hardware: str = ""
+    simulates: bool = False
 
     def __init__(
         self,
@@ -92,6 +102,7 @@ class ManagedNode(LifecycleNode):
         self._listening = Listening(self)
         self._told: tuple[object, float] = (None, 0.0)
         self._entities: list[Callable[[], object]] = []
+        self._outgoing: list[str] = []
         self._clock_watch = ClockWatch()
         self._worker = Worker(self.context, self.now_ns, self._fail)
         self.busy = threading.RLock()  # callbacks of the worker and of the executor take turns
@@ -113,6 +124,10 @@ class ManagedNode(LifecycleNode):
         """How the node fares at `now_ns`, for `/diagnostics`."""
         return []
 
+    def origin(self) -> dict[str, object]:
+        """Figures that say where what the node publishes comes from, where that matters: of a simulation."""
+        return simulation_figures(self.hardware, self._outgoing) if self.simulates else {}
+
     # What a node of the package uses.
 
     def setting(self, name: str) -> parameters.ParameterValue:
@@ -133,6 +148,8 @@ class ManagedNode(LifecycleNode):
             qos_overriding_options=OVERRIDABLE,
         )
         self._entities.append(partial(self.destroy_lifecycle_publisher, publisher))
+        if topic != self.wire.topic("diagnostics"):
+            self._outgoing.append(topic.name)
         return publisher
 
     def listen_to(self, topic: Topic, callback: Callable[[messages.Message], None]) -> None:
@@ -279,12 +296,15 @@ class ManagedNode(LifecycleNode):
         """Read the stage and the contract and open the node; wrong input leaves it unconfigured and is logged."""
         self._simulated = bool(self.setting(_SIM_TIME))
         try:
+            parameters.check_given(self, self._settings)
             self.stage = load_stage(self.setting("stage") or None)
             self.contract = wire_of(self.stage)
             self.wire = self.contract.within(self.get_namespace())
             self._open_diagnostics()
             self.open()
             parameters.check_known(self, [*self._parameters], opened=True)
+            if self.simulates:
+                self.get_logger().warning(f"source {self.hardware}: simulated are {', '.join(self._outgoing)}")
         except InputError as error:
             self._failure = error
             self.get_logger().fatal(str(error))
@@ -330,23 +350,17 @@ class ManagedNode(LifecycleNode):
         for destroy in reversed(self._entities):
             destroy()
         self._entities.clear()
+        self._outgoing.clear()
         self._listening.clear()
 
     def _judge_parameters(self, changed: list[Parameter]) -> SetParametersResult:
         """Refuse what no node could use, and everything that is read when the node configures once it has."""
-        settings = {setting.name: setting for setting in self._settings}
-        for parameter in changed:
-            if parameter.name in settings:
-                try:
-                    settings[parameter.name].check(parameter.value, self.get_fully_qualified_name())
-                except InputError as error:
-                    return SetParametersResult(successful=False, reason=str(error))
-        late = [each.name for each in changed if each.name in settings or each.name == _SIM_TIME]
-        if late and self._configured:
-            return SetParametersResult(
-                successful=False, reason=f"{', '.join(late)}: read when the node configures; clean it up first"
-            )
-        return SetParametersResult(successful=True)
+        reason = parameters.refusal(self.get_fully_qualified_name(), self._settings, changed)
+        names = {_SIM_TIME, *(setting.name for setting in self._settings)}
+        late = [each.name for each in changed if each.name in names]
+        if late and self._configured and not reason:
+            reason = f"{', '.join(late)}: read when the node configures; clean it up first"
+        return SetParametersResult(successful=not reason, reason=reason)
 
     def _open_diagnostics(self) -> None:
         """Diagnostics flow in every state once configured."""
@@ -386,11 +400,7 @@ class ManagedNode(LifecycleNode):
 
     def _life(self, now_ns: int) -> Condition:
         halted = self._clock_watch.trouble(now_ns) if self._simulated else ""
-        if halted:
-            return Condition("state", Level.ERROR, f"{_SIM_TIME} is set, {halted}")
-        if not self.active:
-            return Condition("state", Level.WARN, "inactive")
-        return Condition("state", Level.OK, "active")
+        return life_condition(halted and f"{_SIM_TIME} is set, {halted}", self.origin(), active=self.active)
 
     def is_shared(self, topic: str) -> bool:
         """Whether several publishers speak on a topic that this node listens to."""

@@ -23,7 +23,7 @@ from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.sensor import BlockSender
 from rotary_error_monitor.signals.blocks import NANOSECONDS
-from rotary_error_monitor.sources.mock import RATE, MockSource, mock_settings, mock_stage
+from rotary_error_monitor.sources.mock import MOCK, RATE, MockSource, mock_settings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
 
 NAME = "mock_controller"
@@ -40,6 +40,8 @@ class MockController(ManagedNode):
     Its corrections are believed and followed as `linuxcnc_bridge` does by default, without moving anything.
     """
 
+    hardware = MOCK
+    simulates = True
     settings = (
         *cell_settings("machine", "block_period", "mock."),
         RATE,
@@ -48,7 +50,6 @@ class MockController(ManagedNode):
 
     def open(self) -> None:
         """Begin to send."""
-        self.hardware = "mock"
         self._plant = mock_stage(self.stage, mock_settings(self.setting, self.now_ns(), self.setting(RATE.name)))
         block_ns = round(self.setting("block_period") * NANOSECONDS)
         wire = self.wire.topic

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
@@ -68,6 +69,28 @@ def declare(node: Node, settings: Iterable[Setting]) -> None:
                 f"{where}: parameter '{setting.name}' is {wrong!r}; expected: {setting.expected}"
             ) from error
         setting.check(value, where)
+
+
+def check_given(node: Node, settings: Iterable[Setting]) -> None:
+    """Refuse that a parameter lacks which has no default.
+
+    Raises:
+        InputError: naming the parameter and what to give.
+    """
+    for setting in settings:
+        setting.check_given(node.get_parameter(setting.name).value, node.get_fully_qualified_name())
+
+
+def refusal(where: str, settings: Iterable[Setting], changed: Iterable[Parameter]) -> str:
+    """What is wrong with new values of the node called `where`; empty where nothing is."""
+    known = {setting.name: setting for setting in settings}
+    for parameter in changed:
+        if parameter.name in known:
+            try:
+                known[parameter.name].check(parameter.value, where)
+            except InputError as error:
+                return str(error)
+    return ""
 
 
 def check_known(node: Node, names: Iterable[str], *, opened: bool) -> None:

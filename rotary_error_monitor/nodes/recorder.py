@@ -19,13 +19,16 @@ from rotary_error_monitor.bags.writer import BagWriter, RecordingStoppedError
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.diagnostics import Condition, Level
+from rotary_error_monitor.nodes.diagnostics import Condition, Level, simulated_topics
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.numbering import MessageCount
 
 NAME = "recorder"
+SIMULATED = "simulated"
+"""What the bag calls the topics whose messages are those of a simulation."""
+
 LOST = "messages that never came"
 """What the bag calls the messages that were lost on the way to its recorder."""
 
@@ -101,6 +104,8 @@ class Recorder(ManagedNode):
         heard = dict(zip((topic.name for topic in topics), self.wire, strict=True))
         self._counts = {name: MessageCount(partial(self.count_publishers, topic.name)) for name, topic in heard.items()}
         self._lost: dict[str, int] = {}
+        self._names = {topic.name: name for name, topic in heard.items()}
+        self._simulated_topics: set[str] = set()
         self._said = 0
         self._begun: float | None = None
         self._waited = 0.0
@@ -132,6 +137,7 @@ class Recorder(ManagedNode):
         self._flusher.join()
         if bag.stopped is None:
             self._say_lost(bag)
+            self._say_simulated(bag)
             self._guard(bag.close)
 
     def diagnose(self) -> messages.Message:
@@ -182,7 +188,7 @@ class Recorder(ManagedNode):
         return [Condition("recording", Level.WARN if reasons else Level.OK, "; ".join(reasons) or "recording", figures)]
 
     def _receiver(self, topic: str) -> Callable[[bytes, int, int | None], None]:
-        count = self._counts[topic]
+        count, tells_origin = self._counts[topic], topic == self.contract.topic("diagnostics").name
 
         def receive(data: bytes, received_ns: int, number: int | None) -> None:
             bag = self._bag
@@ -194,8 +200,14 @@ class Recorder(ManagedNode):
                     self._lost[topic] = self._lost.get(topic, 0) + lost
             self._guard(lambda: bag.write(topic, data, received_ns, sequence=number or 0))
             self._waited = max(self._waited, (self.now_ns() - received_ns) / NANOSECONDS)
+            if tells_origin:
+                self._note_simulated(data)
 
         return receive
+
+    def _note_simulated(self, data: bytes) -> None:
+        """Take note of the topics that a node's diagnostics call simulated."""
+        self._simulated_topics |= {self._names[topic] for topic in simulated_topics(data) if topic in self._names}
 
     def _flush_regularly(self, period: float, ending: threading.Event) -> None:
         """Also where nothing more arrives, and not on the executor: what speaks there must not wait for the disk."""
@@ -205,6 +217,7 @@ class Recorder(ManagedNode):
                 if bag is not None and bag.stopped is None:
                     self._say_lost(bag)
                     self._guard(bag.flush)
+                    self._say_simulated(bag)
 
     def _say_lost(self, bag: BagWriter) -> None:
         """In the log as soon as it is known, and in the bag for whoever reads it later."""
@@ -212,6 +225,13 @@ class Recorder(ManagedNode):
         if text and bag.notes.get(LOST) != text:
             bag.notes[LOST] = text
             self.get_logger().warning(f"{LOST}: {text}")
+
+    def _say_simulated(self, bag: BagWriter) -> None:
+        """In the bag at once: what a recorder that is killed leaves shall not pass for a recording of a real cell."""
+        text = ", ".join(sorted(self._simulated_topics))
+        if text and bag.notes.get(SIMULATED) != text:
+            bag.notes[SIMULATED] = text
+            self._guard(bag.write_notes)
 
     def _guard(self, action: Callable[[], None]) -> None:
         """Do something to the bag; that the recording had to stop is said once here, and in each diagnostic."""

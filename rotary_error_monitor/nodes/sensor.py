@@ -190,8 +190,10 @@ class SensorNode(ManagedNode):
         samples, people = self.topics()
         period_ns = round(self.block_period(samples.frame) * NANOSECONDS)
         instrument = Instrument(samples.frame, samples.columns, self.stage, self.setting, self.now_ns())
+        device = self._devices[self.hardware]
+        self.simulates = device.simulated
         with told_of(self.hardware):
-            self._source = source = opened(self._devices[self.hardware], instrument)
+            self._source = source = opened(device, instrument)
         told = people, partial(messages.latest_message, people, joint=self.joint)
         slowest = self.slowest(samples.frame)
         self._sender = BlockSender(self, samples, source, period_ns, told, slowest)
@@ -199,6 +201,10 @@ class SensorNode(ManagedNode):
         self._driver = Driver(self, source, silent_after) if isinstance(source, Heard) else None
         if isinstance(source, Polled):
             self.at_each(round(NANOSECONDS / self.setting(POLL_RATE.name)), lambda _: self._poll(source))
+
+    def origin(self) -> dict[str, object]:
+        """The source, real or simulated."""
+        return {"source": self.hardware} | super().origin()
 
     def release(self) -> None:
         """Close the source."""

@@ -23,7 +23,7 @@ from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.sensor import BlockSender
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.sources.follower import FollowedSource, FollowedStage
-from rotary_error_monitor.sources.mock import RATE, mock_settings
+from rotary_error_monitor.sources.mock import MOCK, RATE, mock_settings
 
 NAME = "stage_follower"
 _STALE_AFTER = 0.5
@@ -33,7 +33,8 @@ class StageFollower(ManagedNode):
     """Publishes what the instruments of a stage see that turns with an axis of the machine."""
 
     settings = (*cell_settings("machine", "block_period", "mock."), RATE)
-    hardware = "mock"
+    hardware = MOCK
+    simulates = True
 
     def open(self) -> None:
         """Listen to the axis; the instruments speak from its first joint state on."""

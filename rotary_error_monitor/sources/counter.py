@@ -23,6 +23,7 @@ class CounterDevice(Device):
     """A read head on a counter of the kernel."""
 
     name = "counter"
+    meaning = "a quadrature counter of the Linux counter subsystem"
     serves = ("encoder_head",)
     settings = (
         POLL_RATE,

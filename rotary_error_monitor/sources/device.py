@@ -40,11 +40,15 @@ class Device(ABC):
         name: value of the parameter `source`.
         serves: kinds of instrument that it can be, by the name of their node.
         settings: parameters that a node has because of it.
+        meaning: what it is for, in a few words, for who has to choose one.
+        simulated: whether its samples are those of a simulation, which the node then says wherever it speaks.
     """
 
     name: ClassVar[str] = ""
     serves: ClassVar[tuple[str, ...]] = ()
     settings: ClassVar[tuple[Setting, ...]] = ()
+    meaning: ClassVar[str] = ""
+    simulated: ClassVar[bool] = False
 
     @abstractmethod
     def open(self, instrument: Instrument) -> Source:

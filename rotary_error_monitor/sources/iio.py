@@ -24,6 +24,7 @@ class QuadrantDevice(Device):
     """An autocollimator's quadrant detector on a converter of the kernel."""
 
     name = "iio"
+    meaning = "quadrant voltages on a Linux IIO device"
     serves = ("autocollimator",)
     settings = (
         POLL_RATE,
@@ -52,6 +53,7 @@ class VoltageDevice(Device):
     """A displacement probe whose amplifier gives out a voltage."""
 
     name = "iio"
+    meaning = "a probe's voltage on a Linux IIO device"
     serves = ("listed_sensor",)
     settings = (
         POLL_RATE,

@@ -25,6 +25,7 @@ class JointStateDriver(Device):
     """Position of one joint, rad."""
 
     name = "joint_state"
+    meaning = "a driver that publishes sensor_msgs/JointState"
     serves = ("encoder_head",)
     settings = _SETTINGS
 
@@ -43,6 +44,7 @@ class CommandDriver(Device):
     """Commanded position of one joint, rad, with its speed, rad/s."""
 
     name = "joint_state"
+    meaning = "a controller that publishes sensor_msgs/JointState"
     serves = ("stage_command",)
     settings = _SETTINGS
 

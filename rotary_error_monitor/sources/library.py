@@ -15,7 +15,7 @@ _TAKEN = {"source", "head", "stage", "machine", "autostart", "security", "block_
 
 
 def load_devices(instrument: str) -> dict[str, Device]:
-    """Devices that can be an instrument, by name, the mock first.
+    """Devices that can be an instrument, by name, the mock last: it is for trying things out.
 
     Args:
         instrument: name of its node, such as `encoder_head`.
@@ -31,7 +31,7 @@ def load_devices(instrument: str) -> dict[str, Device]:
             if kind.name in found:
                 raise InputError(f"{origin}: device '{kind.name}' is already known; choose another name")
             found[kind.name] = _made(kind, origin)
-    return dict(sorted(found.items(), key=lambda item: (item[0] != MOCK, item[0])))
+    return dict(sorted(found.items(), key=lambda item: (item[0] == MOCK, item[0])))
 
 
 def device_settings(devices: dict[str, Device]) -> tuple[Setting, ...]:
@@ -46,8 +46,18 @@ def device_settings(devices: dict[str, Device]) -> tuple[Setting, ...]:
             known, owner = found.setdefault(setting.name, (setting, device.name))
             if known != setting:
                 raise InputError(f"devices '{owner}' and '{device.name}' both have a setting '{setting.name}'")
-    source = Setting("source", next(iter(devices)), "where the samples come from", choices=tuple(devices))
-    return (source, *(setting for setting, _ in found.values()))
+    return (_source(devices), *(setting for setting, _ in found.values()))
+
+
+def _source(devices: dict[str, Device]) -> Setting:
+    """The parameter `source`: it has no default, so that no real cell publishes simulated samples unasked."""
+    meaning = "where the samples come from"
+    told = [
+        f"-p source:={name}" + (f" ({device.meaning})" if device.meaning else "") for name, device in devices.items()
+    ]
+    hint = f"{meaning}: {' or '.join([', '.join(told[:-1]), *told[-1:]]) if told[1:] else ''.join(told)}"
+    mock = "; a whole mock cell is started with: make run" if MOCK in devices else ""
+    return Setting("source", "", meaning, choices=tuple(devices), required=True, hint=hint + mock)
 
 
 def _served(kind: type[Device], origin: str) -> tuple[str, ...]:

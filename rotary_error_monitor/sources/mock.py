@@ -105,10 +105,17 @@ def mock_settings(setting: Callable[[str], Any], now_ns: int, rate: float | None
     )
 
 
-class MockInstrument(Device):
-    """What an instrument of the true stage shows that all mock sources of the cell see."""
+class MockDevice(Device):
+    """Base of all that show the true stage of a mock cell."""
 
     name = MOCK
+    meaning = "simulated samples, for a mock cell"
+    simulated = True
+
+
+class MockInstrument(MockDevice):
+    """What an instrument of the true stage shows that all mock sources of the cell see."""
+
     serves = ("encoder_head", "autocollimator", "listed_sensor")
     settings = (*MOCK_SETTINGS, RATE)
 
@@ -122,10 +129,9 @@ class MockInstrument(Device):
         return _stream_of(mock_stage(instrument.stage, settings), instrument)
 
 
-class MockSurroundings(Device):
+class MockSurroundings(MockDevice):
     """What drives the true stage: its command, the force on its shaft, its temperature."""
 
-    name = MOCK
     serves = ("stage_command", "stage_force", "stage_temperature")
     settings = MOCK_SETTINGS
 
@@ -136,10 +142,9 @@ class MockSurroundings(Device):
         )
 
 
-class MockLvdt(Device):
+class MockLvdt(MockDevice):
     """The LVDT of the true stage, at a height of the user's choice."""
 
-    name = MOCK
     serves = ("lvdt",)
     settings = (*MOCK_SETTINGS, HEIGHT)
 

@@ -12,6 +12,7 @@ class WrenchDriver(Device):
     """Force of a load cell along x and y, N."""
 
     name = "wrench"
+    meaning = "a load cell's driver that publishes geometry_msgs/WrenchStamped"
     serves = ("stage_force",)
     settings = (Setting("wrench.topic", "load_cell/wrench", "topic of a third-party driver: force in N"),)
 
@@ -29,6 +30,7 @@ class TemperatureDriver(Device):
     """Temperature of the stage's thermometer, or of a listed one, °C."""
 
     name = "temperature"
+    meaning = "a thermometer's driver that publishes sensor_msgs/Temperature"
     serves = ("stage_temperature", "listed_sensor")
     settings = (
         Setting("temperature.topic", "thermometer/temperature", "topic of a third-party driver: temperature in °C"),

@@ -10,6 +10,8 @@ from rotary_error_monitor.sources.source import Heard
 class _Vector3Driver(Device):
     """The first components of a vector with a stamp, as many as a sample has fields."""
 
+    meaning = "a driver that publishes geometry_msgs/Vector3Stamped"
+
     def open(self, instrument: Instrument) -> Heard:
         """Source of the vectors."""
         return Heard(

@@ -5,8 +5,8 @@
 
     def test_my_driver() -> None:
         with Cell() as cell:                                    # a ROS domain of its own
-            cell.run(EncoderHead, "encoder_head_a")             # a node in this process: breakpoints and coverage work
-            cell.start("encoder_head", "encoder_head_b")        # the same as a process of its own
+            cell.run(EncoderHead, "encoder_head_a", source="mock")       # in this process: breakpoints, coverage work
+            cell.start("encoder_head", "encoder_head_b", source="mock")  # the same as a process of its own
             blocks = cell.collect(cell.wire.topic("head_samples", "a"))
             cell.wait_until(lambda: len(blocks) > 3, "blocks of head a")
             assert blocks[0].width > 0

@@ -35,8 +35,10 @@ def test_blocks_from_heads_to_tool_offset(rate, tmp_path):
         processes = [cell.start("recorder", folder=str(bag))]
         cell.wait_for_status("recorder: state", "active", 60)
         processes.append(cell.start("mock_controller", machine="xyzac_trt", **mock))
-        processes.append(cell.start("autocollimator", **mock))
-        processes += [cell.start("encoder_head", f"encoder_head_{head}", head=head, **mock) for head in "abcd"]
+        processes.append(cell.start("autocollimator", **mock, source="mock"))
+        processes += [
+            cell.start("encoder_head", f"encoder_head_{head}", head=head, **mock, source="mock") for head in "abcd"
+        ]
         processes += [cell.start("error_estimator"), cell.start("compensation", machine="xyzac_trt")]
         cell.wait_for_status("compensation: state", "active", 60)
         cell.wait_until(

@@ -100,9 +100,9 @@ def _comes_true(condition: Callable[[], bool], patience: float = 60.0) -> bool:
 def test_a_process_that_ends_badly_is_told_with_its_words():
     recording = Recording(Path("bag"), 0)
     with Cell() as cell:
-        good = cell.start("encoder_head", "encoder_head_a")
+        good = cell.start("encoder_head", "encoder_head_a", source="mock")
         cell.wait_for_status("encoder_head_a: state", "active")
-        bad = cell.start("encoder_head", "encoder_head_x")
+        bad = cell.start("encoder_head", "encoder_head_x", source="mock")
         bad.wait()
         _end_together([good, bad], recording)
     (failure,) = recording.failures

@@ -129,8 +129,8 @@ def two_host_cell(
         "recorder": ("recorder", {"folder": str(bag)}),
         "error_estimator": ("error_estimator", {"period": PERIOD}),
         "compensation": ("compensation", {"machine": MACHINE, "correction_period": 0.02}),
-        **{f"encoder_head_{letter}": ("encoder_head", {"head": letter, **mock}) for letter in "abcd"},
-        "autocollimator": ("autocollimator", mock),
+        **{f"encoder_head_{letter}": ("encoder_head", {"source": "mock", "head": letter, **mock}) for letter in "abcd"},
+        "autocollimator": ("autocollimator", {"source": "mock", **mock}),
         "mock_controller": ("mock_controller", {"machine": MACHINE, "max_age": MAX_AGE, **mock}),
     }
     with two_hosts() as cable, cable.hosts[0].entered(), Cell(reach="SUBNET") as cell:

@@ -73,7 +73,9 @@ def _run() -> Heard:
         received = cell.collect(cell.wire.topic("head_samples", "a"))
 
         def start() -> NodeProcess:
-            return cell.start("encoder_head", "encoder_head_a", within=far.command, head="a", block_period=0.02)
+            return cell.start(
+                "encoder_head", "encoder_head_a", within=far.command, head="a", block_period=0.02, source="mock"
+            )
 
         cable.cut()  # what is sent to a device that is down cannot be handed over
         _plug(far, up=False)

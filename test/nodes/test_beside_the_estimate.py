@@ -45,7 +45,7 @@ class Table:
     )
 )
 def test_processes_beside_the_estimate_are_killed_and_come_back():
-    kinds = {"stage_follower": {"machine": "xyzac_trt"}, "lvdt": {}, "gap_monitor": {}}
+    kinds = {"stage_follower": {"machine": "xyzac_trt"}, "lvdt": {"source": "mock"}, "gap_monitor": {}}
     with Cell(parameters={"block_period": 0.05}) as cell:
         table = Table(cell)
         running = {kind: cell.start(kind, **parameters) for kind, parameters in kinds.items()}
@@ -57,7 +57,7 @@ def test_processes_beside_the_estimate_are_killed_and_come_back():
         running["lvdt"].stop(signal.SIGKILL)
         table.wait_until(lambda: cell.has_status(lvdt, "stale"), "a word of it")
         table.wait_for_estimates()
-        cell.start("lvdt")
+        cell.start("lvdt", source="mock")
         table.wait_until(lambda: cell.has_status(lvdt, "alive"), "the LVDT again")
 
         running["gap_monitor"].stop(signal.SIGKILL)

@@ -286,8 +286,8 @@ def test_what_cannot_be_compensated(cell, parameters, problem):
 def test_the_estimator_is_killed_and_comes_back(cell, corrections):
     """A whole cell of processes: no correction while the estimator is gone, none that jumps when it is back."""
     for head in "abcd":
-        cell.start("encoder_head", f"encoder_head_{head}")
-    cell.start("autocollimator")
+        cell.start("encoder_head", f"encoder_head_{head}", source="mock")
+    cell.start("autocollimator", source="mock")
     cell.start("mock_controller", machine="xyzac_trt")
     cell.start("compensation", machine="xyzac_trt", **RELAXED)
     estimator = cell.start("error_estimator", period=0.005)

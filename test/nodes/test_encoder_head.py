@@ -19,7 +19,7 @@ BLOCK_NS = 50_000_000
 def test_blocks_are_those_of_the_plant_and_end_together(cell, plant):
     topic = cell.wire.topic("head_samples", "b")
     blocks = cell.collect(topic)
-    cell.run(EncoderHead, "encoder_head_b", rate=10_000.0)
+    cell.run(EncoderHead, "encoder_head_b", rate=10_000.0, source="mock")
     cell.wait_until(lambda: len(blocks) >= 5, "blocks")
     found = [messages.block_from_message(message) for message in blocks]
     for block in found:
@@ -37,7 +37,7 @@ def test_blocks_are_those_of_the_plant_and_end_together(cell, plant):
 def test_two_processes_see_the_same_rotor(cell, plant):
     blocks = [cell.collect(cell.wire.topic("head_samples", head)) for head in "ab"]
     for head in "ab":
-        cell.start("encoder_head", f"encoder_head_{head}")
+        cell.start("encoder_head", f"encoder_head_{head}", source="mock")
     cell.wait_until(lambda: all(len(each) > 2 for each in blocks), "blocks of both", 30)
     for head, received in zip("ab", blocks, strict=True):
         block = messages.block_from_message(received[-1])
@@ -46,7 +46,7 @@ def test_two_processes_see_the_same_rotor(cell, plant):
 
 def test_people_see_a_joint_state(cell):
     states = cell.collect(cell.wire.topic("head_joint_states", "a"))
-    cell.run(EncoderHead, "any_name", head="a")
+    cell.run(EncoderHead, "any_name", head="a", source="mock")
     cell.wait_until(lambda: len(states) >= 2, "joint states")
     assert list(states[0].name) == ["head_a"]
     assert len(states[0].velocity) == len(states[0].effort) == 1
@@ -57,7 +57,7 @@ def test_people_see_a_joint_state(cell):
 
 def test_a_head_that_the_stage_does_not_have(cell):
     with pytest.raises(InputError, match=r"parameter 'head' is 'encoder_head'; the stage has the heads a, b, c, d"):
-        cell.run(EncoderHead, "encoder_head")
+        cell.run(EncoderHead, "encoder_head", source="mock")
 
 
 def test_joint_states_of_a_third_party_driver(cell):

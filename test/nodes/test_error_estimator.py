@@ -36,8 +36,8 @@ def estimates(cell):
 
 @pytest.fixture
 def sensors(cell):
-    nodes = {f"head_{head}": cell.run(EncoderHead, f"encoder_head_{head}") for head in "abcd"}
-    nodes["autocollimator"] = cell.run(Autocollimator, "autocollimator")
+    nodes = {f"head_{head}": cell.run(EncoderHead, f"encoder_head_{head}", source="mock") for head in "abcd"}
+    nodes["autocollimator"] = cell.run(Autocollimator, "autocollimator", source="mock")
     nodes["command"] = cell.run(MockController, "mock_controller")
     return nodes
 
@@ -95,7 +95,7 @@ def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sens
 @pytest.mark.parametrize("rate", [50.0, 40.0])
 def test_heads_that_are_slower_than_max_gap_are_named(cell, estimates, rate):
     for head in "abcd":
-        cell.run(EncoderHead, f"encoder_head_{head}", rate=rate)
+        cell.run(EncoderHead, f"encoder_head_{head}", rate=rate, source="mock")
     cell.run(MockController, "mock_controller")
     estimator = cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
     words = f"samples of head_a, head_b, head_c, head_d are {1e3 / rate:g} ms apart; what is further apart than max_gap"
@@ -130,7 +130,7 @@ def test_heads_die_one_after_another(cell, estimates, sensors, plant):
     cell.spin_for(0.5)
     assert len(estimates) == before
 
-    cell.run(EncoderHead, "encoder_head_c")
+    cell.run(EncoderHead, "encoder_head_c", source="mock")
     cell.wait_until(lambda: len(estimates) > before + 5, "estimates with the head that came back")
     check_against_truth(estimates[2:], plant)
 

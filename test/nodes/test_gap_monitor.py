@@ -97,8 +97,8 @@ def test_a_stage_that_does_what_its_twin_says():
     with Cell(parameters=parameters) as cell:
         cell.run(GapMonitor, "gap_monitor", turns=4)
         for head in "abcd":
-            cell.run(EncoderHead, f"encoder_head_{head}")
-        cell.run(Autocollimator, "autocollimator")
+            cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
+        cell.run(Autocollimator, "autocollimator", source="mock")
         cell.run(MockController, "mock_controller")
         cell.wait_for_status(DIAGNOSIS, "of 4 turns in")
         status = cell.wait_for_status(VERDICT, "No gap", DEADLINE)

@@ -34,7 +34,7 @@ from rotary_error_monitor.sources.mock_machine import MachineMotion
 def test_mock_instrument(cell, plant, node_class, name, people):
     blocks = cell.collect(cell.wire.topic(f"{name}_samples"))
     vectors = cell.collect(cell.wire.topic(f"{name}_{people}"))
-    cell.run(node_class, name)
+    cell.run(node_class, name, source="mock")
     cell.wait_until(lambda: len(blocks) > 2 and len(vectors) > 0, "blocks and vectors")
     block = messages.block_from_message(blocks[1])
     assert_samples(block, plant, name)
@@ -162,7 +162,7 @@ def test_quadrant_voltages(cell, tmp_path):
 
 def test_the_artefact_at_another_height(cell, plant):
     blocks = cell.collect(cell.wire.topic("lvdt_samples"))
-    cell.run(Lvdt, "lvdt", mock__height=0.06)
+    cell.run(Lvdt, "lvdt", mock__height=0.06, source="mock")
     cell.wait_until(lambda: len(blocks) > 1, "blocks")
     lvdt = plant.description.lvdt
     assert lvdt is not None
@@ -177,7 +177,7 @@ def test_a_stage_without_lvdt(cell, tmp_path):
     path = tmp_path / "stage.yaml"
     path.write_text("\n".join(lines[:start] + lines[end:]), encoding="utf-8")
     with pytest.raises(InputError, match="no section 'lvdt'"):
-        cell.run(Lvdt, "lvdt", stage=str(path))
+        cell.run(Lvdt, "lvdt", stage=str(path), source="mock")
 
 
 def test_the_controller_tells_command_force_temperature_and_axes(cell, plant):

@@ -46,8 +46,8 @@ def test_blocks_are_those_of_the_plant_and_are_recorded(probed, truth, tmp_path)
     received = [probed.collect(topic) for topic in topics]
     people = probed.collect(probed.wire.topic("axial_probe_displacement", "top"))
     recorder = probed.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
-    probed.start("listed_sensor", "listed_sensor_top")
-    probed.run(ListedSensorNode, "any_name", sensor="radial_probe_low")
+    probed.start("listed_sensor", "listed_sensor_top", source="mock")
+    probed.run(ListedSensorNode, "any_name", sensor="radial_probe_low", source="mock")
     probed.wait_until(lambda: people and all(len(each) > 2 for each in received), "blocks of both")
     for stream, topic, blocks in zip(STREAMS, topics, received, strict=True):
         assert blocks[1].header.frame_id == stream
@@ -70,7 +70,7 @@ def test_blocks_are_those_of_the_plant_and_are_recorded(probed, truth, tmp_path)
 
 def test_its_rate_is_a_parameter(probed):
     blocks = probed.collect(probed.wire.topic("axial_probe_samples", "top"))
-    probed.run(ListedSensorNode, "listed_sensor", sensor="top", rate=4000.0)
+    probed.run(ListedSensorNode, "listed_sensor", sensor="top", rate=4000.0, source="mock")
     probed.wait_until(lambda: len(blocks) > 1, "blocks")
     assert messages.block_from_message(blocks[1]).rows.shape == (200, 2)
 
@@ -105,16 +105,16 @@ def test_a_sensor_that_the_stage_does_not_list(probed, asked):
         r"it lists the sensors axial_probe_top, radial_probe_low \(or name the node listed_sensor_<sensor>\)"
     )
     with pytest.raises(InputError, match=told):
-        probed.run(ListedSensorNode, "any", sensor=asked)
+        probed.run(ListedSensorNode, "any", sensor=asked, source="mock")
 
 
 def test_a_stage_that_lists_no_sensors(cell):
     with pytest.raises(InputError, match=r"parameter 'sensor' is 'top', which is none of the stage's; it lists no sen"):
-        cell.run(ListedSensorNode, "listed_sensor_top")
+        cell.run(ListedSensorNode, "listed_sensor_top", source="mock")
 
 
 def test_the_process_ends_with_2_where_its_sensor_is_wrong(probed):
-    process = probed.start("listed_sensor", sensor="side")
+    process = probed.start("listed_sensor", sensor="side", source="mock")
     assert process.wait() == 2
     assert "parameter 'sensor' is 'side', which is none of the stage's" in process.output
     assert "axial_probe_top, radial_probe_low" in process.output
@@ -132,7 +132,7 @@ def test_a_tilt_sensor_sends_both_of_its_fields(tilting, settings, tmp_path):
     topic = tilting.wire.topic("tilt_sensor_samples", "second")
     assert topic.name == "/stage/tilt_sensor_second/samples"
     blocks, people = tilting.collect(topic), tilting.collect(tilting.wire.topic("tilt_sensor_tilt", "second"))
-    tilting.run(ListedSensorNode, "listed_sensor_second")
+    tilting.run(ListedSensorNode, "listed_sensor_second", source="mock")
     tilting.wait_until(lambda: people and len(blocks) > 2, "blocks")
     block = messages.block_from_message(blocks[1])
     truth = mock_stage(load_stage(tmp_path / "instead.yaml"), settings)

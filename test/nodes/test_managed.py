@@ -28,7 +28,7 @@ from rotary_error_monitor.testing import Cell
 
 def test_a_life_cycle_manager_can_take_over(cell):
     blocks = cell.collect(cell.wire.topic("head_samples", "a"))
-    cell.run(EncoderHead, "encoder_head_a", autostart=False)
+    cell.run(EncoderHead, "encoder_head_a", autostart=False, source="mock")
     assert cell.change_state("encoder_head_a", Transition.TRANSITION_CONFIGURE)
     cell.wait_for_status("encoder_head_a: state", "inactive")
     assert blocks == []
@@ -46,7 +46,7 @@ def test_a_life_cycle_manager_can_take_over(cell):
 
 
 def test_a_node_that_cannot_be_configured_stays_unconfigured_until_it_can(cell):
-    node = cell.run(EncoderHead, "encoder_head_x", autostart=False)
+    node = cell.run(EncoderHead, "encoder_head_x", autostart=False, source="mock")
     assert not cell.change_state("encoder_head_x", Transition.TRANSITION_CONFIGURE)
     node.set_parameters([Parameter("head", value="b")])
     assert cell.change_state("encoder_head_x", Transition.TRANSITION_CONFIGURE)
@@ -62,9 +62,9 @@ def test_a_wrong_stage_is_named_with_file_and_line(cell, tmp_path):
     ):
         path.write_text(wrong, encoding="utf-8")
         with pytest.raises(InputError, match=problem):
-            cell.run(EncoderHead, "encoder_head_a", stage=str(path))
+            cell.run(EncoderHead, "encoder_head_a", stage=str(path), source="mock")
     with pytest.raises(InputError, match=r"nowhere\.yaml: cannot be read"):
-        cell.run(EncoderHead, "encoder_head_a", stage="nowhere.yaml")
+        cell.run(EncoderHead, "encoder_head_a", stage="nowhere.yaml", source="mock")
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_a_wrong_stage_is_named_with_file_and_line(cell, tmp_path):
 )
 def test_wrong_input_ends_a_process_with_exit_code_two(arguments, problem):
     with Cell() as cell:
-        process = cell.start("encoder_head", "encoder_head_q", ros_args=arguments)
+        process = cell.start("encoder_head", "encoder_head_q", ros_args=arguments, source="mock")
         assert process.wait(30) == 2
         assert problem in process.output
         assert "Traceback" not in process.output
@@ -100,7 +100,7 @@ def test_a_fault_of_the_program_is_told(cell):
 def test_simulated_time_drives_the_blocks(cell):
     blocks = cell.collect(cell.wire.topic("head_samples", "a"))
     set_time = cell.clock()
-    cell.run(EncoderHead, "encoder_head_a", use_sim_time=True, mock__epoch=1)
+    cell.run(EncoderHead, "encoder_head_a", use_sim_time=True, mock__epoch=1, source="mock")
     cell.spin_for(0.2)
     assert blocks == []
     for step in range(1, 4):
@@ -122,7 +122,7 @@ def test_simulated_time_drives_the_blocks(cell):
 )
 def test_simulated_time_without_a_clock_is_said_and_nothing_goes_out(cell):
     blocks = cell.collect(cell.wire.topic("head_samples", "a"))
-    cell.run(EncoderHead, "encoder_head_a", use_sim_time=True, mock__epoch=1)
+    cell.run(EncoderHead, "encoder_head_a", use_sim_time=True, mock__epoch=1, source="mock")
     status = cell.wait_for_status("encoder_head_a: state", "nothing has come on /clock: time stands still")
     assert status.level == b"\x02"
     assert blocks == []
@@ -168,7 +168,7 @@ def _flat(tree: Mapping[str, object], prefix: str = "") -> Iterator[str]:
 def test_quality_of_service_can_be_overridden(cell):
     topic = cell.wire.topic("head_samples", "a").name
     name = f"qos_overrides.{topic}.publisher.reliability"
-    cell.run(EncoderHead, "encoder_head_a", **{name: "best_effort"})
+    cell.run(EncoderHead, "encoder_head_a", **{name: "best_effort"}, source="mock")
     cell.wait_until(lambda: cell.node.get_publishers_info_by_topic(topic) != [], "the publisher")
     (info,) = cell.node.get_publishers_info_by_topic(topic)
     assert info.qos_profile.reliability.name == "BEST_EFFORT"

@@ -40,8 +40,8 @@ def test_every_topic_moves_with_the_namespace_but_the_diagnostics(cell):
 
 def test_cells_in_two_namespaces_do_not_hear_one_another(cell, plant):
     here, left = (cell.collect(w.topic("head_samples", "a")) for w in (cell.wire, cell.wire.within("/left")))
-    cell.run(EncoderHead, "encoder_head_a")
-    cell.run(EncoderHead, "encoder_head_a", ros_args=LEFT, mock__seed=99)
+    cell.run(EncoderHead, "encoder_head_a", source="mock")
+    cell.run(EncoderHead, "encoder_head_a", ros_args=LEFT, mock__seed=99, source="mock")
     cell.wait_until(lambda: len(here) > 3 and len(left) > 3, "blocks of both")
     for received, same in ((here, True), (left, False)):
         for block in map(messages.block_from_message, received):
@@ -60,8 +60,8 @@ def test_a_driver_is_looked_for_in_the_namespace(cell):
 
 
 def test_a_bag_of_a_cell_in_a_namespace_is_that_of_any_cell(cell, tmp_path):
-    cell.run(EncoderHead, "encoder_head_b")
-    cell.run(EncoderHead, "encoder_head_a", ros_args=LEFT)
+    cell.run(EncoderHead, "encoder_head_b", source="mock")
+    cell.run(EncoderHead, "encoder_head_a", ros_args=LEFT, source="mock")
     recorder = cell.run(Recorder, "recorder", ros_args=LEFT, folder=str(tmp_path / "bag"))
     cell.wait_until(lambda: cell.recorder_hears({"/stage/head_a/samples"}, "left/recorder"), "the recorder")
     cell.remove(recorder)

@@ -56,7 +56,7 @@ def test_error_motion_and_corrections_from_five_heads_alone(five, settings, stag
     corrections = five.collect(five.wire.topic("axis_corrections"))
     recorder = five.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
     for head in HEADS:
-        five.run(EncoderHead, f"encoder_head_{head}")
+        five.run(EncoderHead, f"encoder_head_{head}", source="mock")
     five.run(MockController, "mock_controller", machine="xyzac_trt")
     five.run(GapMonitor, "gap_monitor")
     five.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
@@ -101,8 +101,8 @@ def test_a_recording_with_an_autocollimator_that_the_description_does_not_have(c
     estimates = cell.collect(cell.wire.topic("error_motion_samples"))
     recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
     for head in "abcd":
-        cell.run(EncoderHead, f"encoder_head_{head}")
-    cell.run(Autocollimator, "autocollimator")
+        cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
+    cell.run(Autocollimator, "autocollimator", source="mock")
     cell.run(MockController, "mock_controller")
     cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
     cell.wait_until(lambda: len(estimates) > 10, "estimates", 60)
@@ -115,4 +115,4 @@ def test_a_recording_with_an_autocollimator_that_the_description_does_not_have(c
 
 def test_the_node_of_an_instrument_that_the_stage_does_not_have_says_so(five):
     with pytest.raises(InputError, match=r"five_heads\.yaml: the stage has no section 'autocollimator'"):
-        five.run(Autocollimator, "autocollimator")
+        five.run(Autocollimator, "autocollimator", source="mock")

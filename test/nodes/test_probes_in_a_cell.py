@@ -36,9 +36,9 @@ def test_all_six_components_are_observable_and_right(settings, tmp_path, sensors
         estimates = cell.collect(cell.wire.topic("error_motion_samples"))
         recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
         for head in HEADS:
-            cell.run(EncoderHead, f"encoder_head_{head}")
+            cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
         for name in sensors:
-            cell.run(ListedSensorNode, f"listed_sensor_{name}")
+            cell.run(ListedSensorNode, f"listed_sensor_{name}", source="mock")
         cell.run(MockController, "mock_controller", machine="xyzac_trt")
         cell.run(GapMonitor, "gap_monitor")
         cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)

@@ -32,7 +32,7 @@ def handlers():
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_ends_a_node_with_exit_code_zero(cell, number):
-    process = cell.start("encoder_head", "encoder_head_a")
+    process = cell.start("encoder_head", "encoder_head_a", source="mock")
     cell.wait_for_status("encoder_head_a: state", "active")
     assert process.stop(number) == 0
     assert "Traceback" not in process.output
@@ -50,7 +50,9 @@ def test_a_node_that_shall_outlive_its_terminal_does(handlers):
 
 def test_a_signal_ends_nodes_that_nothing_else_wakes(cell):
     """A node that waits to be configured has no timer: what wakes it must not come before what it shall see."""
-    heads = [cell.start("encoder_head", f"encoder_head_{head}", head=head, autostart=False) for head in "abcd"]
+    heads = [
+        cell.start("encoder_head", f"encoder_head_{head}", head=head, autostart=False, source="mock") for head in "abcd"
+    ]
     cell.wait_until(lambda: all("waiting to be configured" in head.output for head in heads), "four heads", 60)
     cell.spin_for(0.5)
     assert [head.stop() for head in heads] == [0, 0, 0, 0]

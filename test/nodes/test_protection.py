@@ -30,14 +30,14 @@ def keystore(tmp_path):
 
 def refusal(cell: Cell, *ros_args: str, **parameters: object) -> str:
     """What a node that does not start says."""
-    process = cell.start("encoder_head", NAME, ros_args, **parameters)
+    process = cell.start("encoder_head", NAME, ros_args, **parameters, source="mock")
     assert process.wait(30) == 2, process.output
     assert "Traceback" not in process.output
     return process.output
 
 
 def test_nothing_is_said_of_security_where_nobody_asks(cell):
-    node = cell.run(EncoderHead, NAME)
+    node = cell.run(EncoderHead, NAME, source="mock")
     assert not [status.name for status in node.diagnose().status if "security" in status.name]
 
 
@@ -75,7 +75,7 @@ def test_a_node_without_any_keystore_does_not_start(cell, monkeypatch):
 def test_a_parameter_asks_for_security_as_well(cell):
     assert "parameter security:=required" in refusal(cell, security="required")
     with pytest.raises(InputError, match=r"parameter security:=required.*ROS_SECURITY_ENABLE is ''"):
-        cell.run(EncoderHead, NAME, security="required")
+        cell.run(EncoderHead, NAME, security="required", source="mock")
 
 
 @shows(
@@ -99,7 +99,7 @@ def test_a_parameter_asks_for_security_as_well(cell):
 def test_a_node_that_starts_without_the_security_it_was_asked_for_says_so(cell, keystore, monkeypatch, values, why):
     for name, value in zip(VARIABLES, (*values, str(keystore)), strict=False):
         monkeypatch.setenv(name, value)
-    process = cell.start("encoder_head", NAME, ["--enclave", "/nobody"])
+    process = cell.start("encoder_head", NAME, ["--enclave", "/nobody"], source="mock")
     status = cell.wait_for_status(f"{NAME}: security", why, 30)
     assert status.level == b"\x02"
     assert "[ERROR]" in process.output and "security is asked for" in process.output
@@ -109,7 +109,7 @@ def test_keys_that_the_middleware_cannot_use_end_the_node_or_are_in_effect(cell,
     """With the plugins it starts, and says that security is in effect; without, as in the wheels, it does not."""
     for name, value in zip(VARIABLES, ("true", "Enforce", str(keystore)), strict=False):
         monkeypatch.setenv(name, value)
-    process = cell.start("encoder_head", NAME, ["--enclave", f"/{NAME}"], autostart=False)
+    process = cell.start("encoder_head", NAME, ["--enclave", f"/{NAME}"], autostart=False, source="mock")
     try:
         code = process.wait(10)
     except TimeoutError:

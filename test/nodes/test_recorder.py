@@ -49,7 +49,7 @@ def test_a_bag_holds_what_was_published(cell, tmp_path):
     topic = cell.wire.topic("head_samples", "a")
     recorder = cell.run(Recorder, "recorder", folder=str(bag))
     received = cell.collect(topic)
-    cell.run(EncoderHead, "encoder_head_a")
+    cell.run(EncoderHead, "encoder_head_a", source="mock")
     cell.run(MockController, "mock_controller", machine="xyzac_trt")
     axes = cell.collect(cell.wire.topic("machine_joint_states"))
     cell.wait_until(lambda: len(received) > 10 and len(axes) > 30, "messages")
@@ -87,7 +87,7 @@ def test_what_came_before_a_kill_can_be_read(cell, tmp_path):
     process = cell.start("recorder", folder=str(bag))
     cell.wait_for_status("recorder: state", "active", 60)
     received = cell.collect(topic)
-    cell.run(EncoderHead, "encoder_head_a")
+    cell.run(EncoderHead, "encoder_head_a", source="mock")
     cell.wait_until(lambda: len(received) > 40, "messages")
     killed_ns = time.time_ns()
     process.send(signal.SIGKILL)
@@ -123,7 +123,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(cell, tmp_path):
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
     try:
         recorder = cell.run(Recorder, "recorder", folder=str(bag))
-        cell.run(EncoderHead, "encoder_head_a", rate=50_000.0)
+        cell.run(EncoderHead, "encoder_head_a", rate=50_000.0, source="mock")
         status = cell.wait_for_status("recorder: recording", "recording stopped", 30)
         assert status.level == b"\x02"
         cell.wait_for_status("recorder: state", "active")
@@ -193,7 +193,7 @@ def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tm
     ]
     heard = {topic.name: cell.collect(topic) for topic in topics}
     cell.start("mock_controller", machine="xyzac_trt", block_period=0.005)
-    cell.start("encoder_head", "encoder_head_a", block_period=0.005)
+    cell.start("encoder_head", "encoder_head_a", block_period=0.005, source="mock")
     cell.wait_until(lambda: all(len(each) > 5 for each in heard.values()), "messages of all", 60)
     cell.wait_until(lambda: cell.recorder_hears(heard.keys()), "the recorder to hear them too", 60)
     began_ns = time.time_ns()
@@ -252,7 +252,7 @@ def test_what_is_lost_is_counted_and_said(cell, tmp_path):
 def test_a_recorder_is_killed_and_started_again(cell, tmp_path):
     """The old bag is refused until somebody gives a new one, and can be recovered; the new one goes on."""
     bag, topic = tmp_path / "bag", cell.wire.topic("head_samples", "a")
-    cell.run(EncoderHead, "encoder_head_a")
+    cell.run(EncoderHead, "encoder_head_a", source="mock")
 
     def has(folder):
         return bool(list(folder.glob("*.mcap"))) and len(list(BagReader(folder).messages([topic.name]))) > 5
@@ -288,7 +288,7 @@ def test_a_recorder_is_killed_and_started_again(cell, tmp_path):
 def test_a_folder_that_is_taken_away_is_told(cell, tmp_path, renamed):
     bag, later = tmp_path / "bag", tmp_path / "later"
     recorder = cell.run(Recorder, "recorder", folder=str(bag))
-    cell.run(EncoderHead, "encoder_head_a")
+    cell.run(EncoderHead, "encoder_head_a", source="mock")
     cell.wait_for_status("recorder: recording", "recording")
     taken = time.monotonic()
     if renamed:
@@ -333,7 +333,7 @@ def test_a_disk_that_hangs_is_told(cell, tmp_path, monkeypatch):
 
     monkeypatch.setattr(RecordFile, "_append", hang)
     recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
-    cell.run(EncoderHead, "encoder_head_a")
+    cell.run(EncoderHead, "encoder_head_a", source="mock")
     cell.wait_for_status("recorder: recording", "recording")
     hanging.set()
     try:
@@ -354,7 +354,7 @@ def test_a_disk_that_hangs_is_told(cell, tmp_path, monkeypatch):
 def test_a_long_recording_is_split(cell, tmp_path):
     bag = tmp_path / "bag"
     recorder = cell.run(Recorder, "recorder", folder=str(bag), max_file_duration=0.5)
-    cell.run(EncoderHead, "encoder_head_a")
+    cell.run(EncoderHead, "encoder_head_a", source="mock")
     cell.wait_until(lambda: len(list(bag.glob("bag_*.mcap"))) > 3, "four files")
     cell.remove(recorder)
     with (bag / "bag_0.mcap").open("rb") as file:
@@ -413,7 +413,7 @@ def held_when_written(recorder: Recorder) -> int:
 
 def test_a_time_without_recording_is_no_loss(cell, tmp_path):
     recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
-    cell.run(EncoderHead, "encoder_head_a")
+    cell.run(EncoderHead, "encoder_head_a", source="mock")
     cell.wait_for_status("recorder: recording", "recording")
     recorder.trigger_deactivate()
     cell.wait_for_status("recorder: recording", "nothing arrived")

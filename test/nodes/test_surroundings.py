@@ -40,7 +40,7 @@ SIGMAS = 6.0
 def test_mock_of_what_acts_on_the_stage(cell, plant, node_class, stream, people, told):
     topic = cell.wire.topic(f"{stream}_samples")
     blocks, messages_for_people = cell.collect(topic), cell.collect(cell.wire.topic(people))
-    cell.run(node_class, f"stage_{stream}")
+    cell.run(node_class, f"stage_{stream}", source="mock")
     cell.wait_until(lambda: len(blocks) > 1 and len(messages_for_people) > 0, "blocks and messages")
     block = messages.block_from_message(blocks[1])
     assert_samples(block, plant, stream)
@@ -132,7 +132,7 @@ def test_positioning_error_motion_beside_a_controller_that_tells_positions_alone
         estimates = cell.collect(cell.wire.topic("error_motion_samples"))
         controller = cell.node.create_publisher(JointState, "/joint_states", 10)
         for head in "abcd":
-            cell.run(EncoderHead, f"encoder_head_{head}")
+            cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
         driven = {"source": "joint_state", "joint_state__topic": "/joint_states", "joint_state__joint": "spindle"}
         cell.run(StageCommand, "stage_command", **driven)
         cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)

@@ -70,10 +70,10 @@ def test_thermometers_in_a_cell(settings, path, tmp_path):
         people = cell.collect(cell.wire.topic("thermometer_temperature", PLACES[0]))
         recorder = cell.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
         for head in "abcd":
-            cell.run(EncoderHead, f"encoder_head_{head}")
-        cell.run(Autocollimator, "autocollimator")
+            cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
+        cell.run(Autocollimator, "autocollimator", source="mock")
         for place in PLACES:
-            cell.run(ListedSensorNode, f"listed_sensor_{place}")
+            cell.run(ListedSensorNode, f"listed_sensor_{place}", source="mock")
         cell.run(MockController, "mock_controller", machine="xyzac_trt")
         cell.run(GapMonitor, "gap_monitor")
         cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)

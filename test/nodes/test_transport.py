@@ -14,11 +14,11 @@ from rotary_error_monitor.resources import config
 def test_the_middleware_takes_the_shipped_profiles(cell, tmp_path, monkeypatch, name):
     """It says so where it does not, and goes on with its defaults."""
     monkeypatch.setenv(PROFILES, str(config(name)))
-    good = cell.start("encoder_head", "encoder_head_a")
+    good = cell.start("encoder_head", "encoder_head_a", source="mock")
     bad = tmp_path / "bad.xml"
     bad.write_text(config(name).read_text(encoding="utf-8").replace("heartbeatPeriod", "period"), "utf-8")
     monkeypatch.setenv(PROFILES, str(bad))
-    other = cell.start("encoder_head", "encoder_head_b", head="b")
+    other = cell.start("encoder_head", "encoder_head_b", head="b", source="mock")
     for name in "ab":
         cell.wait_for_status(f"encoder_head_{name}: state", "active")
     assert "XMLPARSER" in other.output
@@ -26,7 +26,7 @@ def test_the_middleware_takes_the_shipped_profiles(cell, tmp_path, monkeypatch, 
 
 
 def test_a_process_can_be_started_by_another_command(cell):
-    process = cell.start("encoder_head", "encoder_head_a", within=["nice", "-n", "5"])
+    process = cell.start("encoder_head", "encoder_head_a", within=["nice", "-n", "5"], source="mock")
     cell.wait_for_status("encoder_head_a: state", "active")
     stat = Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii")
     assert int(stat.rpartition(")")[2].split()[16]) >= 5
@@ -61,6 +61,6 @@ def shared_memory(process):
 def test_a_node_uses_shared_memory_only_where_it_was_chosen(cell, monkeypatch, chosen):
     monkeypatch.setenv(TRANSPORTS, chosen)
     heard = cell.collect(cell.wire.topic("head_samples", "a"))
-    head = cell.start("encoder_head", "encoder_head_a")
+    head = cell.start("encoder_head", "encoder_head_a", source="mock")
     cell.wait_until(lambda: len(heard) > 10, "samples", 60)
     assert bool(shared_memory(head)) == bool(chosen)

@@ -48,7 +48,7 @@ def test_error_motion_and_corrections_from_three_probes(headless, settings, stag
     corrections = headless.collect(headless.wire.topic("axis_corrections"))
     recorder = headless.run(Recorder, "recorder", folder=str(tmp_path / "bag"))
     for name in ("one", "two", "three"):
-        headless.run(ListedSensorNode, f"listed_sensor_{name}")
+        headless.run(ListedSensorNode, f"listed_sensor_{name}", source="mock")
     headless.run(MockController, "mock_controller", machine="xyzac_trt")
     headless.run(GapMonitor, "gap_monitor")
     headless.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
@@ -86,6 +86,6 @@ def test_error_motion_and_corrections_from_three_probes(headless, settings, stag
 
 def test_nodes_that_need_heads_say_so(headless):
     with pytest.raises(InputError, match=r"three_probes\.yaml: the stage has no section 'encoder'"):
-        headless.run(EncoderHead, "encoder_head_a")
+        headless.run(EncoderHead, "encoder_head_a", source="mock")
     with pytest.raises(InputError, match="no section 'encoder' or 'autocollimator'"):
         headless.run(StageFollower, "stage_follower", machine="xyzac_trt")

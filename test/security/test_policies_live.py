@@ -31,11 +31,12 @@ from rotary_error_monitor.testing import Cell
 HEADS = ("a", "b", "c", "d")
 POLICIES = {access.node: access for access in cell_accesses(load_wire(HEADS), load_services())}
 MACHINE = {"machine": "xyzac_trt"}
+MOCK = {"source": "mock"}
 NODES = {
-    "encoder_head_a": (EncoderHead, {}),
-    "encoder_head_d": (EncoderHead, {}),
-    "autocollimator": (Autocollimator, {}),
-    "lvdt": (Lvdt, {}),
+    "encoder_head_a": (EncoderHead, MOCK),
+    "encoder_head_d": (EncoderHead, MOCK),
+    "autocollimator": (Autocollimator, MOCK),
+    "lvdt": (Lvdt, MOCK),
     "mock_controller": (MockController, MACHINE),
     "error_estimator": (ErrorEstimator, {}),
     "compensation": (Compensation, MACHINE),
@@ -43,9 +44,9 @@ NODES = {
     "gap_monitor": (GapMonitor, {}),
     "linuxcnc_bridge": (LinuxcncBridge, {}),
     "stage_follower": (StageFollower, MACHINE),
-    "stage_command": (StageCommand, {}),
-    "stage_force": (StageForce, {}),
-    "stage_temperature": (StageTemperature, {}),
+    "stage_command": (StageCommand, MOCK),
+    "stage_force": (StageForce, MOCK),
+    "stage_temperature": (StageTemperature, MOCK),
 }
 
 
@@ -76,7 +77,7 @@ def test_so_does_the_policy_of_a_listed_sensor(tmp_path):
     file, name = stage_with_probes(tmp_path), "listed_sensor_top"
     allowed = {access.node: access for access in cell_accesses(wire_of(load_stage(file)), load_services())}[name]
     with Cell(HEADS) as cell:
-        node = cell.run(ListedSensorNode, name, stage=str(file))
+        node = cell.run(ListedSensorNode, name, stage=str(file), source="mock")
         topics = [topic for topic, _ in node.get_publisher_names_and_types_by_node(name, "/")]
         assert sorted(topics) == list(allowed.publish)
         assert "/stage/axial_probe_top/samples" in topics

@@ -26,7 +26,8 @@ SUBNET = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
 MEMORY = {**SUBNET, "FASTDDS_BUILTIN_TRANSPORTS": "SHM"}
 LOOPBACK = {**SUBNET, "FASTRTPS_DEFAULT_PROFILES_FILE": str(config("security/loopback.xml"))}
 PYTHON = [sys.executable, "-m"]
-NODE = [*PYTHON, "rotary_error_monitor.nodes.encoder_head", "--ros-args", "-r", "__node:=encoder_head_a"]
+NODE = [*PYTHON, "rotary_error_monitor.nodes.encoder_head", "--ros-args", "-r", "__node:=encoder_head_a",
+        "-p", "source:=mock"]  # fmt: skip
 EVERY_ADDRESS = "0.0.0.0"
 
 # Listens to the node's samples and asks for its state; says what came of it.

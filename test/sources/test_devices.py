@@ -59,14 +59,14 @@ def install_mine(install, tmp_path):
 @pytest.mark.parametrize(
     ("kind", "names"),
     [
-        ("encoder_head", ["mock", "counter", "joint_state"]),
-        ("autocollimator", ["mock", "iio", "vector3"]),
-        ("lvdt", ["mock", "vector3"]),
-        ("listed_sensor", ["mock", "iio", "temperature", "vector3"]),
+        ("encoder_head", ["counter", "joint_state", "mock"]),
+        ("autocollimator", ["iio", "vector3", "mock"]),
+        ("lvdt", ["vector3", "mock"]),
+        ("listed_sensor", ["iio", "temperature", "vector3", "mock"]),
         ("hygrometer", []),
     ],
 )
-def test_devices_of_an_instrument_the_mock_first(kind, names):
+def test_devices_of_an_instrument_the_mock_last(kind, names):
     assert list(load_devices(kind)) == names
 
 
@@ -74,7 +74,10 @@ def test_devices_of_an_instrument_the_mock_first(kind, names):
 def test_each_parameter_is_there_once_and_says_what_it_means(kind):
     devices = load_devices(kind)
     source, *others = device_settings(devices)
-    assert (source.name, source.default, source.choices) == ("source", "mock", tuple(devices))
+    assert (source.name, source.default, source.choices, source.required) == ("source", "", tuple(devices), True)
+    assert all(f"-p source:={name} ({device.meaning})" in source.hint for name, device in devices.items())
+    assert all(device.meaning for device in devices.values())
+    assert [name for name, device in devices.items() if device.simulated] == ["mock"]
     names = [setting.name for setting in others]
     assert len(set(names)) == len(names)
     assert set(names) == {setting.name for device in devices.values() for setting in device.settings}
@@ -84,7 +87,11 @@ def test_each_parameter_is_there_once_and_says_what_it_means(kind):
 def test_a_device_of_another_package_is_one_more_source(install_mine):
     install_mine()
     devices = load_devices("encoder_head")
-    assert list(devices) == ["mock", "counter", "joint_state", "mine"]
+    assert list(devices) == ["counter", "joint_state", "mine", "mock"]
+    assert (
+        "-p source:=joint_state (a driver that publishes sensor_msgs/JointState), -p source:=mine or -p source:=mock"
+        in (device_settings(devices)[0].hint)
+    )
     assert "mine.rate" in [setting.name for setting in device_settings(devices)]
     assert "mine" not in load_devices("autocollimator")
     with pytest.raises(InputError, match="open gives str; expected a source"):

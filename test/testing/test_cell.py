@@ -26,8 +26,8 @@ def is_alive(pid: int) -> bool:
 
 def test_the_example_of_its_documentation():
     with Cell() as cell:
-        cell.run(EncoderHead, "encoder_head_a")
-        cell.start("encoder_head", "encoder_head_b")
+        cell.run(EncoderHead, "encoder_head_a", source="mock")
+        cell.start("encoder_head", "encoder_head_b", source="mock")
         blocks = cell.collect(cell.wire.topic("head_samples", "a"))
         cell.wait_until(lambda: len(blocks) > 3, "blocks of head a")
         assert blocks[0].width > 0
@@ -36,7 +36,7 @@ def test_the_example_of_its_documentation():
 
 def test_everything_is_stopped_when_a_test_fails():
     with pytest.raises(ZeroDivisionError), Cell() as cell:
-        process = cell.start("encoder_head", "encoder_head_a")
+        process = cell.start("encoder_head", "encoder_head_a", source="mock")
         cell.wait_for_status("encoder_head_a: state", "active", 30)
         _ = 1 / 0
     assert not is_alive(process.pid)
@@ -46,7 +46,7 @@ def test_two_cells_do_not_hear_one_another():
     with Cell() as one, Cell() as other:
         heard = other.collect(other.wire.topic("head_samples", "a"))
         own = one.collect(one.wire.topic("head_samples", "a"))
-        one.run(EncoderHead, "encoder_head_a")
+        one.run(EncoderHead, "encoder_head_a", source="mock")
         one.wait_until(lambda: len(own) > 20, "blocks")
         other.spin_for(0.2)
         assert heard == []
@@ -54,7 +54,7 @@ def test_two_cells_do_not_hear_one_another():
 
 def test_waiting_has_an_end_and_says_how_the_nodes_fared():
     with Cell() as cell:
-        cell.run(EncoderHead, "encoder_head_a")
+        cell.run(EncoderHead, "encoder_head_a", source="mock")
         cell.status("encoder_head_a: state")
         with pytest.raises(TimeoutError, match=r"waited 0\.1 s for a miracle") as caught:
             cell.wait_until(lambda: False, "a miracle", 0.1)
@@ -63,7 +63,7 @@ def test_waiting_has_an_end_and_says_how_the_nodes_fared():
 
 def test_a_process_that_ends_by_itself_is_told():
     with Cell() as cell:
-        cell.start("encoder_head", "encoder_head_x")
+        cell.start("encoder_head", "encoder_head_x", source="mock")
         with pytest.raises(RuntimeError, match=r"encoder_head_x ended with exit code 2; it wrote:") as caught:
             cell.wait_until(lambda: False, "nothing", 30)
         assert "the stage has the heads" in str(caught.value)
@@ -71,14 +71,14 @@ def test_a_process_that_ends_by_itself_is_told():
 
 def test_a_process_that_ended_badly_fails_a_test_that_did_not_look():
     with pytest.raises(AssertionError, match="encoder_head_x ended with exit code 2"), Cell() as cell:
-        process = cell.start("encoder_head", "encoder_head_x")
+        process = cell.start("encoder_head", "encoder_head_x", source="mock")
         cell.node.get_logger().debug("the test does not wait")
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
 
 
 def test_a_process_that_ignores_its_end_is_killed():
     with Cell() as cell:
-        process = cell.start("encoder_head", "encoder_head_a")
+        process = cell.start("encoder_head", "encoder_head_a", source="mock")
         cell.wait_for_status("encoder_head_a: state", "active", 30)
         os.kill(process.pid, signal.SIGSTOP)
         with pytest.raises(TimeoutError, match=r"encoder_head_a did not end within 0\.2 s"):

@@ -20,6 +20,7 @@ class UdpEncoder(Device):
     """One head; the box sends its readings to a port of its own."""
 
     name = "udp"
+    meaning = "an interface box that sends UDP datagrams"
     serves = ("encoder_head",)
     settings = (Setting("udp.port", 5005, "port that the box sends to", (1024, 65535)),)
 

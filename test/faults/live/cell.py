@@ -61,10 +61,10 @@ three."""
 
 OWN: dict[str, dict[str, object]] = {
     "mock_controller": {"machine": MACHINE, "rate": 500.0},
-    "autocollimator": {"rate": 500.0},
+    "autocollimator": {"source": "mock", "rate": 500.0},
     "error_estimator": {"period": PERIOD},
     "compensation": {"machine": MACHINE, "correction_period": 0.02},
-    **{f"encoder_head_{head}": {"rate": 500.0} for head in HEADS},
+    **{f"encoder_head_{head}": {"source": "mock", "rate": 500.0} for head in HEADS},
 }
 """Parameters of the processes: rates that leave a loaded computer some room."""
 
