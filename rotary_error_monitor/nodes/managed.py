@@ -25,6 +25,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
+from rotary_error_monitor.bags.part import Recordable
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.stage import StageDescription, load_stage
@@ -161,12 +162,12 @@ class ManagedNode(LifecycleNode):
         self.listen_to_numbered(topic, lambda data, received_ns, _: callback(data, received_ns))
 
     def listen_to_numbered(
-        self, topic: Topic, callback: Callable[[bytes, int, int | None], None], depth: int | None = None
+        self, topic: Recordable, callback: Callable[[bytes, int, int | None], None], depth: int | None = None
     ) -> None:
         """The same with the number that its publisher gave the message, None where the middleware knows none.
 
         Args:
-            topic: of the contract.
+            topic: of the contract, or another one with its name, type and quality of service.
             callback: takes bytes, timestamp (ns), number.
             depth: messages that may wait for this node, by default those of the contract.
         """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from rotary_error_monitor.description.wire import Topic
+from rotary_error_monitor.bags.part import Recordable
 
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
@@ -13,8 +13,8 @@ OVERRIDABLE = QoSOverridingOptions(
 """Parameters `qos_overrides.<topic>.…` of each publisher and subscription."""
 
 
-def profile(topic: Topic) -> QoSProfile:
-    """Quality of service of a contract's topic."""
+def profile(topic: Recordable) -> QoSProfile:
+    """Quality of service of a topic, such as one of the contract."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=topic.qos.depth,

@@ -9,13 +9,16 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
-from rotary_error_monitor.bags.writer import BagWriter, RecordingStoppedError
+from rotary_error_monitor.bags.extra_topics import extra_topics
+from rotary_error_monitor.bags.part import Recordable
+from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
@@ -79,13 +82,19 @@ class Recorder(ManagedNode):
             "age from which a file of the bag goes, when another one ends, s; 0 for never",
             (0.0, 1e10),
         ),
+        Setting(
+            "extra_topics",
+            "",
+            "topics of standard messages beside those of the contract: NAME TYPE, NAME TYPE; a name may be relative",
+        ),
         Setting("compression", "zstd", "of the bag; each reader of mcap knows these", choices=("zstd", "lz4", "none")),
     )
 
     def open(self) -> None:
         """Create the bag and listen to every topic."""
         folder = self.setting("folder") or datetime.now(UTC).strftime("bag_%Y%m%d_%H%M%S")
-        topics = tuple(self.contract)  # a bag of one machine is the same in any namespace
+        heard = self._heard()
+        topics = [BagTopic(name, topic.type, topic.qos) for name, topic in heard.items()]
         period = self.setting("flush_period")
         try:
             self._bag: BagWriter | None = BagWriter(
@@ -101,7 +110,6 @@ class Recorder(ManagedNode):
         except OSError as error:
             raise InputError(f"parameter 'folder': {folder} cannot be written ({error}); give another path") from error
         self._reported = (0, self.now_ns())
-        heard = dict(zip((topic.name for topic in topics), self.wire, strict=True))
         self._counts = {name: MessageCount(partial(self.count_publishers, topic.name)) for name, topic in heard.items()}
         self._lost: dict[str, int] = {}
         self._names = {topic.name: name for name, topic in heard.items()}
@@ -120,6 +128,24 @@ class Recorder(ManagedNode):
             self.get_logger().warning(
                 f"the file system of {folder} knows no locks: let nobody recover the bag while it is recorded"
             )
+
+    def _heard(self) -> dict[str, Recordable]:
+        """Each topic by its name in the bag: a bag of one machine is the same in any namespace.
+
+        Raises:
+            InputError: the parameter names a topic that is recorded anyway, or is no list of topics.
+        """
+        heard: dict[str, Recordable] = dict(zip((topic.name for topic in self.contract), self.wire, strict=True))
+        try:
+            for topic in extra_topics(self.setting("extra_topics")):
+                name = self.resolve_topic_name(topic.name)
+                if name in {other.name for other in heard.values()}:
+                    raise InputError(f"{name} is recorded anyway; leave it out")
+                messages.message_class(topic.type)  # before a bag is begun
+                heard[name] = replace(topic, name=name)
+        except InputError as error:
+            raise InputError(f"parameter 'extra_topics': {error}") from None
+        return heard
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to record; what was published while the node was inactive is not lost but not wanted."""
@@ -163,7 +189,7 @@ class Recorder(ManagedNode):
         lost, waited = sum(self._lost.values()), self._waited
         self._reported, self._waited = (count, now_ns), 0.0
         elapsed = (now_ns - before_ns) / NANOSECONDS
-        silent = [topic.name for topic in self.contract if not bag.counts[topic.name]]
+        silent = [name for name in self._counts if not bag.counts[name]]
         figures = {
             "bag": bag.moved or bag.folder,
             "messages": count,
