@@ -44,7 +44,7 @@ run-linuxcnc: setup ## a five-axis program on a headless LinuxCNC, with and with
 ON_TIME := $(shell chrt --rr 1 true 2>/dev/null && echo chrt --rr 1)
 BESIDE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
 LIVE := $(addprefix test/,faults/clock faults/live linuxcnc_controller linuxcnc_demonstration mock_cell network nodes security\
-	testing)
+	supervision testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py \
 	description/test_configurations.py $(addprefix faults/test_,calibrated.py common_zero.py gaps.py late_heads.py listed_sensors.py \

@@ -21,6 +21,7 @@ BAD_INPUT = 2
 COMMANDS = (
     "run",
     "run-linuxcnc",
+    "up",
     "replay",
     "check",
     "recover",

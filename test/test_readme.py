@@ -21,6 +21,7 @@ ELSEWHERE = {
     "make run": "test/mock_cell/test_run.py",
     "make run-linuxcnc": "test/linuxcnc_demonstration/test_run.py",
     "make test": ".ci/run",
+    "rotary_error_monitor up config/real_cell.yaml": "test/supervision/test_up.py",
     "colcon build": "test/test_package.py",
 }
 ROOMS = "|".join(path.parent.name for path in (ROOT / "rotary_error_monitor").glob("*/__init__.py"))
@@ -128,7 +129,9 @@ def test_diagnose_works_as_shown(command, tmp_path):
     assert (tmp_path / "diagnosis" / "diagnosis.json").is_file()
 
 
-@pytest.mark.parametrize("command", [c for c in of_kind("rotary_error_monitor ") if " diagnose " not in c])
+@pytest.mark.parametrize(
+    "command", [c for c in of_kind("rotary_error_monitor ") if " diagnose " not in c and c not in ELSEWHERE]
+)
 def test_the_command_line_works_as_shown(command, bag, tmp_path, monkeypatch, capsys):
     out = tmp_path / "out.npz"
     words = [{"BAG": str(bag), "OUT.npz": str(out)}.get(word, word) for word in shlex.split(command)[1:]]

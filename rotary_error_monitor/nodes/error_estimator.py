@@ -208,7 +208,13 @@ class ErrorEstimator(ManagedNode):
             limit = self.setting("max_gap") * 1e3
             apart = f"samples of {', '.join(sparse)} are {gap:.3g} ms apart"
             return f"{apart}; what is further apart than max_gap of {limit:g} ms is not joined"
-        return "too few heads" if self.stage.azimuths else "no command, which alone tells the rotation"
+        if not self.stage.azimuths:
+            return "no command, which alone tells the rotation"
+        used = [f"head_{letter}" for letter in self.stage.azimuths]
+        used = [name for name in used if name not in (*status.absent, *dict(self._estimator.reasons))]
+        if len(used) < 2:
+            return "too few heads"
+        return f"{' and '.join(used)} alone do not tell rotation from displacement; two opposed heads do, or three"
 
     def _doubts(self, silent: bool) -> Iterator[tuple[Level, str]]:
         """What is missing or doubted while there are estimates."""

@@ -129,10 +129,17 @@ def test_heads_die_one_after_another(cell, estimates, sensors, plant):
     before = len(estimates)
     cell.spin_for(0.5)
     assert len(estimates) == before
-
     cell.run(EncoderHead, "encoder_head_c", source="mock")
     cell.wait_until(lambda: len(estimates) > before + 5, "estimates with the head that came back")
     check_against_truth(estimates[2:], plant)
+
+
+def test_two_neighbouring_heads_are_not_called_too_few(cell):
+    for head in "ac":
+        cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
+    said = "head_a and head_c alone do not tell rotation from displacement; two opposed heads do, or three"
+    cell.wait_for_status("error_estimator: estimate", said)
 
 
 def test_autocollimator_and_command_go_stale(cell, estimates, sensors, plant):

@@ -1,0 +1,45 @@
+"""`rotary_error_monitor up`: the nodes of a cell, kept running."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from dataclasses import replace
+from pathlib import Path
+
+from rotary_error_monitor.supervision.cell_file import nodes_of
+from rotary_error_monitor.supervision.supervisor import Supervisor
+from rotary_error_monitor.supervision.systemd import unit
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Describe the command's arguments."""
+    parser = subparsers.add_parser(
+        "up",
+        help="start the nodes that a parameter file names, and keep them running",
+        description="Starts a node for each section of the file (/**/encoder_head_a, /left/compensation, …) with the "
+        "file as its parameters, starts again what ends, and ends all in order on SIGINT, SIGTERM or SIGHUP. Exit code "
+        "2 where a node's input is wrong at its first start, 1 where one had to be killed at the end.",
+    )
+    parser.add_argument("cell", type=Path, help="ROS parameter file, such as a copy of config/real_cell.yaml")
+    parser.add_argument("--namespace", default="", help="of all nodes whose section names none, such as /left")
+    parser.add_argument(
+        "--systemd",
+        action="store_true",
+        help="print a unit of systemd that does this, in place of doing it: for ~/.config/systemd/user/",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the cell until a signal, or print the unit."""
+    nodes = [replace(n, namespace=n.namespace or arguments.namespace) for n in nodes_of(arguments.cell)]
+    if arguments.systemd:
+        print(unit(arguments.cell, ["--namespace", arguments.namespace] if arguments.namespace else []), end="")
+        return 0
+    supervisor = Supervisor(nodes, ["--params-file", str(arguments.cell)], say=_say)
+    return asyncio.run(supervisor.run())
+
+
+def _say(text: str) -> None:
+    print(f"up: {text}", flush=True)

@@ -1,0 +1,1 @@
+"""Starting a cell without launch files: the nodes that a parameter file names, and who keeps them running."""
