@@ -243,7 +243,8 @@ class Recorder(ManagedNode):
                 if bag is not None and bag.stopped is None:
                     self._say_lost(bag)
                     self._guard(bag.flush)
-                    self._say_simulated(bag)
+                    if self._say_simulated(bag) and bag.stopped is None:
+                        self._guard(bag.write_notes)
 
     def _say_lost(self, bag: BagWriter) -> None:
         """In the log as soon as it is known, and in the bag for whoever reads it later."""
@@ -252,12 +253,16 @@ class Recorder(ManagedNode):
             bag.notes[LOST] = text
             self.get_logger().warning(f"{LOST}: {text}")
 
-    def _say_simulated(self, bag: BagWriter) -> None:
-        """In the bag at once: what a recorder that is killed leaves shall not pass for a recording of a real cell."""
+    def _say_simulated(self, bag: BagWriter) -> bool:
+        """In the bag; whether there is something new, which is written at once.
+
+        What a recorder that is killed leaves shall not pass for a recording of a real cell.
+        """
         text = ", ".join(sorted(self._simulated_topics))
-        if text and bag.notes.get(SIMULATED) != text:
+        is_new = bool(text) and bag.notes.get(SIMULATED) != text
+        if is_new:
             bag.notes[SIMULATED] = text
-            self._guard(bag.write_notes)
+        return is_new
 
     def _guard(self, action: Callable[[], None]) -> None:
         """Do something to the bag; that the recording had to stop is said once here, and in each diagnostic."""

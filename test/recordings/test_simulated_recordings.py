@@ -25,8 +25,8 @@ def silent_bag(tmp_path_factory):
     """A recording of 30 s that says nothing of a simulation."""
     plant = mock_stage(load_stage(), MockSettings(3, EPOCH_NS, (2.0, 3.0), forces=False, rate=500.0))
     contents = {
-        samples_topic(stream): [plant.samples(stream, first, 100) for first in range(0, 15_000, 100)]
-        for stream in HEARD
+        topic: [plant.samples(stream, first, 100) for first in range(0, 15_000, 100)]
+        for topic, stream in zip(TOPICS, HEARD, strict=True)
     }
     bag = tmp_path_factory.mktemp("simulated") / "bag"
     write_messages(bag, contents)
