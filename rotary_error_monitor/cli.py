@@ -27,6 +27,7 @@ COMMANDS = (
     "recover",
     "calibrate",
     "diagnose",
+    "effects",
     "gap-benchmark",
     "wire",
     "security",

@@ -79,3 +79,22 @@ def test_without_the_file_it_is_unknown_with_it_explained(case, folder, tmp_path
     (fault,) = case.truth.faults
     found = cause["parameters"]["lift"]
     assert (np.abs(np.subtract(found["value"], fault.radial)) < 4 * np.asarray(found["std"])).all()
+
+
+def test_the_list_of_effects_is_what_the_command_prints(capsys):
+    """`rotary_error_monitor effects` writes it; each effect says what to do about it."""
+    assert main(["effects"]) == 0
+    printed = capsys.readouterr().out
+    assert (DOC / "effect_list.md").read_text(encoding="utf-8").partition("\n## ")[2] == printed.removeprefix("## ")
+    rows = [line.split(" | ") for line in printed.splitlines() if line.startswith("| `")]
+    assert len(rows) > 60
+    assert all(cell.strip(" |") for row in rows for cell in row)
+
+
+def test_the_list_of_effects_has_those_of_a_file(capsys):
+    assert main(["effects", "stage", "--effects", str(EXAMPLE)]) == 0
+    printed = capsys.readouterr().out
+    assert "| `oil_film` | lift on the oil film | `lift` (2): 1 µm/(rad/s)^0.5 |" in printed
+    assert "axis_backlash" not in printed, "which a stage has none of"
+    assert main(["effects", "boat"]) == 2
+    assert "'boat'; expected one of" in capsys.readouterr().err

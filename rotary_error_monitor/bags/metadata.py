@@ -21,6 +21,7 @@ from rotary_error_monitor.files import exists
 METADATA = "metadata.yaml"
 VERSION = 9
 QOS_KEY = "offered_qos_profiles"
+_LATEST = 1 << 63  # timestamps of ROS 2 are signed, ns
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}  # what ROS 2 says for a deadline that is none
 
 
@@ -53,12 +54,14 @@ class BagMetadata:
         packing: how each message is packed; empty where it is not.
         counts: messages by topic.
         notes: what else its writer had to say, texts by name.
+        span: timestamps (ns) of the first and last message as it says them; None where it says none.
     """
 
     files: tuple[str, ...] = ()
     packing: str = ""
     counts: Mapping[str, int] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
+    span: tuple[int, int] | None = None
 
     def missing(self, folder: Path) -> tuple[str, ...]:
         """Files that are not there."""
@@ -84,7 +87,8 @@ def read_metadata(folder: Path) -> BagMetadata:
     each = isinstance(mode, str) and mode.lower() == "message"
     custom = information.get("custom_data")
     notes = {str(name): str(text) for name, text in custom.items()} if isinstance(custom, dict) else {}
-    return BagMetadata(tuple(names), str(packing) if each else "", _counts(information), notes)
+    packed = str(packing) if each else ""
+    return BagMetadata(tuple(names), packed, _counts(information), notes, _span(information))
 
 
 def _counts(information: dict[str, Any]) -> dict[str, int]:
@@ -96,6 +100,16 @@ def _counts(information: dict[str, Any]) -> dict[str, int]:
     except (KeyError, TypeError, ValueError):
         return {}
     return dict(counts)
+
+
+def _span(information: dict[str, Any]) -> tuple[int, int] | None:
+    """Begin and end, None where they are not said as expected, or before anything was recorded."""
+    try:
+        begin_ns = int(information["starting_time"]["nanoseconds_since_epoch"])
+        end_ns = begin_ns + int(information["duration"]["nanoseconds"])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+    return (begin_ns, end_ns) if 0 < begin_ns <= end_ns < _LATEST else None
 
 
 def qos_profiles(qos: Qos) -> list[dict[str, Any]]:

@@ -19,6 +19,7 @@ class AutocollimatorGain(StageEffect):
 
     name = "autocollimator_gain"
     title = "autocollimator's scale"
+    remedy = "Calibrate the scale against a small-angle generator and state it as gain of the autocollimator."
     source = "calibration of an autocollimator's scale factor"
     parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
     rescales = True
@@ -40,6 +41,7 @@ class AutocollimatorRoll(StageEffect):
 
     name = "autocollimator_roll"
     title = "autocollimator turned about its line of sight"
+    remedy = "Turn the instrument about its line of sight, or state the angle as roll of the autocollimator."
     source = "rotation of the measuring axes"
     parameters = (Parameter("angle", "rad", 1e-2, bound=math.pi),)
     rescales = True
@@ -56,6 +58,7 @@ class AutocollimatorNonlinearity(StageEffect):
 
     name = "autocollimator_nonlinearity"
     title = "cubic error of the autocollimator"
+    remedy = "Work nearer to the middle of the range (align the mirror), or calibrate the instrument."
     source = "odd distortion of the objective, lowest order"
     parameters = (Parameter("cubic", "rad^-2", 1e6, bound=1e9),)
     rescales = True
@@ -71,6 +74,7 @@ class AutocollimatorDrift(StageEffect):
 
     name = "autocollimator_drift"
     title = "drift of the autocollimator"
+    remedy = "Let the instrument warm up, shield it from draughts, and zero it again; note how long it took."
     source = "warming-up of the instrument, lowest order in time"
     parameters = (Parameter("rate", "rad/s", 1e-7, 2, bound=1e-4),)
     acts_on = (AUTOCOLLIMATOR,)
@@ -85,6 +89,7 @@ class AutocollimatorLatency(StageEffect):
 
     name = "autocollimator_latency"
     title = "autocollimator late"
+    remedy = "State the delay as latency of the autocollimator, or have its driver stamp when it measures."
     source = "sampling delay: tilt error = rate of the tilt x delay"
     parameters = (Parameter("delay", "s", 1e-3, bound=1.0),)
     rescales = True
@@ -100,6 +105,7 @@ class MirrorWobble(StageEffect):
 
     name = "mirror_wobble"
     title = "mirror mounted askew"
+    remedy = "Align the mirror, or calibrate its tilt (`calibrate assembly`) and state it as mirror.tilt."
     source = "Lou et al. 2019, Section 2.3 (mirror on the rotor)"
     parameters = (Parameter("tilt", "rad", 1e-5, 2, bound=1e-2),)
     acts_on = (AUTOCOLLIMATOR,)
@@ -115,6 +121,7 @@ class MirrorFlatness(StageEffect):
 
     name = "mirror_flatness"
     title = "mirror's flatness of one order"
+    remedy = "Calibrate the mirror (`calibrate assembly`), or state the order among mirror.flatness."
     source = "Lou et al. 2019, Section 2.3 (mirror on the rotor)"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),

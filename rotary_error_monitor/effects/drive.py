@@ -13,6 +13,7 @@ class ReversalBacklash(StageEffect):
 
     name = "reversal_backlash"
     title = "backlash of the drive"
+    remedy = "Preload the drive, or use the controller's backlash compensation; approach from one side meanwhile."
     source = "ISO 230-2, 3.9 (reversal error)"
     parameters = (Parameter("width", "rad", 2e-5, bound=1e-2),)
 
@@ -26,6 +27,7 @@ class FollowingError(StageEffect):
 
     name = "following_error"
     title = "following error of the drive"
+    remedy = "Raise the position loop's gain or velocity feed-forward; state what stays as latency of the command."
     source = "velocity lag of a position loop"
     parameters = (Parameter("delay", "s", 1e-4, bound=1.0),)
 
@@ -39,6 +41,7 @@ class DriveCyclicError(StageEffect):
 
     name = "drive_cyclic_error"
     title = "cyclic error of the drive"
+    remedy = "Look for a gear, pulley or motor with that many turns, pole pairs or teeth per turn of the stage."
     source = "ISO 230-2, Annex (periodic positioning error); gear mesh and cogging"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=200, least=1),

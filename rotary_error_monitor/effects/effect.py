@@ -88,6 +88,7 @@ class Effect(Generic[Description]):
         name: as the vocabulary spells it.
         title: a few words for people.
         source: where the physics is described.
+        remedy: what to do about it, in a sentence.
         parameters: in the order of the value vector.
         orders: largest order K of a family located at `order_K`, or at `place.order_K` where it has places; 0 for other
             effects.
@@ -100,6 +101,7 @@ class Effect(Generic[Description]):
     name: ClassVar[str] = ""
     title: ClassVar[str] = ""
     source: ClassVar[str] = ""
+    remedy: ClassVar[str] = ""
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     orders: ClassVar[int] = 0
     falling: ClassVar[bool] = False

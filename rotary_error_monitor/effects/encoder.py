@@ -29,6 +29,7 @@ class DiscEccentricity(StageEffect):
 
     name = "disc_eccentricity"
     title = "ring mounted off centre"
+    remedy = "Centre the ring, or calibrate it between centres (`calibrate assembly`) and state encoder.eccentricity."
     source = _CONTRACT
     parameters = (Parameter("shift", "m", 1e-5, 2, bound=1e-3),)
     acts_on = (HEAD,)
@@ -45,6 +46,7 @@ class GraduationError(StageEffect):
 
     name = "graduation_error"
     title = "graduation error of one order"
+    remedy = "Calibrate the graduation (`calibrate assembly`) and state it among encoder.graduation."
     source = "Lou et al. 2019, Section 2.2; Geckeler et al. 2006 (Fourier description of division errors)"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
@@ -68,6 +70,7 @@ class SubdivisionalError(StageEffect):
 
     name = "subdivisional_error"
     title = "sub-divisional error of a head"
+    remedy = "Adjust offset, gain and phase of this head's signals (its gap and tilt), or clean the ring."
     source = "Heydemann 1981 (sine and cosine signals); one period per line"
     parameters = (Parameter("cos", "rad", 5e-7, bound=1e-4), Parameter("sin", "rad", 5e-7, bound=1e-4))
     acts_on = (HEAD,)
@@ -111,6 +114,7 @@ class HeadMisplacement(StageEffect):
 
     name = "head_misplacement"
     title = "head at another azimuth"
+    remedy = "Measure where the head sits and state its azimuth; a head's azimuth counts in the sense of rotation."
     source = _CONTRACT
     parameters = (Parameter("azimuth", "rad", 1e-2, bound=math.pi),)
     rescales = True
@@ -132,6 +136,7 @@ class HeadLatency(StageEffect):
 
     name = "head_latency"
     title = "one head late"
+    remedy = "State the delay as this head's latency, or latch all heads by one signal."
     source = "sampling delay: angle error = speed x delay"
     parameters = (Parameter("delay", "s", 1e-4, bound=1.0),)
     acts_on = (HEAD,)
@@ -150,6 +155,7 @@ class EncoderLatency(StageEffect):
 
     name = "encoder_latency"
     title = "all heads late"
+    remedy = "State the delay as latency of the heads, or have their counter latch and stamp at one instant."
     source = "sampling delay: angle error = speed x delay"
     parameters = (Parameter("delay", "s", 1e-4, bound=1.0),)
     acts_on = (HEAD,)
@@ -164,6 +170,7 @@ class HeadMissedCounts(StageEffect):
 
     name = "head_missed_counts"
     title = "counts lost by a head"
+    remedy = "Look at cable, shield and speed limit of this head, and clean the ring; reference it again."
     source = "incremental counting: a lost count stays lost"
     parameters = (Parameter("time", "s", 1.0, role=Role.FIXED, bound=1e9), Parameter("step", "rad", 2e-5, bound=1.0))
     acts_on = (HEAD,)
@@ -183,6 +190,7 @@ class DiscScale(StageEffect):
 
     name = "disc_scale"
     title = "ring of another radius"
+    remedy = "Check disc_radius in the stage file against the data sheet of the ring (radius, not diameter)."
     source = _CONTRACT
     parameters = (Parameter("relative", "1", 1e-2, bound=0.5),)
     rescales = True

@@ -19,6 +19,7 @@ class Squareness(MachineEffect):
 
     name = "squareness"
     title = "squareness error"
+    remedy = "Align the axes, or add the angle to the machine file (`calibrate squareness`)."
     source = "ISO 230-1, 3.6; Pan et al. 2013, Equation 8"
     parameters = (Parameter("angle", "rad", 1e-5, bound=1e-2),)
 
@@ -38,6 +39,7 @@ class AxisScale(MachineEffect):
 
     name = "axis_scale"
     title = "scale error of an axis"
+    remedy = "Correct the axis's scale in the controller, or add it to the machine file (`calibrate axis`)."
     source = "ISO 230-1, 3.4.2 (EXX); lowest order"
     parameters = (Parameter("relative", "1", 1e-5, bound=1e-2),)
 
@@ -57,6 +59,7 @@ class ThermalExpansion(MachineEffect):
 
     name = "thermal_expansion"
     title = "thermal expansion of an axis"
+    remedy = "Check the axis's coefficient of expansion and where its thermometer sits."
     source = "ISO 230-3"
     parameters = (Parameter("coefficient", "1/K", 5e-6, bound=1e-3),)
 
@@ -74,6 +77,7 @@ class AxisBacklash(MachineEffect):
 
     name = "axis_backlash"
     title = "backlash of an axis"
+    remedy = "Preload nut or gear, or enter the width as reversal error in the controller or the machine file."
     source = "ISO 230-2, 3.9 (reversal error B)"
     parameters = (Parameter("width", "m or rad", 1e-5, bound=1e-2),)
 
@@ -91,6 +95,7 @@ class AxisStraightness(MachineEffect):
 
     name = "axis_straightness"
     title = "sag of a guideway"
+    remedy = "Align or scrape the guideway, or add the sag to the machine file (`calibrate straightness`)."
     source = "ISO 230-1, 3.4.8 (straightness error motions); lowest order"
     parameters = (Parameter("sag", "m", 1e-5, bound=1e-2),)
 
@@ -108,6 +113,7 @@ class AxisAngular(MachineEffect):
 
     name = "axis_angular"
     title = "angular error of a guideway"
+    remedy = "Align the guideway, or add the slope to the error component in the machine file (`calibrate machine`)."
     source = "ISO 230-1, 3.4.16 (angular error motions); lowest order"
     parameters = (Parameter("slope", "rad", 1e-5, bound=1e-2),)
 
@@ -125,6 +131,7 @@ class CyclicError(MachineEffect):
 
     name = "cyclic_error"
     title = "cyclic error of an axis"
+    remedy = "Look for a screw pitch or scale period of that length; have the error compensated at its period."
     source = "ISO 230-2, Annex (periodic positioning error); pitch of a screw, period of a scale"
     parameters = (
         Parameter("period", "m", 1e-2, role=Role.SHAPE, bound=10.0, least=1e-4),

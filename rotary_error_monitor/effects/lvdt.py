@@ -16,6 +16,7 @@ class LvdtGain(StageEffect):
 
     name = "lvdt_gain"
     title = "LVDT's scale"
+    remedy = "Calibrate the LVDT against gauge blocks or a micrometer and state its gain."
     source = "calibration of an LVDT's scale factor"
     parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
     rescales = True
@@ -37,6 +38,7 @@ class LvdtArtefact(StageEffect):
 
     name = "lvdt_artefact"
     title = "artefact mounted off centre"
+    remedy = "Centre the artefact, or state lvdt.artefact_eccentricity."
     source = "ISO 230-7, Annex (artefact eccentricity)"
     parameters = (Parameter("shift", "m", 1e-6, 2, bound=1e-3),)
     acts_on = (LVDT,)
@@ -56,6 +58,7 @@ class LvdtHeight(StageEffect):
 
     name = "lvdt_height"
     title = "LVDT at another height"
+    remedy = "Measure the height of the LVDT above the ring and state it."
     source = "Lou et al. 2019, Equation 7 (radial error motion at a height)"
     parameters = (Parameter("offset", "m", 1e-3, bound=1.0),)
     rescales = True

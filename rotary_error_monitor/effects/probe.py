@@ -12,6 +12,7 @@ class ProbeZero(ListedZero):
 
     name = "probe_zero"
     title = "zero of a probe"
+    remedy = "Set the probe's zero, or state it."
     source = "setting of a displacement probe's zero (ISO 230-7, Annex A)"
     parameters = (Parameter("shift", "m", 1e-6, bound=1e-2),)
     listed_unit = "m"
@@ -22,6 +23,7 @@ class ProbeGain(ListedGain):
 
     name = "probe_gain"
     title = "scale of a probe"
+    remedy = "Calibrate the probe against a micrometer and state its gain."
     source = "calibration of a displacement probe's sensitivity"
     parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
     listed_unit = "m"
@@ -32,6 +34,7 @@ class ProbeDrift(ListedDrift):
 
     name = "probe_drift"
     title = "drift of a probe"
+    remedy = "Let probe and amplifier warm up; look for a holder that creeps."
     source = "warming-up of a probe, its amplifier and its holder, lowest order in time"
     parameters = (Parameter("rate", "m/s", 1e-8, bound=1e-5),)
     listed_unit = "m"
@@ -42,6 +45,7 @@ class ProbeForm(ListedForm):
 
     name = "probe_form"
     title = "form error of a probe's target, of one order"
+    remedy = "State the target's form (or its centring) among the sensor's form, or use a rounder target."
     source = "ISO 230-7, Annex (roundness and centring of the artefact); ISO 1101 (roundness, axial run-out)"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),

@@ -16,6 +16,7 @@ class RotaryHarmonic(MachineEffect):
 
     name = "rotary_harmonic"
     title = "harmonic of a rotary axis's positioning"
+    remedy = "Calibrate the rotary axis and add the harmonic to the machine file, or to the controller's table."
     source = "ISO 230-1, 3.4.17 (ECC); eccentricity and shape of scale or gear"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=12, least=1),
@@ -39,6 +40,7 @@ class PivotOffset(MachineEffect):
 
     name = "pivot_offset"
     title = "offset between the rotary axes"
+    remedy = "Measure the offset between the rotary axes and state it in the machine file (`calibrate machine`)."
     source = "ISO 230-1, location errors of rotary axes; Pan et al. 2013, Table 2"
     parameters = (Parameter("shift", "m", 1e-5, 2, bound=1e-2),)
 
@@ -56,6 +58,7 @@ class AxisOrientation(MachineEffect):
 
     name = "axis_orientation"
     title = "orientation error of a rotary axis"
+    remedy = "Align the axis, or add the tilt to its location errors in the machine file (`calibrate squareness`)."
     source = "ISO 230-1, location errors of rotary axes (A0C, B0C)"
     parameters = (Parameter("tilt", "rad", 1e-5, 2, bound=1e-2),)
 
@@ -76,6 +79,7 @@ class HeadDroop(MachineEffect):
 
     name = "head_droop"
     title = "droop of the tilting head"
+    remedy = "Balance or stiffen the head, or add the droop to the machine file (`calibrate machine`)."
     source = "gravity on a lever: moment in proportion to the sine of the tilt"
     parameters = (Parameter("coefficient", "rad", 1e-5, bound=1e-2),)
 
@@ -93,6 +97,7 @@ class ToolLength(MachineEffect):
 
     name = "tool_length"
     title = "tool length error"
+    remedy = "Measure the tool and correct its length."
     source = "ISO 230-1; Pan et al. 2013, Table 1 (bodies 8 and 9)"
     parameters = (Parameter("offset", "m", 1e-5, bound=1e-2),)
 
@@ -106,6 +111,7 @@ class SetupOffset(MachineEffect):
 
     name = "setup_offset"
     title = "displaced workpiece"
+    remedy = "Probe the workpiece again and correct its frame."
     source = "set-up of the workpiece frame; rigid displacement"
     parameters = (Parameter("shift", "m", 2e-5, 3, bound=1e-2), Parameter("rotation", "rad", 1e-5, 3, bound=1e-2))
 

@@ -21,6 +21,7 @@ class SpindleRadial(StageEffect):
 
     name = "spindle_radial"
     title = "synchronous radial error motion of one order"
+    remedy = "State the order among spindle.radial, or look for the bearing's form error of that many lobes."
     source = "ISO 230-7, synchronous radial error motion"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
@@ -43,6 +44,7 @@ class SpindleTilt(StageEffect):
 
     name = "spindle_tilt"
     title = "synchronous tilt error motion of one order"
+    remedy = "State the order among spindle.tilt, or look for a form error of the thrust bearing."
     source = "ISO 230-7, synchronous tilt error motion"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
@@ -65,6 +67,7 @@ class SpindleAxial(StageEffect):
 
     name = "spindle_axial"
     title = "synchronous axial error motion of one order"
+    remedy = "State the order among spindle.axial, or look for an axial run-out of the thrust face."
     source = "ISO 230-7, synchronous axial error motion"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
@@ -91,6 +94,7 @@ class BearingAsynchronous(StageEffect):
 
     name = "bearing_asynchronous"
     title = "asynchronous error motion of the bearing"
+    remedy = "Compare the order with cage and ball-pass orders of the bearing; look at preload and lubrication."
     source = "ISO 230-7, asynchronous error motion; cage and ball-pass orders of rolling bearings"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.SHAPE, bound=100.0, least=0.01),
@@ -138,6 +142,7 @@ class LoadCompliance(StageEffect):
 
     name = "load_compliance"
     title = "compliance under load"
+    remedy = "Check preload and clamping; state the compliances in the stage file so that forces are corrected."
     source = "Lou et al. 2019, Figure 15 (external force on the shaft)"
     parameters = (Parameter("radial", "m/N", 1e-8, bound=1e-5), Parameter("tilt", "rad/N", 3e-8, bound=1e-5))
 
@@ -159,6 +164,7 @@ class ThermalDrift(StageEffect):
 
     name = "thermal_drift"
     title = "radial drift with temperature"
+    remedy = "Wait until the stage is warm, cool it, or state spindle.radial_thermal so that it is corrected."
     source = "ISO 230-3, drift of the axis average line"
     parameters = (Parameter("radial", "m/K", 5e-7, 2, bound=1e-4),)
     acts_on = (HEAD, LVDT, LISTED)
@@ -182,6 +188,7 @@ class AxialGrowth(StageEffect):
 
     name = "axial_growth"
     title = "axial growth with temperature"
+    remedy = "Wait until the spindle is warm, cool it, or compensate by its temperature."
     source = "ISO 230-3, axial drift of a rotating spindle"
     parameters = (Parameter("axial", "m/K", 5e-7, bound=1e-4),)
     acts_on = (LISTED,)
@@ -197,6 +204,7 @@ class RadialHysteresis(StageEffect):
 
     name = "radial_hysteresis"
     title = "radial shift with the direction of rotation"
+    remedy = "Look for a loose bearing seat, coupling or seal that drags the rotor sideways; preload the bearing."
     source = "ISO 230-1, 3.4.16 ff. (reversal)"
     parameters = (Parameter("radial", "m", 1e-6, 2, bound=1e-3),)
     acts_on = (HEAD, LVDT, LISTED)
@@ -211,6 +219,7 @@ class Unbalance(StageEffect):
 
     name = "unbalance"
     title = "unbalance"
+    remedy = "Balance the rotor with what it carries."
     source = "ISO 21940-11 (centrifugal force) on a compliant bearing"
     parameters = (Parameter("radial", "m s^2/rad^2", 3e-8, 2, bound=1e-5),)
     acts_on = (HEAD, LVDT, LISTED)

@@ -17,6 +17,7 @@ class TiltSensorZero(ListedZero):
 
     name = "tilt_sensor_zero"
     title = "zero of a tilt sensor"
+    remedy = "Set the sensor's zero, or state it."
     source = "alignment of an autocollimator to the axis average line"
     parameters = (Parameter("shift", "rad", 1e-5, 2, bound=1e-2),)
     listed_unit = "rad"
@@ -27,6 +28,7 @@ class TiltSensorGain(ListedGain):
 
     name = "tilt_sensor_gain"
     title = "scale of a tilt sensor"
+    remedy = "Calibrate the scale against a small-angle generator and state it as gain of the sensor."
     source = "calibration of an autocollimator's scale factor"
     parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
     listed_unit = "rad"
@@ -37,6 +39,7 @@ class TiltSensorRoll(ListedEffect):
 
     name = "tilt_sensor_roll"
     title = "tilt sensor turned about its line of sight"
+    remedy = "Turn the sensor about its line of sight, or describe how its axes lie."
     source = "rotation of the measuring axes"
     parameters = (Parameter("angle", "rad", 1e-2, bound=math.pi),)
     listed_unit = "rad"
@@ -52,6 +55,7 @@ class TiltSensorDrift(ListedDrift):
 
     name = "tilt_sensor_drift"
     title = "drift of a tilt sensor"
+    remedy = "Let the instrument warm up, shield it from draughts, and zero it again."
     source = "warming-up of the instrument and its holder, lowest order in time"
     parameters = (Parameter("rate", "rad/s", 1e-7, 2, bound=1e-4),)
     listed_unit = "rad"
@@ -62,6 +66,7 @@ class TiltSensorForm(ListedForm):
 
     name = "tilt_sensor_form"
     title = "tilt or flatness of the mirror before a tilt sensor, of one order"
+    remedy = "Align or calibrate the mirror before this sensor and state it among the sensor's form."
     source = "Lou et al. 2019, Section 2.3 (mirror on the rotor)"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),

@@ -110,7 +110,7 @@ class Diagnosis:
                 }
                 for group in self.indistinguishable
             ],
-            "where": [dataclasses.asdict(share) for share in self.where],
+            "where": [{k: v for k, v in dataclasses.asdict(s).items() if k != "shown_in"} for s in self.where],
             "gap": {**dataclasses.asdict(self.gap), "interval": list(self.gap.interval)},
             "remainder": [
                 {"channel": f.channel, "pattern": f.pattern, "log_p_value": max(f.log_p_value, LEAST_LOG_P_VALUE)}

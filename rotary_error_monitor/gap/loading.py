@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,23 @@ def improved_twin(twin: AnyTwinFile, causes: Sequence[Cause]) -> dict[str, Any]:
     return content
 
 
+def known_kinds() -> dict[str, AnyKind]:
+    """All kinds of things that can be diagnosed, by the section that makes a file a twin of one.
+
+    Raises:
+        InputError: one of them cannot be loaded, or is none.
+    """
+    return {entry.name: _kind(entry) for entry in plugins_of(ENTRY_POINTS)}
+
+
+def _kind(entry: EntryPoint) -> AnyKind:
+    found = load_plugin(entry)
+    if not (isinstance(found, type) and issubclass(found, Kind)):
+        raise InputError(f"{origin_of(entry)}: {entry.value} is no kind; name a class derived from Kind")
+    kind: AnyKind = found()
+    return kind
+
+
 def _try_foreign(problem: DiagnosableProblem, twin: AnyTwinFile) -> None:
     """Predict with each foreign effect, at its first place and at its usual size.
 
@@ -111,12 +129,7 @@ def _kind_of(content: Mapping[str, Any], path: Path) -> tuple[str, AnyKind]:
     for one, other in itertools.pairwise(entries):
         if one.name == other.name:
             raise InputError(f"{path}: {origin_of(one)} and {origin_of(other)}: two kinds of one name; remove one")
-    kinds: dict[str, AnyKind] = {}
-    for entry in entries:
-        found = load_plugin(entry)
-        if not (isinstance(found, type) and issubclass(found, Kind)):
-            raise InputError(f"{origin_of(entry)}: {entry.value} is no kind; name a class derived from Kind")
-        kinds[entry.name] = found()
+    kinds = {entry.name: _kind(entry) for entry in entries}
     if not kinds:
         raise InputError(f"{path}: no section {_sections()}; it has {sorted(map(str, content)) or 'nothing'}")
     return max(kinds.items(), key=lambda named: named[1].rank)

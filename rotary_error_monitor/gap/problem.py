@@ -96,6 +96,7 @@ class Share:
         gap_rms: root mean square of the excess, in the channel's unit.
         noise_rms: of one sample's noise.
         pattern: what the excess depends on, in words.
+        shown_in: unit in which people read the channel, and how many of it the channel's own unit is.
     """
 
     channel: str
@@ -103,6 +104,7 @@ class Share:
     gap_rms: float
     noise_rms: float
     pattern: str
+    shown_in: tuple[str, float] = ("", 1.0)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rotary_error_monitor.effects.effect import Estimate
 from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, Group
+from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.gap.verdict import Verdict
 
 
@@ -24,21 +24,16 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 
 
 def describe_cause(found: FoundCause) -> str:
-    """Name, place, size, probability, and how it departs from its textbook form."""
+    """What it is, its name and place, size, probability, and how it departs from its textbook form."""
+    effect = found.cause.effect
     place = f" at {found.cause.location}" if found.cause.location else ""
-    sizes = ", ".join(f"{name} {describe_estimate(value)}" for name, value in found.parameters.items())
+    units = {parameter.name: parameter.unit for parameter in effect.parameters}
+    sizes = ", ".join(f"{name} {quantity(value, units.get(name, '1'))}" for name, value in found.parameters.items())
     held = ", ".join(found.at_bounds)
     sizes += f"; {held} at the bound of what is physically sensible" if held else ""
     told = "".join(f"; {row.pattern} ({row.share:.1%} of it)" for row in found.departures)
-    return f"{found.cause.effect.name}{place} ({sizes}; probability {found.probability:.0%}{told})"
-
-
-def describe_estimate(estimate: Estimate) -> str:
-    """Value with its standard deviation, as far as there is one."""
-    values = estimate.value if isinstance(estimate.value, tuple) else (estimate.value,)
-    stds = estimate.std if isinstance(estimate.std, tuple) else (estimate.std,)
-    parts = [f"{value:.4g} ± {std:.1g}" if std > 0 else f"{value:.6g}" for value, std in zip(values, stds, strict=True)]
-    return parts[0] if len(parts) == 1 else f"[{', '.join(parts)}]"
+    title = f"{effect.title}, " if effect.title else ""
+    return f"{title}{effect.name}{place} ({sizes}; probability {found.probability:.0%}{told})"
 
 
 def _told_from(group: Group) -> str:

@@ -193,7 +193,7 @@ class TableProblem(ABC, Generic[State]):
             powers = np.maximum(0.0, np.sum(np.square(signals), axis=1) / self.kept.sum() - np.square(self.std))
         total, size, names = float(powers.sum()), np.sqrt(powers), tuple(self.names.values())
         return [
-            Share(names[i], powers[i] / total, size[i], self.std[i], self._told(signals[i], powers[i]))
+            Share(names[i], powers[i] / total, size[i], self.std[i], self._told(signals[i], powers[i]), self.unit)
             for i in np.argsort(-powers)
             if total > 0
         ]

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import yaml
 
+from rotary_error_monitor import __version__
+from rotary_error_monitor.bags.metadata import read_metadata
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, diagnose
@@ -17,6 +20,7 @@ from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.report.diagnosis import write_report
 from rotary_error_monitor.report.painter import Painter
+from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.rates import MOST_RATE
 
 
@@ -74,9 +78,34 @@ class FileDiagnosis:
         content = json.dumps(diagnosis.as_mapping(), indent=1, allow_nan=False)
         (self.output / "diagnosis.json").write_text(content + "\n", encoding="utf-8")
         if painter is not None:
-            write_report(problem, diagnosis, self.output, f"{self.recording} beside {self.twin}", painter)
+            title = " beside ".join("/".join(path.resolve().parts[-2:]) for path in (self.recording, self.twin))
+            write_report(problem, diagnosis, self.output, title, painter, self._about())
         if self.improved is not None and diagnosis.causes:
             self.improved.write_text(_improved(twin, diagnosis.causes), encoding="utf-8")
+
+    def _about(self) -> dict[str, str]:
+        """What was diagnosed, beside what, when it was recorded, and by what this was made."""
+        recorded = recorded_span(self.recording)
+        return {
+            "recording": str(self.recording),
+            **({"recorded": recorded} if recorded else {}),
+            "twin": str(self.twin),
+            "false alarms": f"{self.false_alarms:.2%} of recordings without a gap, at most",
+            "made by": f"rotary_error_monitor {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        }
+
+
+def recorded_span(recording: Path) -> str:
+    """When a bag was recorded and for how long, as its metadata says; empty of other files."""
+    try:
+        span = read_metadata(recording).span
+    except InputError:
+        return ""
+    if span is None:
+        return ""
+    begin_ns, end_ns = span
+    begin = datetime.fromtimestamp(begin_ns / NANOSECONDS, UTC)
+    return f"{begin:%Y-%m-%d %H:%M:%S} UTC, {(end_ns - begin_ns) / NANOSECONDS:.1f} s"
 
 
 def _improved(twin: AnyTwinFile, causes: Sequence[FoundCause]) -> str:

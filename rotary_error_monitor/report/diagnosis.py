@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import base64
 import html
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from rotary_error_monitor.effects.effect import Estimate
-from rotary_error_monitor.gap.diagnosis import Diagnosis
+from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause
 from rotary_error_monitor.gap.problem import DiagnosableProblem
-from rotary_error_monitor.gap.sentences import describe_estimate, verdict_sentence
+from rotary_error_monitor.gap.quantities import quantity
+from rotary_error_monitor.gap.sentences import verdict_sentence
+from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.report.painter import Painter
 from rotary_error_monitor.report.picture import picture_of
 
@@ -19,84 +21,124 @@ h1 { font-size: 1.25rem; } h2 { font-size: 1.05rem; margin-top: 2rem; }
 .verdict { font-size: 1.15rem; padding: .8rem 1rem; border-left: .4rem solid #444; background: #f4f4f4; }
 .no_gap { border-color: #2a7f3f; } .explained { border-color: #1f5fa8; }
 .partly_explained { border-color: #b8860b; } .unknown { border-color: #a3312a; }
-table { border-collapse: collapse; } td, th { padding: .25rem .7rem; text-align: left; border-bottom: 1px solid #ddd; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; } img { max-width: 100%; }
+.wide { overflow-x: auto; } table { border-collapse: collapse; }
+td, th { padding: .25rem .7rem; text-align: left; vertical-align: top; border-bottom: 1px solid #ddd; }
+td { overflow-wrap: break-word; } dt { font-weight: 600; } dd { margin: 0 0 .4rem 1.2rem; } img { max-width: 100%; }
+@media print { body { margin: 0; max-width: none; font-size: 11pt; } h2, tr, img, li { break-inside: avoid; } }
 """
 
+_TERMS = {
+    "gap": "measured minus predicted, as a root mean square in standard deviations of the noise that the twin states; "
+    "1 is noise alone",
+    "before, after": "without the causes in the twin, and with them; each condition (speed, direction, pose) is "
+    "predicted with causes that were sized on all the others (held out)",
+    "noise floor": "what no model can fall below: the noise of neighbouring samples",
+    "shrink": "part of what exceeds the noise floor that the causes take away",
+    "share": "part of the excess over noise that lies in a channel; all add up to 100 %",
+    "probability": "that a cause is at work, and not another effect that looks like it, or something unknown",
+}
 
-def write_report(problem: DiagnosableProblem, diagnosis: Diagnosis, folder: Path, title: str, painter: Painter) -> None:
-    """Write `diagnosis.html` and `diagnosis.png` into a folder that exists."""
+_UNITS = {"um": "µm", "urad": "µrad", "arcsec": "″", "nm": "nm", "counts": "counts", "rad": "rad"}
+"""Units that end the name of a figure, and how people write them."""
+
+_NOTHING = 1e-6
+"""Figures below this, in the units that people read, are rounding."""
+
+_STEPS_OF_UNKNOWN = (
+    "Look at what remains below: an order of the rotation points to a part with that many periods a turn, a moment to "
+    "an event, a course over time to temperature or creep.",
+    "Record again at another speed, in both directions, with another load: what changes with the gap narrows it down.",
+    "If you know an effect that could do it, describe it in a few lines of Python and name it with --effects "
+    "(doc/effects.md); rotary_error_monitor effects lists those that are known.",
+)
+
+
+def write_report(
+    problem: DiagnosableProblem,
+    diagnosis: Diagnosis,
+    folder: Path,
+    title: str,
+    painter: Painter,
+    about: Mapping[str, str] | None = None,
+) -> None:
+    """Write `diagnosis.html` and `diagnosis.png` into a folder that exists; `about` says what was diagnosed, when."""
     picture = painter.draw(picture_of(problem, diagnosis))
     (folder / "diagnosis.png").write_bytes(picture)
-    (folder / "diagnosis.html").write_text(page(diagnosis, picture, title), encoding="utf-8")
+    (folder / "diagnosis.html").write_text(page(diagnosis, picture, title, about or {}), encoding="utf-8")
 
 
-def page(diagnosis: Diagnosis, picture: bytes, title: str) -> str:
+def page(diagnosis: Diagnosis, picture: bytes, title: str, about: Mapping[str, str]) -> str:
     """The whole page; the picture is in it, nothing is loaded from elsewhere."""
     image = base64.b64encode(picture).decode("ascii")
     sections = [
         f"<p class='verdict {diagnosis.verdict.value}'>{html.escape(verdict_sentence(diagnosis))}</p>",
+        _about(about),
         f"<img alt='gap, where it lies, ranking, residuals' src='data:image/png;base64,{image}'>",
         _gap(diagnosis),
         _causes(diagnosis),
+        _steps(diagnosis),
         _where(diagnosis),
         _figures(diagnosis),
         _ranking(diagnosis),
         _next(diagnosis),
         _notes(diagnosis),
+        _terms(),
     ]
     return (
         "<!doctype html><html lang='en'><meta charset='utf-8'>"
+        "<meta name='viewport' content='width=device-width, initial-scale=1'>"
         f"<title>Diagnosis: {html.escape(title)}</title><style>{_STYLE}</style>"
         f"<h1>{html.escape(title)}</h1>{''.join(sections)}</html>\n"
     )
 
 
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    def cells(row: list[str], tag: str) -> str:
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    def cells(row: Sequence[str], tag: str) -> str:
         return "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row)
 
-    body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows)
-    return f"<table><tr>{cells(head, 'th')}</tr>{body}</table>"
+    lines = [*([cells(head, "th")] if head else []), *(cells(row, "td") for row in rows)]
+    return f"<div class='wide'><table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table></div>"
+
+
+def _about(about: Mapping[str, str]) -> str:
+    return _table((), list(about.items())) if about else ""
 
 
 def _gap(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     low, high = gap.interval
-    rows = [
-        [
-            f"{gap.before:.4g}",
-            f"{gap.after:.4g}",
-            f"{gap.noise_floor:.4g}",
-            f"{gap.shrink:.3f} ({low:.3f} to {high:.3f})",
-        ]
-    ]
-    return "<h2>How far</h2>" + _table(["before", "after", "noise floor", "shrink (95 % interval)"], rows)
+    head, row = ["before"], [f"{gap.before:.4g}"]
+    if diagnosis.causes:
+        head += ["after", "shrink (95 % interval)"]
+        row += [f"{gap.after:.4g}", f"{gap.shrink:.1%} ({low:.1%} to {high:.1%})"]
+    head, row = [*head, "noise floor"], [*row, f"{gap.noise_floor:.4g}"]
+    return "<h2>How far, in standard deviations of the noise</h2>" + _table(head, [row])
 
 
 def _causes(diagnosis: Diagnosis) -> str:
-    rows = []
-    for found in diagnosis.causes:
-        units = {parameter.name: parameter.unit for parameter in found.cause.effect.parameters}
-        for name, estimate in found.parameters.items():
-            rows.append(
-                [
-                    found.cause.effect.title or found.cause.effect.name,
-                    found.cause.location,
-                    f"{found.probability:.1%}",
-                    name,
-                    _number(estimate),
-                    units.get(name, ""),
-                    found.cause.effect.source,
-                ]
-            )
-    head = ["effect", "where", "probability", "parameter", "value", "unit", "source"]
+    rows = [row for found in diagnosis.causes for row in _rows_of(found)]
+    head = ["effect", "where", "probability", "parameter", "value", "what to do about it", "source"]
     return "<h2>Causes added to the model</h2>" + _table(head, rows) + _departures(diagnosis) if rows else ""
+
+
+def _rows_of(found: FoundCause) -> Iterator[list[str]]:
+    """A row for each parameter; what is of the effect stands in the first."""
+    effect = found.cause.effect
+    units = {parameter.name: parameter.unit for parameter in effect.parameters}
+    own = [_named(found), found.cause.location, f"{found.probability:.1%}"], [effect.remedy, effect.source]
+    for name, estimate in found.parameters.items():
+        yield [*own[0], name, quantity(estimate, units.get(name, "1")), *own[1]]
+        own = ["", "", ""], ["", ""]
+
+
+def _named(found: FoundCause) -> str:
+    effect = found.cause.effect
+    return f"{effect.title} ({effect.name})" if effect.title else effect.name
 
 
 def _departures(diagnosis: Diagnosis) -> str:
     rows = [
-        [found.cause.effect.title or found.cause.effect.name, found.cause.location, row.pattern, f"{row.share:.1%}"]
+        [_named(found), found.cause.location, row.pattern, f"{row.share:.1%}"]
         for found in diagnosis.causes
         for row in found.departures
     ]
@@ -104,24 +146,39 @@ def _departures(diagnosis: Diagnosis) -> str:
     return "<h2>How they depart</h2>" + _table(head, rows) if rows else ""
 
 
-def _number(estimate: Estimate) -> str:
-    return describe_estimate(estimate)
+def _steps(diagnosis: Diagnosis) -> str:
+    if diagnosis.verdict is not Verdict.UNKNOWN:
+        return ""
+    return "<h2>What to do next</h2>" + _list(_STEPS_OF_UNKNOWN)
 
 
 def _where(diagnosis: Diagnosis) -> str:
-    rows = [[s.channel, f"{s.share:.1%}", f"{s.gap_rms:.3g}", f"{s.noise_rms:.3g}", s.pattern] for s in diagnosis.where]
-    head = ["channel", "share", "gap, rms (SI)", "noise, rms (SI)", "depends on"]
+    rows = []
+    for share in diagnosis.where:
+        unit, factor = share.shown_in
+        gap, noise = (f"{factor * size:.4g} {unit}".strip() for size in (share.gap_rms, share.noise_rms))
+        rows.append([share.channel, f"{share.share:.1%}", gap, noise, share.pattern])
+    head = ["channel", "share", "gap, rms", "noise, rms", "depends on"]
     return "<h2>Where</h2>" + (_table(head, rows) if rows else "<p>Nothing exceeds the noise.</p>")
 
 
 def _figures(diagnosis: Diagnosis) -> str:
-    rows = [[name.replace("_", " "), f"{value:.4g}"] for name, value in diagnosis.figures.items()]
+    rows = [_figure(name, value) for name, value in diagnosis.figures.items()]
     return "<h2>Figures</h2>" + _table(["figure", "value"], rows) if rows else ""
+
+
+def _figure(name: str, value: float) -> list[str]:
+    """Name and value of a figure, its unit taken from the end of its name."""
+    what, _, last = name.rpartition("_")
+    told = 0.0 if abs(value) < _NOTHING else value
+    if what and last in _UNITS:
+        return [what.replace("_", " "), f"{told:.4g} {_UNITS[last]}"]
+    return [name.replace("_", " "), f"{told:.4g}"]
 
 
 def _ranking(diagnosis: Diagnosis) -> str:
     rows = [[r.effect, r.location, f"{r.probability:.1%}", f"{r.held_out_gap:.4g}"] for r in diagnosis.ranking]
-    return "<h2>Which</h2>" + _table(["effect", "where", "probability", "held-out gap"], rows)
+    return "<h2>Which</h2>" + _table(["effect", "where", "probability", "gap with it, held out"], rows)
 
 
 def _next(diagnosis: Diagnosis) -> str:
@@ -138,9 +195,15 @@ def _next(diagnosis: Diagnosis) -> str:
 
 def _notes(diagnosis: Diagnosis) -> str:
     left = [f"{finding.channel}: {finding.pattern}" for finding in diagnosis.remainder]
-    parts = []
-    if left:
-        parts.append("<h2>What remains</h2><ul>" + "".join(f"<li>{html.escape(item)}</li>" for item in left) + "</ul>")
-    if diagnosis.remarks:
-        parts.append("<h2>Notes</h2><ul>" + "".join(f"<li>{html.escape(i)}</li>" for i in diagnosis.remarks) + "</ul>")
-    return "".join(parts)
+    parts = [("What remains", left), ("Notes", diagnosis.remarks)]
+    return "".join(f"<h2>{title}</h2>{_list(items)}" for title, items in parts if items)
+
+
+def _list(items: Sequence[str]) -> str:
+    return "<ul>" + "".join(f"<li>{html.escape(item)}</li>" for item in items) + "</ul>"
+
+
+def _terms() -> str:
+    return (
+        "<h2>What the words mean</h2><dl>" + "".join(f"<dt>{t}</dt><dd>{m}</dd>" for t, m in _TERMS.items()) + "</dl>"
+    )

@@ -21,6 +21,9 @@ _OVERVIEW, _ROW = 2.4, 1.9
 _ABOVE, _BELOW, _LEFT, _RIGHT = 0.4, 0.65, 0.9, 0.25
 """Room for titles and labels around axes, inches."""
 
+_VISIBLE = 0.005
+"""Probability that a bar shows."""
+
 _NAMES, _GAP = 2.3, 0.3
 """Room between axes side by side: for names beside bars, and for nothing, inches."""
 
@@ -85,7 +88,12 @@ def _label(axes: list[list[Axes]], views: Sequence[View], shown: Sequence[str], 
 
 
 def _draw_gap(ax: Axes, picture: Picture) -> None:
-    ax.bar(["before", "after", "noise floor"], picture.gap, color=["#a3312a", "#1f5fa8", "#999"])
+    bars = [("before", "#a3312a"), ("after", "#1f5fa8"), ("noise floor", "#999")]
+    drawn = [(*bar, size) for bar, size in zip(bars, picture.gap, strict=True)]
+    if picture.shrink is None:  # nothing was added to the twin: there is no after
+        del drawn[1]
+    names, colors, sizes = zip(*drawn, strict=True)
+    ax.bar(names, sizes, color=colors)
     ax.set_ylabel("gap, standard deviations of noise")
     ax.set_title("Gap" if picture.shrink is None else f"Gap, held out: shrink {picture.shrink:.1%}")
 
@@ -102,6 +110,8 @@ def _draw_ranking(ax: Axes, picture: Picture) -> None:
     ax.barh([name for name, _ in rows], [probability for _, probability in rows], color="#2a7f3f")
     ax.set_xlim(0, 1)
     ax.set_title("Which: probability")
+    if all(probability < _VISIBLE for _, probability in rows):
+        ax.text(0.5, 0.5, "none of the known effects", ha="center", va="center", transform=ax.transAxes)
 
 
 def _draw_view(ax: Axes, view: View, with_after: bool) -> None:

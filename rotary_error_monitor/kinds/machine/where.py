@@ -43,6 +43,7 @@ def machine_where(problem: MachineProblem, causes: Sequence[Cause], rest: Rows, 
             float(np.sqrt(powers[i])),
             noise,
             _describe(problem, signals[:, i], float(powers[i])),
+            problem.unit,
         )
         for i in np.argsort(-powers)
     ]

@@ -100,6 +100,7 @@ class AxisEccentricity(_AxisEffect):
 
     name = "axis_eccentricity"
     title = "encoder or gear off centre"
+    remedy = "Centre the wheel or ring, or put the term into the pointing model."
     source = f"{_POINTING}: HCES, HCEC, DCES, DCEC; ISO 230-1, 3.4.17 (ECC), order 1"
     parameters = (Parameter("cos", "rad", 3e-4, bound=0.1), Parameter("sin", "rad", 3e-4, bound=0.1))
 
@@ -113,6 +114,7 @@ class AxisHarmonic(_AxisEffect):
 
     name = "axis_harmonic"
     title = "shape of encoder or gear"
+    remedy = "Look for an oval or three-lobed wheel; put the term into the pointing model."
     source = "ISO 230-1, 3.4.17 (ECC); oval and three-lobed wheels, strain wave gears"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=4, least=1),
@@ -131,6 +133,7 @@ class AxisGearRatio(_AxisEffect):
 
     name = "axis_gear_ratio"
     title = "gear ratio of an axis"
+    remedy = "Correct the number of steps per turn in the controller."
     source = "number of steps per turn set wrongly: error in proportion to the angle"
     parameters = (Parameter("relative", "1", 1e-3, bound=0.1),)
 
@@ -147,6 +150,7 @@ class AxisBacklash(_AxisEffect):
 
     name = "axis_backlash"
     title = "backlash of an axis"
+    remedy = "Adjust the mesh of worm and wheel; approach from one side meanwhile."
     source = "ISO 230-2, 3.9 (reversal error B)"
     parameters = (Parameter("width", "rad", 3e-4, bound=0.1),)
 
@@ -160,6 +164,7 @@ class AxisSlip(_AxisEffect):
 
     name = "axis_slip"
     title = "zero of an axis moves with time"
+    remedy = "Tighten clutch and set screws; look for lost steps (current, acceleration)."
     source = "slipping clutch or lost steps: error in proportion to time"
     parameters = (Parameter("rate", "rad/s", 1e-7, bound=1e-3),)
 
@@ -173,6 +178,7 @@ class PierSideShift(_AxisEffect):
 
     name = "pier_side_shift"
     title = "step of an axis between the sides of the pier"
+    remedy = "Look for play that tips over at the meridian flip (dovetail, mirror, adapter)."
     source = "play or yielding that tips over when the mount is reversed"
     parameters = (Parameter("shift", "rad", 3e-4, bound=0.1),)
 
@@ -186,6 +192,7 @@ class TubeFlexure(MountEffect):
 
     name = "tube_flexure"
     title = "tube sags"
+    remedy = "Stiffen tube, dovetail and focuser, or put the term into the pointing model."
     source = f"{_POINTING}: TF; in proportion to the sine of the zenith distance"
     parameters = (Parameter("sag", "rad", 3e-4, bound=0.1),)
 
@@ -199,6 +206,7 @@ class DeclinationAxisFlexure(MountEffect):
 
     name = "declination_axis_flexure"
     title = "declination axis sags"
+    remedy = "Stiffen the declination axis, or put the term into the pointing model."
     source = f"{_POINTING}: DAF"
     parameters = (Parameter("sag", "rad", 3e-4, bound=0.1),)
 
@@ -212,6 +220,7 @@ class ForkFlexure(MountEffect):
 
     name = "fork_flexure"
     title = "fork yields"
+    remedy = "Stiffen the fork, or put the term into the pointing model."
     source = f"{_POINTING}: FO"
     parameters = (Parameter("yield", "rad", 3e-4, bound=0.1),)
 
@@ -227,6 +236,7 @@ class SettlingGround(MountEffect):
 
     name = "settling_ground"
     title = "mount tips over time"
+    remedy = "Let the pier settle, or set the tripod on firm ground; align again."
     source = "rotation of the base about a level axis in proportion to time"
     parameters = (Parameter("rate", "rad/s", 1e-8, 2, bound=1e-4),)
 
@@ -240,6 +250,7 @@ class RefractionScale(MountEffect):
 
     name = "refraction_scale"
     title = "other refraction"
+    remedy = "Check temperature and pressure that refraction is taken off with, and that it is taken off once."
     source = "Stone 1996, PASP 108, 1051 (refraction in proportion to density); -1: none is left in the file"
     parameters = (Parameter("relative", "1", 0.3, bound=10.0),)
 

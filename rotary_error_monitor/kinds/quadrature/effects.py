@@ -60,6 +60,7 @@ class QuadratureError(QuadratureEffect):
 
     name = "quadrature_error"
     title = "phase between the signals"
+    remedy = "Adjust the phase between the signals (head tilt, wave plate), or correct it by the fitted ellipse."
     source = _HEYDEMANN
     parameters = (Parameter("angle", "rad", 0.01, bound=0.5),)
     rank = 0
@@ -77,6 +78,7 @@ class UnequalGain(QuadratureEffect):
 
     name = "unequal_gain"
     title = "unequal gain of the signals"
+    remedy = "Trim the gains, or correct them by the fitted ellipse."
     source = _HEYDEMANN
     parameters = (Parameter("relative", "1", 0.01, bound=0.5),)
     rank = 1
@@ -96,6 +98,7 @@ class CircleHarmonic(QuadratureEffect):
 
     name = "circle_harmonic"
     title = "harmonic of the circle"
+    remedy = "Adjust the optics; what stays is corrected by the fitted harmonic."
     source = "Fourier series of the radius; order 4: Dai et al. 2004, Meas. Sci. Technol. 15, 444"
     parameters = (
         Parameter("order", "1", 1.0, role=Role.FIXED, bound=12, least=1),
@@ -119,6 +122,7 @@ class SignalCompression(QuadratureEffect):
 
     name = "signal_compression"
     title = "amplifiers that saturate"
+    remedy = "Lower the signals, or use amplifiers with more headroom."
     source = "third-order characteristic of an amplifier; orders 4 and 0 of the radius"
     parameters = (Parameter("relative", "1", 0.003, bound=0.5),)
     rank = 3
@@ -133,6 +137,7 @@ class SignalOffset(QuadratureEffect):
 
     name = "signal_offset"
     title = "offset of the signals"
+    remedy = "Trim the offsets, or correct them by the fitted ellipse."
     source = _HEYDEMANN
     parameters = (Parameter("shift", "count", 3.0, 2, bound=200.0),)
     rank = 4
@@ -151,6 +156,7 @@ class SignalClipping(QuadratureEffect):
 
     name = "signal_clipping"
     title = "signals beyond the converters' range"
+    remedy = "Lower the gain, so that the signals stay within the converters' range."
     source = "limit of an analogue-to-digital converter"
     parameters = (
         Parameter("level", "count", 500.0, 4, role=Role.FIXED, bound=2.0**32),

@@ -161,7 +161,9 @@ class QuadratureProblem(TableProblem[float]):
         parts = 2 * np.square(np.abs(waves @ (weight * used))) / power
         told = [k for k in np.argsort(-parts)[:4] if parts[k] > TELLING]
         words = ", ".join(f"order {k + 1} ({min(parts[k], 1.0):.0%})" for k in told) or "no single order"
-        return [Share(self.names["radius"], 1.0, float(np.sqrt(power)), float(self.std[0]), f"phase: {words}")]
+        return [
+            Share(self.names["radius"], 1.0, float(np.sqrt(power)), float(self.std[0]), f"phase: {words}", self.unit)
+        ]
 
     def advice(self, keys: Sequence[tuple[str, str]], causes: Sequence[Cause]) -> str:
         """What tells effects apart that have the same radius."""

@@ -14,7 +14,7 @@ from rotary_error_monitor.effects.rotor import HEAD, RotorState
 from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
 from rotary_error_monitor.gap.normal import own_rest
 from rotary_error_monitor.gap.problem import Array, Share
-from rotary_error_monitor.sensors.library import COMMAND, instrument_of
+from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import fields_of
 
 if TYPE_CHECKING:
@@ -43,6 +43,11 @@ def stage_where(problem: StageProblem, causes: Sequence[Cause], explained: bool)
     total = sum(energy.values())
     if total <= 0:
         return []
+    units = {
+        _channel(stream, axis): ("µrad" if stream == COMMAND else sensor_of(stream).small_unit, 1e6)
+        for stream in (*problem.twin.times, COMMAND)
+        for axis in range(len(fields_of(stream)))
+    }
     return [
         Share(
             channel,
@@ -50,6 +55,7 @@ def stage_where(problem: StageProblem, causes: Sequence[Cause], explained: bool)
             float(np.sqrt(powers[channel])),
             signals[channel][1],
             _words(*signals[channel], powers[channel]) if energy[channel] > 0 else "noise",
+            units[channel],
         )
         for channel in sorted(energy, key=lambda channel: -energy[channel])
     ]

@@ -23,7 +23,7 @@ from rotary_error_monitor.kinds.stage.experiments import advise
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.plant.stage import stage_clocks
-from rotary_error_monitor.report.diagnosis import write_report
+from rotary_error_monitor.report.diagnosis import page, write_report
 from rotary_error_monitor.report.painter import Painter
 from rotary_error_monitor.twin.recording import Stream
 
@@ -175,6 +175,8 @@ def test_what_no_effect_describes_is_unknown(name, stage_problem):
     assert diagnosis.verdict is Verdict.UNKNOWN
     assert not diagnosis.causes and diagnosis.remainder
     assert "Unknown" in verdict_sentence(diagnosis)
+    told = page(diagnosis, b"", "", {})
+    assert "What to do next" in told and "<th>after</th>" not in told and "<th>before</th>" in told
 
 
 def test_an_effect_that_is_not_in_the_library_is_unknown(stage_problem):
@@ -316,11 +318,17 @@ def test_the_output_is_plain_json_and_a_page(tmp_path, stage_problem):
     assert content["ranking"][0]["effect"] == "mirror_wobble"
     assert content["ranking"][0]["held_out_gap"] < content["ranking"][-1]["held_out_gap"]
     with Painter() as painter:
-        write_report(problem, diagnosis, tmp_path, "a <case>", painter)
-    page = (tmp_path / "diagnosis.html").read_text(encoding="utf-8")
-    assert "mirror_wobble" in page and "a &lt;case&gt;" in page
+        write_report(problem, diagnosis, tmp_path, "a <case>", painter, {"recorded": "2026-11-26 <now>"})
+    written = (tmp_path / "diagnosis.html").read_text(encoding="utf-8")
+    assert "mirror mounted askew (mirror_wobble)" in written and "a &lt;case&gt;" in written
+    assert "2026-11-26 &lt;now&gt;" in written and "Align the mirror" in written
+    (found,) = diagnosis.causes
+    tilt = np.array(found.parameters["tilt"].value) * 1e6
+    told = re.search(r"tilt \((-?[\d.]+) ± [\d.]+, (-?[\d.]+) ± [\d.]+\) µrad", verdict_sentence(diagnosis))
+    assert told is not None
+    np.testing.assert_allclose([float(told[1]), float(told[2])], tilt, atol=0.1)
     # Four letters of an embedded picture may happen to be those.
-    assert "http" not in re.sub(r"base64,[A-Za-z0-9+/=]*", "", page).replace("http-equiv", "")
+    assert "http" not in re.sub(r"base64,[A-Za-z0-9+/=]*", "", written).replace("http-equiv", "")
     assert (tmp_path / "diagnosis.png").read_bytes().startswith(b"\x89PNG")
 
 
