@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 import inspect
 import logging
 import pkgutil
 from collections.abc import Iterator
-from importlib.metadata import EntryPoint
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rotary_error_monitor.errors import InputError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 _PACKAGE = __name__.partition(".")[0]
 
@@ -47,6 +48,8 @@ def classes_in(module: ModuleType, base: type[Any]) -> Iterator[type[Any]]:
 
 def plugins_of(group: str) -> tuple[EntryPoint, ...]:
     """The entry points of a group, in the order of their names."""
+    import importlib.metadata  # here, for what has no use of entry points starts sooner without it
+
     return tuple(sorted(importlib.metadata.entry_points(group=group), key=lambda entry: entry.name))
 
 

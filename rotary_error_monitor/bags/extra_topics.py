@@ -6,7 +6,7 @@ from rotary_error_monitor.bags.writer import BagTopic
 from rotary_error_monitor.description.wire import Qos
 from rotary_error_monitor.errors import InputError, excerpt
 
-ANY_PUBLISHER = Qos("best_effort", "volatile", 1000)
+ANY_PUBLISHER = Qos("best_effort", "volatile", "keep_last", 1000)
 """Quality of service that fits the publisher of any driver: best effort listens to reliable ones as well."""
 
 

@@ -116,7 +116,7 @@ def qos_profiles(qos: Qos) -> list[dict[str, Any]]:
     """Offered quality of service as rosbag2 writes it: no deadline, no lifespan, automatic liveliness."""
     return [
         {
-            "history": "keep_last",
+            "history": qos.history,
             "depth": qos.depth,
             "reliability": qos.reliability,
             "durability": qos.durability,

@@ -29,7 +29,7 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 RESERVE = ".reserve"
 REMOVED = "files removed for what shall be kept at most"
 """What the bag calls the files that went."""
-DEFAULT_QOS = Qos("reliable", "volatile", 10)
+DEFAULT_QOS = Qos("reliable", "volatile", "keep_last", 10)
 _SEQUENCES = 1 << 32  # mcap has 32 bits for the number of a message
 
 

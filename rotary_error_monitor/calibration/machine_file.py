@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,14 @@ from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.description.machine import (
     Axis,
     ErrorComponent,
+    Harmonic,
     MachineDescription,
+    component_section,
     load_machine,
     machine_from_mapping,
+    machine_mapping,
 )
-from rotary_error_monitor.description.machine_section import machine_mapping
+from rotary_error_monitor.description.sections import write
 from rotary_error_monitor.errors import InputError
 
 Array = NDArray[np.float64]
@@ -141,17 +145,9 @@ class MachineFile:
         return next((name for name in names if name in notes), "machine")
 
     def _set_component(self, part: str, name: str, component: ErrorComponent) -> None:
-        entry: dict[str, Any] = {}
-        if component.table is not None:
-            table = component.table
-            columns = {"positions": table.positions, "forward": table.forward, "backward": table.backward}
-            entry["table"] = {key: list(values) for key, values in columns.items()}
-        if component.poly:
-            entry["poly"] = [number(value) for value in component.poly]
-        if component.harmonic:
-            entry["harmonic"] = [
-                {"order": w.order, "cos": number(w.cos), "sin": number(w.sin)} for w in component.harmonic
-            ]
+        poly = tuple(map(number, component.poly))
+        harmonic = tuple(Harmonic(w.order, number(w.cos), number(w.sin)) for w in component.harmonic)
+        entry = write(component_section(replace(component, poly=poly, harmonic=harmonic)))
         self._document.set(part, f"errors.{name}", ("errors", name), Rows(entry))
 
     def _body(self, name: str) -> int:

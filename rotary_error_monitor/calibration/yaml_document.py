@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.lock import FileLock
 from rotary_error_monitor.calibration.yaml_text import LOADER, CannotChangeError, Keys, Rows, YamlText, plain
+from rotary_error_monitor.description.provenance import MOST_HISTORY, Calibrated
+from rotary_error_monitor.description.sections import write
 from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError
 
@@ -28,9 +30,6 @@ _PART = 1 << 20
 
 DIGITS = 6
 """Significant digits of a number in a file: a part in a million of an error is far below any uncertainty."""
-
-MOST_HISTORY = 10
-"""Earlier calibrations that a section keeps: ten years of a yearly calibration, and a file that still can be read."""
 
 
 @dataclass(frozen=True)
@@ -154,17 +153,16 @@ class YamlDocument:
         replaced = self._replaced.pop(part, {})
         if replaced or before:
             earlier = [{**before, **replaced}, *earlier]
-        row: dict[str, Any] = {
-            "date": provenance.date.isoformat(),
-            "source": provenance.source,
-            "sha256": provenance.sha256,
-        }
-        if provenance.uncertainty is not None:
-            row["uncertainty"] = number(provenance.uncertainty)
-        if provenance.figures:
-            row["figures"] = {key: number(value) for key, value in provenance.figures.items()}
-        if provenance.remark:
-            row["remark"] = provenance.remark
+        row = write(
+            Calibrated(
+                date=provenance.date.isoformat(),
+                source=provenance.source,
+                sha256=provenance.sha256,
+                uncertainty=None if provenance.uncertainty is None else number(provenance.uncertainty),
+                figures={key: number(value) for key, value in provenance.figures.items()},
+                remark=provenance.remark or None,
+            )
+        )
         if earlier:
             row["history"] = Rows(earlier[:MOST_HISTORY])
         with _said(self._path):

@@ -2,40 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated
+
+from rotary_error_monitor.description.expected import Expected
+from rotary_error_monitor.description.quantities import Deviation
+
+Order = Annotated[int, Expected("waves per revolution, a whole number", 0, 100_000)]
+Coefficients = Annotated[tuple[Deviation, Deviation], Expected("[cos, sin], each at most 10 mm or at most 10 mrad")]
+
+# each row costs every sample two sines; calibrations by several heads tell some hundred orders of ring or bearings
+_MOST = (0, 500)
 
 
 @dataclass(frozen=True)
 class AngularHarmonic:
     """One order of an error over an angle: `cos * cos(order * psi) + sin * sin(order * psi)` in rad or m."""
 
-    order: int
-    cos: float
-    sin: float
+    order: Order
+    cos: Deviation
+    sin: Deviation
 
 
 @dataclass(frozen=True)
 class PlanarHarmonic:
     """One order of a plane vector over the rotation, x and y each `[cos, sin]` coefficients in m or rad."""
 
-    order: int
-    x: tuple[float, float]
-    y: tuple[float, float]
+    order: Order
+    x: Coefficients
+    y: Coefficients
 
 
-def angular(rows: Iterable[Mapping[str, Any]]) -> tuple[AngularHarmonic, ...]:
-    """Harmonics from the rows of a file that is valid by the schema."""
-    return tuple(AngularHarmonic(row["order"], float(row["cos"]), float(row["sin"])) for row in rows)
-
-
-def planar(rows: Iterable[Mapping[str, Any]]) -> tuple[PlanarHarmonic, ...]:
-    """Plane harmonics from the rows of a file that is valid by the schema."""
-    return tuple(PlanarHarmonic(row["order"], pair(row["x"]), pair(row["y"])) for row in rows)
-
-
-def pair(values: Iterable[float]) -> tuple[float, float]:
-    """The two numbers of a vector in a file."""
-    x, y = values
-    return float(x), float(y)
+Waves = Annotated[tuple[AngularHarmonic, ...], Expected("at most 500 rows {order, cos, sin} in m or rad", count=_MOST)]
+PlaneWaves = Annotated[
+    tuple[PlanarHarmonic, ...],
+    Expected("at most 500 rows {order, x: [cos, sin], y: [cos, sin]} in m or rad", count=_MOST),
+]

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
-from rotary_error_monitor.description import schema
-from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic, angular, planar
+from rotary_error_monitor.description.expected import entries
+from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
+from rotary_error_monitor.description.sections import extended, stated
+from rotary_error_monitor.description.sensor_section import SensorSection, sensor_kinds
 
-_COMMON = ("noise", "resolution", "range", "uncertainty", "zero", "gain")
 _ELSEWHERE = "latency"
 """Is no number of the kind, but of the response of the instrument, which `StageDescription.responses` has."""
-
-FIELDS, UNIT = ("displacement",), "m"
-"""Of a kind whose file names none."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +22,7 @@ class ListedSensor:
     reads `zero +` what acts on the stage, such as a temperature; it has neither gain nor form.
 
     Attributes:
-        kind: of sensor, one file in `config/schema/sensors/` and one class in `sensors/`.
+        kind: of sensor, one file in `description/sensor_kinds/` and one class in `sensors/`.
         noise: standard deviation of a reading before rounding, in `unit`.
         resolution: step of a reading, in `unit`.
         range: half of the measuring range, in `unit`.
@@ -35,8 +32,8 @@ class ListedSensor:
         place: numbers of its kind by name, such as `azimuth` (rad) and `height` (m).
         form: what its target shows of itself over a turn, in `unit`: of one field by orders of the place on the
             target, `azimuth - theta`; of two by orders of the rotation, x and y along the axes of the stage.
-        fields: of a sample, as its kind's file names them.
-        unit: SI unit of the fields, m or rad, or °C, as its kind's file names it.
+        fields: of a sample, as its kind names them.
+        unit: SI unit of the fields, m or rad, or °C, as its kind names it.
     """
 
     kind: str
@@ -48,8 +45,8 @@ class ListedSensor:
     gain: float = 1.0
     place: Mapping[str, float] = field(default_factory=dict)
     form: tuple[AngularHarmonic | PlanarHarmonic, ...] = ()
-    fields: tuple[str, ...] = FIELDS
-    unit: str = UNIT
+    fields: tuple[str, ...] = SensorSection.fields
+    unit: str = SensorSection.unit
 
     @property
     def is_input(self) -> bool:
@@ -73,18 +70,28 @@ class ListedSensor:
         return replace(self, zero=zeros if len(zeros) > 1 else zeros[0])
 
 
-def listed_sensors(section: Mapping[str, Mapping[str, Any]]) -> dict[str, ListedSensor]:
-    """Sensors by the name of their stream, such as `axial_probe_top`, from a section that is valid by the schema.
+def listed_sensors(section: Mapping[str, SensorSection]) -> dict[str, ListedSensor]:
+    """Sensors by the name of their stream, such as `axial_probe_top`.
 
     They are in the order of these names, which is that of their bits in masks, however the file lists them.
     """
-    found = {f"{row['kind']}_{name}": _sensor(row) for name, row in section.items()}
+    found = {stream_of(name, row): listed_sensor(row) for name, row in section.items()}
     return {stream: found[stream] for stream in sorted(found)}
 
 
-def sensors_section(sensors: Mapping[str, ListedSensor]) -> dict[str, dict[str, Any]]:
-    """The section of a file: the inverse of `listed_sensors`."""
-    return {name_of(stream, sensor): _row(sensor) for stream, sensor in sensors.items()}
+def sensors_section(sensors: Mapping[str, ListedSensor], latency: Mapping[str, float]) -> dict[str, SensorSection]:
+    """The section of a file: the inverse of `listed_sensors`, with the latency of each stream."""
+    return {
+        name_of(stream, sensor): extended(
+            sensor_kinds()[sensor.kind], sensor, **sensor.place, latency=latency[stream] or None
+        )
+        for stream, sensor in sensors.items()
+    }
+
+
+def stream_of(name: str, row: SensorSection) -> str:
+    """Name of the stream of a sensor, by its name in the list."""
+    return f"{row.kind}_{name}"
 
 
 def name_of(stream: str, sensor: ListedSensor) -> str:
@@ -93,55 +100,28 @@ def name_of(stream: str, sensor: ListedSensor) -> str:
 
 
 def quantity(kind: str) -> tuple[tuple[str, ...], str]:
-    """Fields of a sample of a kind of listed sensor, and their SI unit, as its file in `config/schema/sensors/` says.
-
-    The kind is one that has such a file.
-    """
-    said = schema.sensor_kinds()[kind]
-    return tuple(said.get("fields", FIELDS)), str(said.get("unit", UNIT))
+    """Fields of a sample of a kind of listed sensor, and their SI unit. The kind is one that there is."""
+    found = sensor_kinds()[kind]
+    return found.fields, found.unit
 
 
 def is_input(kind: str) -> bool:
-    """Whether sensors of a kind are inputs, as its file in `config/schema/sensors/` says."""
-    return bool(schema.sensor_kinds().get(kind, {}).get("input", False))
+    """Whether sensors of a kind are inputs."""
+    return kind in sensor_kinds() and sensor_kinds()[kind].is_input
 
 
 def pose_streams(streams: Iterable[str]) -> tuple[str, ...]:
     """Those of the streams of listed sensors that are no inputs."""
-    inputs = tuple(f"{kind}_" for kind in schema.sensor_kinds() if is_input(kind))
+    inputs = tuple(f"{kind}_" for kind in sensor_kinds() if is_input(kind))
     return tuple(stream for stream in streams if not stream.startswith(inputs))
 
 
-def _sensor(row: Mapping[str, Any]) -> ListedSensor:
-    own = {name: value for name, value in row.items() if name not in ("kind", "form", _ELSEWHERE, *_COMMON)}
-    (fields, unit), form = quantity(row["kind"]), row.get("form", ())
-    return ListedSensor(
-        kind=row["kind"],
-        **{name: _numbers(row[name]) for name in _COMMON if name in row},
-        place={name: float(value) for name, value in own.items()},
-        form=angular(form) if len(fields) == 1 else planar(form),
-        fields=fields,
-        unit=unit,
-    )
-
-
-def _row(sensor: ListedSensor) -> dict[str, Any]:
-    row = {"kind": sensor.kind, **sensor.place, **{name: _plain(getattr(sensor, name)) for name in _COMMON}}
-    if sensor.is_input:
-        del row["gain"]
-        return row
-    form = [{name: _plain(value) for name, value in vars(each).items()} for each in sensor.form]
-    return {**row, "form": form}
-
-
-def _numbers(value: Any) -> Any:  # noqa: ANN401 (what YAML holds)
-    """A number, or one for each field."""
-    return tuple(map(float, value)) if isinstance(value, list | tuple) else float(value)
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401 (as above)
-    """A value as YAML holds it."""
-    return list(value) if isinstance(value, tuple) else value
+def listed_sensor(row: SensorSection) -> ListedSensor:
+    """A sensor as a file states it: what its kind states of its own is its place."""
+    found, common = stated(row), {each.name for each in entries(ListedSensor)}
+    place = {name: value for name, value in found.items() if name not in (*common, _ELSEWHERE)}
+    own = {name: value for name, value in found.items() if name in common}
+    return ListedSensor(**own, place=place, fields=row.fields, unit=row.unit)
 
 
 def _parts(row: AngularHarmonic | PlanarHarmonic) -> tuple[AngularHarmonic, ...]:

@@ -5,122 +5,37 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
-from rotary_error_monitor.description import schema
-from rotary_error_monitor.description.machine_checks import BASE, contradictions
-from rotary_error_monitor.description.machine_limits import FASTEST, QUICKEST, MachineLimits, limits_from_mapping
+from rotary_error_monitor.description.machine_limits import MachineLimits
+from rotary_error_monitor.description.machine_section import (
+    BASE,
+    BodySection,
+    ComponentSection,
+    MachineSection,
+    ParameterSection,
+    PoseSection,
+    TableSection,
+    TreeSection,
+)
+from rotary_error_monitor.description.machine_section import ZERO as ZERO
+from rotary_error_monitor.description.machine_section import Axis as Axis
+from rotary_error_monitor.description.machine_section import Body as Body
+from rotary_error_monitor.description.machine_section import Displacement as Displacement
+from rotary_error_monitor.description.machine_section import ErrorComponent as ErrorComponent
+from rotary_error_monitor.description.machine_section import ErrorTable as ErrorTable
+from rotary_error_monitor.description.machine_section import Harmonic as Harmonic
+from rotary_error_monitor.description.machine_section import Vector as Vector
+from rotary_error_monitor.description.quantities import REFERENCE_TEMPERATURE
+from rotary_error_monitor.description.sections import from_content, load, write
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import exists
 from rotary_error_monitor.resources import config, share
 
-Vector = tuple[float, float, float]
 T = TypeVar("T")
 
-ZERO: Vector = (0.0, 0.0, 0.0)
 DIRECTIONS = "XYZABC"
 """Second letter of an error component: shift along x, y, z in m, then rotation about x, y, z in rad."""
-
-
-@dataclass(frozen=True)
-class Displacement:
-    """Shift (m), then rotation by a rotation vector (rad): `p -> shift + Rot(rotation) p`."""
-
-    shift: Vector = ZERO
-    rotation: Vector = ZERO
-
-    def plus(self, other: Displacement) -> Displacement:
-        """Sum component by component: both as small errors, or one of them zero."""
-        return Displacement(_sum(self.shift, other.shift), _sum(self.rotation, other.rotation))
-
-
-@dataclass(frozen=True)
-class Harmonic:
-    """One wave of an error component: `cos * cos(order * q) + sin * sin(order * q)` in m or rad.
-
-    `order` counts waves per revolution of a rotary axis; of a linear axis it is in rad/m, `2 pi / period`.
-    """
-
-    order: float
-    cos: float
-    sin: float
-
-
-@dataclass(frozen=True)
-class ErrorTable:
-    """Error at rising axis `positions` for travel in `forward` (+) and `backward` (-) direction, linear between."""
-
-    positions: tuple[float, ...]
-    forward: tuple[float, ...]
-    backward: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class ErrorComponent:
-    """One error component of an axis: the sum of a polynomial, harmonics and a table.
-
-    Attributes:
-        poly: `c0 + c1*u + …`, with `u` the position scaled so that the travel is -1 … 1.
-        harmonic: waves in the position.
-        table: measured values.
-    """
-
-    poly: tuple[float, ...] = ()
-    harmonic: tuple[Harmonic, ...] = ()
-    table: ErrorTable | None = None
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One axis of motion.
-
-    Attributes:
-        letter: its name, such as X.
-        kind: linear (positions in m) or rotary (rad).
-        direction: unit vector along or about which it moves, in the frame of its body.
-        travel: lowest and highest position.
-        expansion: thermal expansion of its scale, 1/K: adds `expansion * dT * q` to its positioning error.
-        reversal: width of its reversal error (ISO 230-2, B): half of it is missing in the direction of travel.
-        speed, acceleration: fastest that it moves, m/s and m/s², or rad/s and rad/s²; none where the file states none.
-    """
-
-    letter: str
-    kind: Literal["linear", "rotary"]
-    direction: Vector
-    travel: tuple[float, float]
-    expansion: float = 0.0
-    reversal: float = 0.0
-    speed: float | None = None
-    acceleration: float | None = None
-
-    @property
-    def fastest(self) -> float:
-        """Speed that it does not exceed, as stated or else as the fastest machines reach, m/s or rad/s."""
-        return FASTEST[self.kind] if self.speed is None else self.speed
-
-    @property
-    def quickest(self) -> float:
-        """Acceleration that it does not exceed, m/s² or rad/s²."""
-        return QUICKEST[self.kind] if self.acceleration is None else self.acceleration
-
-
-@dataclass(frozen=True)
-class Body:
-    """One body of the tree.
-
-    Attributes:
-        name: its name.
-        parent: name of the body that carries it, `base` for the base.
-        pose: where it stands on its parent at axis position zero (Tp of Pan et al. 2013, Equation 9).
-        location_error: how it stands otherwise than that (ΔTp), squareness errors included.
-        axis: letter of the axis that moves it; none for a fixed body.
-    """
-
-    name: str
-    parent: str
-    pose: Displacement = Displacement()
-    location_error: Displacement = Displacement()
-    axis: str | None = None
 
 
 @dataclass(frozen=True)
@@ -145,7 +60,7 @@ class MachineDescription:
     tool: str
     workpiece: str
     monitored: str | None = None
-    reference_temperature: float = 20.0
+    reference_temperature: float = REFERENCE_TEMPERATURE
     limits: MachineLimits = field(default_factory=MachineLimits)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
 
@@ -224,16 +139,46 @@ def load_machine(path_or_name: Path | str) -> MachineDescription:
     Raises:
         InputError: the file is missing or wrong; the message names file, line, value and what is expected.
     """
-    path = machine_path(path_or_name)
-    section = schema.load(path, "machine")["machine"]
-    for place, problem in contradictions(section):
-        raise InputError(f"{schema.locate(path, ['machine', *place])}: {problem}")
-    return machine_from_mapping(section)
+    return _description(load(machine_path(path_or_name), "machine", MachineSection))
 
 
-def machine_from_mapping(section: Mapping[str, Any]) -> MachineDescription:
-    """Machine from the content of a `machine` section that is valid by the schema."""
-    return _from_tree(section) if "bodies" in section else _from_parameters(section)
+def machine_from_mapping(content: Mapping[str, Any]) -> MachineDescription:
+    """Machine from the content of a `machine` section.
+
+    Raises:
+        InputError: as `load_machine`, without file and line.
+    """
+    return _description(from_content(MachineSection, content, "machine"))
+
+
+def machine_mapping(machine: MachineDescription) -> dict[str, Any]:
+    """Content of a `machine` section as a tree of bodies, whatever form it was read from."""
+    section = TreeSection(
+        name=machine.name,
+        tool=machine.tool,
+        workpiece=machine.workpiece,
+        monitored=machine.monitored,
+        reference_temperature=machine.reference_temperature,
+        axes={axis.letter: axis for axis in machine.axes},
+        bodies=tuple(
+            BodySection(
+                body.name, body.parent, PoseSection(body.pose.shift, body.pose.rotation), body.location_error, body.axis
+            )
+            for body in machine.bodies
+        ),
+        errors={name: component_section(error) for name, error in machine.errors.items() if error != ErrorComponent()},
+        limits=machine.limits,
+        uncertainty=machine.uncertainty,
+    )
+    content: dict[str, Any] = write(section)
+    return content
+
+
+def component_section(component: ErrorComponent) -> ComponentSection:
+    """An error component as a file states it."""
+    table = component.table
+    section = None if table is None else TableSection(table.positions, None, table.forward, table.backward)
+    return ComponentSection(component.poly, component.harmonic, section)
 
 
 def machine_path(path_or_name: Path | str) -> Path:
@@ -253,121 +198,82 @@ def machine_path(path_or_name: Path | str) -> Path:
     return config(f"machines/{path.name}.yaml")
 
 
-def _from_tree(section: Mapping[str, Any]) -> MachineDescription:
-    axes = {
-        letter: Axis(
-            letter,
-            row["kind"],
-            _vector(row["direction"]),
-            _pair(row["travel"]),
-            float(row.get("expansion", 0.0)),
-            float(row.get("reversal", 0.0)),
-            _optional(row, "speed"),
-            _optional(row, "acceleration"),
-        )
-        for letter, row in section["axes"].items()
+def _description(section: MachineSection) -> MachineDescription:
+    if isinstance(section, TreeSection):
+        found = _from_tree(section)
+    else:
+        assert isinstance(section, ParameterSection)
+        found = _from_parameters(section)
+    errors = {
+        name: ErrorComponent(row.poly, row.harmonic, None if row.table is None else row.table.described)
+        for name, row in section.errors.items()
+        if row != ComponentSection()
     }
-    return MachineDescription(
-        name=section["name"],
-        bodies=tuple(_body(row, axes) for row in section["bodies"]),
-        axes=tuple(axes.values()),
-        errors=_errors(section),
-        tool=section["tool"],
-        workpiece=section["workpiece"],
-        monitored=section.get("monitored"),
-        reference_temperature=float(section.get("reference_temperature", 20.0)),
-        limits=limits_from_mapping(section.get("limits", {})),
-        uncertainty=_uncertainty(section),
+    return replace(
+        found,
+        errors=errors,
+        reference_temperature=section.reference_temperature,
+        limits=section.limits,
+        uncertainty=section.uncertainty,
     )
 
 
-def _body(row: Mapping[str, Any], axes: Mapping[str, Axis]) -> Body:
-    pose, error = row.get("pose", {}), row.get("location_error", {})
-    location_error = Displacement(_vector(error.get("shift", ZERO)), _vector(error.get("rotation", ZERO)))
-    for letter, angle in row.get("squareness", {}).items():
+def _from_tree(section: TreeSection) -> MachineDescription:
+    return MachineDescription(
+        name=section.name,
+        bodies=tuple(_body(row, section.axes) for row in section.bodies),
+        axes=tuple(section.axes.values()),
+        errors={},
+        tool=section.tool,
+        workpiece=section.workpiece,
+        monitored=section.monitored,
+    )
+
+
+def _body(row: BodySection, axes: Mapping[str, Axis]) -> Body:
+    location_error = row.location_error
+    for letter, angle in row.squareness.items():
         # Turning this axis about the common normal by +a brings it nearer to the other, so the angle shrinks by a.
-        normal = _cross(axes[row["axis"]].direction, axes[letter].direction)
+        normal = _cross(axes[row.axis or ""].direction, axes[letter].direction)
         rotation = (-angle * normal[0], -angle * normal[1], -angle * normal[2])
         location_error = location_error.plus(Displacement(rotation=rotation))
-    return Body(
-        name=row["name"],
-        parent=row["parent"],
-        pose=Displacement(_vector(pose.get("position", ZERO)), _vector(pose.get("rotation", ZERO))),
-        location_error=location_error,
-        axis=row.get("axis"),
-    )
+    return Body(row.name, row.parent, Displacement(row.pose.position, row.pose.rotation), location_error, row.axis)
 
 
-def _from_parameters(section: Mapping[str, Any]) -> MachineDescription:
+def _from_parameters(section: ParameterSection) -> MachineDescription:
     """The TTTRR machine (Pan et al. 2013, Figure 5, bodies 1-9) with the parameters of a digital twin."""
-    square = {"XY": 0.0, "XZ": 0.0, "YZ": 0.0, **section.get("squareness", {})}
-    orientation = {"C": (0.0, 0.0), "A": (0.0, 0.0), **section.get("orientation", {})}
-    tilt_c, tilt_a = _pair(orientation["C"]), _pair(orientation["A"])
-    expansion, travel = section.get("expansion", {}), section["travel"]
+    square = {"XY": 0.0, "XZ": 0.0, "YZ": 0.0, **section.squareness}
+    orientation = {"C": (0.0, 0.0), "A": (0.0, 0.0), **section.orientation}
     along: dict[str, Vector] = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
     about: dict[str, Vector] = {"C": (0.0, 0.0, 1.0), "A": (1.0, 0.0, 0.0)}
     linear = (
-        Axis(letter, "linear", direction, _pair(travel[letter]), float(expansion.get(letter, 0.0)))
+        Axis(letter, "linear", direction, section.travel[letter], section.expansion.get(letter, 0.0))
         for letter, direction in along.items()
     )
-    rotary = (Axis(letter, "rotary", direction, _pair(travel[letter])) for letter, direction in about.items())
+    rotary = (Axis(letter, "rotary", direction, section.travel[letter]) for letter, direction in about.items())
     bodies = (
         Body("workpiece", BASE),
         Body("gantry", BASE, axis="Y"),
         Body("carriage", "gantry", location_error=_turn(0.0, 0.0, -square["XY"]), axis="X"),
         Body("ram", "carriage", location_error=_turn(-square["YZ"], square["XZ"], 0.0), axis="Z"),
-        Body("swivel_head", "ram", location_error=_turn(*tilt_c, 0.0), axis="C"),
+        Body("swivel_head", "ram", location_error=_turn(*orientation["C"], 0.0), axis="C"),
         Body(
             "rotary_head",
             "swivel_head",
-            location_error=Displacement(_vector(section.get("pivot_offset", ZERO)), (0.0, *tilt_a)),
+            location_error=Displacement(section.pivot_offset, (0.0, *orientation["A"])),
             axis="A",
         ),
-        Body("spindle", "rotary_head", Displacement((0.0, 0.0, -float(section["head_length"])))),
+        Body("spindle", "rotary_head", Displacement((0.0, 0.0, -section.head_length))),
         Body("tool_holder", "spindle"),
-        Body("tool", "tool_holder", Displacement((0.0, 0.0, -float(section["tool_length"])))),
+        Body("tool", "tool_holder", Displacement((0.0, 0.0, -section.tool_length))),
     )
     return MachineDescription(
-        name="pan2013",
-        bodies=bodies,
-        axes=(*linear, *rotary),
-        errors=_errors(section),
-        tool="tool",
-        workpiece="workpiece",
-        monitored="C",
-        reference_temperature=float(section.get("reference_temperature", 20.0)),
-        limits=limits_from_mapping(section.get("limits", {})),
-        uncertainty=_uncertainty(section),
+        "pan2013", bodies, (*linear, *rotary), {}, tool="tool", workpiece="workpiece", monitored="C"
     )
 
 
 def _turn(x: float, y: float, z: float) -> Displacement:
-    return Displacement(rotation=(float(x), float(y), float(z)))
-
-
-def _errors(section: Mapping[str, Any]) -> dict[str, ErrorComponent]:
-    return {name: _component(row) for name, row in section.get("errors", {}).items()}
-
-
-def _component(row: Mapping[str, Any]) -> ErrorComponent:
-    table = row.get("table")
-    return ErrorComponent(
-        poly=_numbers(row.get("poly", ())),
-        harmonic=tuple(
-            Harmonic(float(wave["order"]), float(wave["cos"]), float(wave["sin"])) for wave in row.get("harmonic", ())
-        ),
-        table=None
-        if table is None
-        else ErrorTable(
-            _numbers(table["positions"]),
-            _numbers(table.get("forward", table.get("values"))),
-            _numbers(table.get("backward", table.get("values"))),
-        ),
-    )
-
-
-def _uncertainty(section: Mapping[str, Any]) -> dict[str, float]:
-    return {name: float(value) for name, value in section.get("uncertainty", {}).items()}
+    return Displacement(rotation=(x, y, z))
 
 
 def _named(items: Iterable[T], wanted: str, name: Callable[[T], str | None], kind: str) -> T:
@@ -375,28 +281,6 @@ def _named(items: Iterable[T], wanted: str, name: Callable[[T], str | None], kin
         if name(item) == wanted:
             return item
     raise InputError(f"no {kind} is called '{wanted}'; it has {', '.join(filter(None, map(name, items)))}")
-
-
-def _numbers(values: Iterable[float]) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)
-
-
-def _optional(row: Mapping[str, Any], name: str) -> float | None:
-    return float(row[name]) if name in row else None
-
-
-def _pair(values: Iterable[float]) -> tuple[float, float]:
-    first, second = values
-    return float(first), float(second)
-
-
-def _vector(values: Iterable[float]) -> Vector:
-    x, y, z = values
-    return float(x), float(y), float(z)
-
-
-def _sum(a: Vector, b: Vector) -> Vector:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def _cross(a: Vector, b: Vector) -> Vector:

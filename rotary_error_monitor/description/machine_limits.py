@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated
+
+from rotary_error_monitor.description.expected import Expected
+from rotary_error_monitor.description.quantities import Temperature
+from rotary_error_monitor.description.sections import Place, Section
 
 FASTEST = {"linear": 2.0, "rotary": 60.0}
 """Speed of an axis where the file states none, m/s and rad/s: what the fastest machining centres reach."""
@@ -14,35 +18,20 @@ QUICKEST = {"linear": 20.0, "rotary": 1000.0}
 
 
 @dataclass(frozen=True)
-class MachineLimits:
-    """Limits of a machine's temperature; a machine file may state each of them (section `limits`).
+class MachineLimits(Section):
+    """Limits of a machine's temperature: what a machine shop has, and what a body of iron can do."""
 
-    Attributes:
-        temperature: lowest and highest that a machine shop has, °C.
-        temperature_rate: fastest change of a body of iron, K/s.
-        temperature_age: how old a temperature may become before it counts as uncertain, s.
-    """
+    temperature: Annotated[tuple[Temperature, Temperature], Expected("[lowest, highest] temperature in °C")] = (
+        5.0,
+        45.0,
+    )
+    temperature_rate: Annotated[float, Expected("fastest change of temperature in K/s", above=0, most=100)] = 0.5
+    temperature_age: Annotated[
+        float, Expected("age in s from which a temperature counts as uncertain", above=0, most=86_400)
+    ] = 10.0
 
-    temperature: tuple[float, float] = (5.0, 45.0)
-    temperature_rate: float = 0.5
-    temperature_age: float = 10.0
-
-
-def limits_from_mapping(section: Mapping[str, Any]) -> MachineLimits:
-    """Limits with what a section `limits` states."""
-    given: dict[str, Any] = {name: float(value) for name, value in section.items() if name != "temperature"}
-    if "temperature" in section:
-        low, high = section["temperature"]
-        given["temperature"] = float(low), float(high)
-    return replace(MachineLimits(), **given)
-
-
-def limits_mapping(limits: MachineLimits) -> dict[str, Any]:
-    """The section `limits` again; empty where nothing differs from the defaults."""
-    if limits == MachineLimits():
-        return {}
-    return {
-        "temperature": list(limits.temperature),
-        "temperature_rate": limits.temperature_rate,
-        "temperature_age": limits.temperature_age,
-    }
+    def contradictions(self) -> Iterator[tuple[Place, str]]:
+        """A range whose end is not above its beginning."""
+        low, high = self.temperature
+        if low >= high:
+            yield ("temperature",), f"[{low}, {high}] is no range; expected the lowest temperature first"

@@ -1,68 +1,363 @@
-"""A machine written back as the content of a `machine` section: the inverse of `machine_from_mapping`."""
+"""What the section `machine` of a file states: a tree of bodies, or the parameters of the TTTRR machine.
+
+Errors are in the words of ISO 230-1. Where a file has it otherwise than `MachineDescription`, the part for a file ends
+in `Section`.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import itertools
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
 
-from rotary_error_monitor.description.machine import Displacement, ErrorComponent, MachineDescription
-from rotary_error_monitor.description.machine_limits import limits_mapping
+from rotary_error_monitor.description.expected import Expected, Key
+from rotary_error_monitor.description.machine_limits import FASTEST, QUICKEST, MachineLimits
+from rotary_error_monitor.description.provenance import Calibrated
+from rotary_error_monitor.description.quantities import (
+    HALF_TURN,
+    REFERENCE_TEMPERATURE,
+    Deviation,
+    Displacements,
+    Letter,
+    Name,
+    NotNegative,
+    Position,
+    Temperature,
+    Tilt,
+    TiltPair,
+    Tilts,
+    Travel,
+)
+from rotary_error_monitor.description.sections import Place, Section
+
+BASE = "base"
+"""Name of the body at the root of every tree; it is not listed."""
+
+Vector = tuple[float, float, float]
+Component = Annotated[float, Expected("a component of a unit vector", -1, 1)]
+Expansion = Annotated[float, Expected("a coefficient of thermal expansion in 1/K, about 1.0e-05", -0.001, 0.001)]
+
+ZERO: Vector = (0.0, 0.0, 0.0)
 
 
-def machine_mapping(machine: MachineDescription) -> dict[str, Any]:
-    """Content of a `machine` section as a tree of bodies, whatever form it was read from."""
-    content: dict[str, Any] = {
-        "name": machine.name,
-        "tool": machine.tool,
-        "workpiece": machine.workpiece,
-        "reference_temperature": machine.reference_temperature,
-        "axes": {
-            axis.letter: {
-                "kind": axis.kind,
-                "direction": list(axis.direction),
-                "travel": list(axis.travel),
-                "expansion": axis.expansion,
-                "reversal": axis.reversal,
-                **({} if axis.speed is None else {"speed": axis.speed}),
-                **({} if axis.acceleration is None else {"acceleration": axis.acceleration}),
-            }
-            for axis in machine.axes
-        },
-        "bodies": [
-            {
-                "name": body.name,
-                "parent": body.parent,
-                "pose": _displacement(body.pose, "position"),
-                "location_error": _displacement(body.location_error, "shift"),
-                **({} if body.axis is None else {"axis": body.axis}),
-            }
-            for body in machine.bodies
+@dataclass(frozen=True)
+class Displacement:
+    """Shift (m), then rotation by a rotation vector (rad): `p -> shift + Rot(rotation) p`.
+
+    What a file may state is that of a location error.
+    """
+
+    shift: Displacements = ZERO
+    rotation: Tilts = ZERO
+
+    def plus(self, other: Displacement) -> Displacement:
+        """Sum component by component: both as small errors, or one of them zero."""
+        return Displacement(_sum(self.shift, other.shift), _sum(self.rotation, other.rotation))
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """One wave of an error component: `cos * cos(order * q) + sin * sin(order * q)` in m or rad."""
+
+    order: Annotated[float, Expected("waves per revolution, or rad per m (2 pi / period) of a linear axis", 0, 1e6)]
+    cos: Deviation
+    sin: Deviation
+
+
+@dataclass(frozen=True)
+class ErrorTable:
+    """Error at rising axis `positions` for travel in `forward` (+) and `backward` (-) direction, linear between."""
+
+    positions: tuple[float, ...]
+    forward: tuple[float, ...]
+    backward: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """Sum of a polynomial and of waves in the position."""
+
+    poly: Annotated[
+        tuple[Deviation, ...],
+        Expected("[c0, c1, …] of c0 + c1*u + …, travel scaled to u = -1 … 1", count=(1, math.inf)),
+    ] = ()
+    harmonic: Annotated[
+        tuple[Harmonic, ...], Expected("rows {order, cos, sin}: cos*cos(order*q) + sin*sin(order*q)")
+    ] = ()
+
+
+@dataclass(frozen=True)
+class ErrorComponent(Smooth):
+    """One error component of an axis: with a table of measured values, which is added."""
+
+    table: ErrorTable | None = None
+
+
+@dataclass(frozen=True)
+class Axis(Section):
+    """One axis of motion; positions in m (linear) or rad (rotary).
+
+    Attributes:
+        letter: its name, such as X.
+        direction: along or about which it moves, in the frame of its body.
+        expansion: of its scale: adds `expansion * dT * q` to its positioning error.
+        reversal: width of its reversal error (ISO 230-2, B): half of it is missing in the direction of travel.
+    """
+
+    letter: Annotated[Letter, Key]
+    kind: Annotated[Literal["linear", "rotary"], Expected("linear or rotary")]
+    direction: Annotated[
+        tuple[Component, Component, Component], Expected("unit vector along which or about which the axis moves")
+    ]
+    travel: Travel
+    expansion: Expansion = 0.0
+    reversal: Annotated[Deviation, Expected("reversal error in m or rad, at most 10 mm or 10 mrad")] = 0.0
+    speed: Annotated[
+        float | None,
+        Expected("fastest motion in m/s or rad/s; joint states that are faster are not believed", above=0, most=1e4),
+    ] = None
+    acceleration: Annotated[
+        float | None,
+        Expected("largest acceleration in m/s² or rad/s²; joint states that jump are not believed", above=0, most=1e6),
+    ] = None
+
+    @property
+    def fastest(self) -> float:
+        """Speed that it does not exceed, as stated or else as the fastest machines reach, m/s or rad/s."""
+        return FASTEST[self.kind] if self.speed is None else self.speed
+
+    @property
+    def quickest(self) -> float:
+        """Acceleration that it does not exceed, m/s² or rad/s²."""
+        return QUICKEST[self.kind] if self.acceleration is None else self.acceleration
+
+    def contradictions(self) -> Iterator[tuple[Place, str]]:
+        """A travel that does not rise, or a direction that is no unit vector."""
+        if problem := _not_rising(self.travel):
+            yield ("travel",), problem
+        length = math.hypot(*self.direction)
+        if abs(length - 1.0) > 1e-9:
+            yield ("direction",), f"{list(self.direction)} has length {length:.9g}; expected a unit vector"
+
+
+@dataclass(frozen=True)
+class Body:
+    """One body of the tree.
+
+    Attributes:
+        name: its name.
+        parent: name of the body that carries it, `base` for the base.
+        pose: where it stands on its parent at axis position zero (Tp of Pan et al. 2013, Equation 9).
+        location_error: how it stands otherwise than that (ΔTp), squareness errors included.
+        axis: letter of the axis that moves it; none for a fixed body.
+    """
+
+    name: str
+    parent: str
+    pose: Displacement = Displacement()
+    location_error: Displacement = Displacement()
+    axis: str | None = None
+
+
+def _not_rising(travel: tuple[float, float]) -> str | None:
+    """What is wrong with a travel whose end is not above its beginning."""
+    low, high = travel
+    return None if low < high else f"[{low:.9g}, {high:.9g}] is no travel; expected the lowest position first"
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+Length = Annotated[float, Expected("a length in m, at most 100 m", -100, 100)]
+Turn = Annotated[float, Expected("an angle in rad, at most pi", -HALF_TURN, HALF_TURN)]
+ToolSide = Annotated[float, Expected("a length in m from 0 to 10 m", 0, 10)]
+Values = Annotated[tuple[Deviation, ...], Expected("errors in m or rad, one for each position", count=(2, math.inf))]
+ErrorName = Annotated[
+    str, Expected("E, one of X Y Z A B C, and the letter of an axis, such as EXX", pattern="^E[XYZABC][A-Z]$")
+]
+Uncertain = Annotated[
+    str,
+    Expected(
+        pattern=r"^((errors|location|reversal)\.(linear|angular)|squareness|orientation|pivot_offset|head_length|"
+        r"tool_length|expansion)$"
+    ),
+]
+Linear = Annotated[str, Expected("one of X, Y, Z", pattern="^[XYZ]$")]
+Rotary = Annotated[str, Expected("one of C, A", pattern="^[CA]$")]
+Both = Annotated[str, Expected("one of X, Y, Z, C, A", pattern="^[XYZCA]$")]
+Pair = Annotated[str, Expected("one of XY, XZ, YZ", pattern="^(XY|XZ|YZ)$")]
+
+
+@dataclass(frozen=True)
+class TableSection(Section):
+    """Measured values of an error component, of both directions of travel alike or of each."""
+
+    positions: Annotated[tuple[Position, ...], Expected("rising axis positions in m or rad", count=(2, math.inf))]
+    values: Values | None = None
+    forward: Values | None = None
+    backward: Values | None = None
+
+    @property
+    def described(self) -> ErrorTable:
+        """The values by direction of travel."""
+        forward, backward = self.forward or self.values, self.backward or self.values
+        assert forward is not None and backward is not None
+        return ErrorTable(self.positions, forward, backward)
+
+    def contradictions(self) -> Iterator[tuple[Place, str]]:
+        """Other columns than these, positions that do not rise, or not a value for each."""
+        columns = {"values": self.values, "forward": self.forward, "backward": self.backward}
+        found = {name: column for name, column in columns.items() if column is not None}
+        if set(found) not in ({"values"}, {"forward", "backward"}):
+            what = ", ".join(found) or "no values"
+            yield (), f"{what}; expected {{positions, values}} or, by direction, {{positions, forward, backward}}"
+        if any(after <= before for before, after in itertools.pairwise(self.positions)):
+            yield ("positions",), f"{list(self.positions)} do not rise; expected rising positions"
+        for name, column in found.items():
+            if len(column) != len(self.positions):
+                counts = f"{len(column)} values at {len(self.positions)} positions"
+                yield (name,), f"{counts}; expected one for each"
+
+
+@dataclass(frozen=True)
+class ComponentSection(Smooth):
+    """An error component."""
+
+    table: TableSection | None = None
+
+
+@dataclass(frozen=True)
+class MachineSection(Section):
+    """What both forms of the section state."""
+
+    reference_temperature: Temperature = REFERENCE_TEMPERATURE
+    errors: Annotated[
+        Mapping[
+            ErrorName,
+            Annotated[
+                ComponentSection,
+                Expected("one error component: poly, harmonic and table are added up", count=(1, math.inf)),
+            ],
         ],
-        "errors": {name: _component(component) for name, component in machine.errors.items()},
-    }
-    if machine.monitored is not None:
-        content["monitored"] = machine.monitored
-    if limits := limits_mapping(machine.limits):
-        content["limits"] = limits
-    if machine.uncertainty:
-        content["uncertainty"] = dict(machine.uncertainty)
-    return content
+        Expected("error components by ISO 230-1 name: E, direction (X Y Z, or A B C about them), moving axis"),
+    ] = field(default_factory=dict)
+    limits: MachineLimits = field(default_factory=MachineLimits)
+    uncertainty: Annotated[
+        Mapping[Uncertain, NotNegative],
+        Expected("standard uncertainty of parameters by name, such as errors.linear: 8.0e-07"),
+    ] = field(default_factory=dict)
+    calibration: Annotated[Mapping[str, Calibrated], Expected("where calibrated sections are from, by their names")] = (
+        field(default_factory=dict)
+    )
+
+    @classmethod
+    def variant(cls, content: Mapping[str, Any]) -> type[Any]:
+        """A tree where it has bodies or axes."""
+        return TreeSection if {"bodies", "axes"} & set(content) else ParameterSection
+
+    def _of_no_axis(self, letters: Collection[str]) -> Iterator[tuple[Place, str]]:
+        """Errors of axes that there are not."""
+        for name in self.errors:
+            if name[2] not in letters:
+                yield ("errors", name), f"there is no axis {name[2]}; the axes are {', '.join(letters)}"
 
 
-def _displacement(displacement: Displacement, shift: str) -> dict[str, Any]:
-    return {shift: list(displacement.shift), "rotation": list(displacement.rotation)}
+@dataclass(frozen=True)
+class PoseSection:
+    """Where a body stands on its parent."""
+
+    position: Annotated[tuple[Length, Length, Length], Expected("[x, y, z] in m")] = ZERO
+    rotation: Annotated[tuple[Turn, Turn, Turn], Expected("a rotation vector in rad")] = ZERO
 
 
-def _component(component: ErrorComponent) -> dict[str, Any]:
-    content: dict[str, Any] = {}
-    if component.poly:
-        content["poly"] = list(component.poly)
-    if component.harmonic:
-        content["harmonic"] = [{"order": w.order, "cos": w.cos, "sin": w.sin} for w in component.harmonic]
-    if component.table is not None:
-        table = component.table
-        content["table"] = {
-            "positions": list(table.positions),
-            "forward": list(table.forward),
-            "backward": list(table.backward),
-        }
-    return content
+@dataclass(frozen=True)
+class BodySection:
+    """A body of the tree; squareness: angles to other axes less 90 degrees, by their letters."""
+
+    name: Name
+    parent: Name
+    pose: PoseSection = field(default_factory=PoseSection)
+    location_error: Displacement = field(default_factory=Displacement)
+    axis: Letter | None = None
+    squareness: Annotated[
+        Mapping[Letter, Tilt], Expected("angle to another axis less 90 degrees in rad, by the letter of that axis")
+    ] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TreeSection(MachineSection):
+    """A tree of bodies."""
+
+    name: Name
+    tool: Name
+    workpiece: Name
+    monitored: Annotated[
+        Letter | None, Expected("letter of the rotary axis whose error motion is measured live, or null", null=True)
+    ] = None
+    axes: Annotated[Mapping[Letter, Axis], Expected("axes by their letters", count=(1, math.inf))]
+    bodies: Annotated[
+        tuple[BodySection, ...], Expected("from 1 to 100 bodies, a parent before its children", count=(1, 100))
+    ]
+
+    def contradictions(self) -> Iterator[tuple[Place, str]]:
+        """Errors of other axes, or a tree that does not hold together."""
+        yield from self._of_no_axis(self.axes)
+        yield from _wrong_tree(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterSection(MachineSection):
+    """Parameters of the TTTRR machine."""
+
+    names_as = "a tree of bodies (name, tool, workpiece, axes, bodies), or the parameters of the TTTRR machine:"
+    travel: Annotated[Mapping[Both, Travel], Expected("travel of each of X, Y, Z, C, A", count=(5, 5))]
+    squareness: Mapping[Pair, Tilt] = field(default_factory=dict)
+    orientation: Mapping[Rotary, Annotated[TiltPair, Expected("two angles in rad, each at most 10 mrad")]] = field(
+        default_factory=dict
+    )
+    pivot_offset: Displacements = ZERO
+    head_length: ToolSide
+    tool_length: ToolSide
+    expansion: Mapping[Linear, Expansion] = field(default_factory=dict)
+
+    def contradictions(self) -> Iterator[tuple[Place, str]]:
+        """A travel that does not rise, or errors of other axes."""
+        for letter, travel in self.travel.items():
+            if problem := _not_rising(travel):
+                yield ("travel", letter), problem
+        yield from self._of_no_axis(self.travel)
+
+
+def _wrong_tree(section: TreeSection) -> Iterator[tuple[Place, str]]:
+    """Where a section contradicts itself, and what would be right."""
+    axes, seen, moved = section.axes, {BASE: None}, dict[str, str]()
+    for index, row in enumerate(section.bodies):
+        place: Place = ("bodies", index)
+        if row.name in seen:
+            yield (*place, "name"), f"there is already a body '{row.name}'; expected a name of its own"
+        if row.parent not in seen:
+            yield (*place, "parent"), f"no body '{row.parent}' stands above; expected one of {', '.join(seen)}"
+        if row.axis in moved:
+            yield (
+                (*place, "axis"),
+                f"axis {row.axis} moves '{moved[row.axis]}' already; expected one body for each axis",
+            )
+        for letter in (*filter(None, [row.axis]), *row.squareness):
+            if letter not in axes:
+                yield place, f"there is no axis {letter}; the axes are {', '.join(axes)}"
+        if row.squareness and (row.axis is None or row.axis in row.squareness):
+            yield (*place, "squareness"), "expected angles from this body's own axis to other axes"
+        seen[row.name] = None
+        moved |= {row.axis: row.name} if row.axis else {}
+    for letter in axes:
+        if letter not in moved:
+            yield ("axes", letter), f"axis {letter} moves no body; expected a body with axis: {letter}"
+    for key, name in (("tool", section.tool), ("workpiece", section.workpiece)):
+        if name not in seen:
+            yield (key,), f"there is no body '{name}'; expected one of {', '.join(seen)}"
+    rotary = [letter for letter, axis in axes.items() if axis.kind == "rotary"]
+    if section.monitored is not None and section.monitored not in rotary:
+        yield ("monitored",), f"'{section.monitored}' is no rotary axis; expected {', '.join(rotary) or 'null'}"

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-_TWO_AXES = ("autocollimator", "lvdt")
 
 
 @dataclass(frozen=True)
@@ -78,53 +74,6 @@ class Response:
 
 IDEAL = Response()
 """Of an instrument whose readings are what the package means by them."""
-
-
-def responses_of(stage: Mapping[str, Any]) -> dict[str, Response]:
-    """Responses by stream, such as `head_a`, from a section `stage` that is valid by the schema; ideal ones left out.
-
-    Of listed sensors only the latency is here: zero and gain are parameters of them that a diagnosis may doubt.
-    """
-    found = {f"head_{letter}": _of_head(head) for letter, head in stage.get("encoder", {}).get("heads", {}).items()}
-    found |= {name: _of_two_axes(stage[name]) for name in _TWO_AXES if name in stage}
-    if "command" in stage:
-        found["command"] = _of_command(stage["command"])
-    for name, sensor in stage.get("sensors", {}).items():
-        found[f"{sensor['kind']}_{name}"] = Response(latency=float(sensor.get("latency", 0.0)))
-    return {stream: response for stream, response in found.items() if not response.is_ideal}
-
-
-def angle_rows(response: Response) -> dict[str, float]:
-    """What a file says of the response of a head beside its azimuth, or of the command; nothing of an ideal one."""
-    if response.is_ideal:
-        return {}
-    zero, *_ = response.zero
-    return {"zero": zero, "sign": round(response.gain), "latency": response.latency}
-
-
-def two_axis_rows(response: Response) -> dict[str, Any]:
-    """What a file says of the response of autocollimator or LVDT in its section; nothing of an ideal one."""
-    if response.is_ideal:
-        return {}
-    rest = {"gain": response.gain, "roll": response.roll, "latency": response.latency}
-    return {"zero": list(response.zero), **rest}
-
-
-def _of_head(head: Mapping[str, Any]) -> Response:
-    zero, sign = float(head.get("zero", 0.0)), float(head.get("sign", 1))
-    return Response((zero,), sign, latency=float(head.get("latency", 0.0)))
-
-
-def _of_command(section: Mapping[str, Any]) -> Response:
-    """Of an angle and its speed, which has the sign, but no zero."""
-    of_angle = _of_head(section)
-    return replace(of_angle, zero=(*of_angle.zero, 0.0))
-
-
-def _of_two_axes(section: Mapping[str, Any]) -> Response:
-    x, y = section.get("zero", (0.0, 0.0))
-    rest = {name: float(section[name]) for name in ("gain", "roll", "latency") if name in section}
-    return Response((float(x), float(y)), **rest)
 
 
 def _turned(values: Array, angle: float) -> Array:

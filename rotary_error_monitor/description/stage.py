@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rotary_error_monitor.description import schema
 from rotary_error_monitor.description.harmonics import AngularHarmonic as AngularHarmonic
 from rotary_error_monitor.description.harmonics import PlanarHarmonic as PlanarHarmonic
-from rotary_error_monitor.description.harmonics import angular, pair, planar
 from rotary_error_monitor.description.listed_sensors import ListedSensor as ListedSensor
-from rotary_error_monitor.description.listed_sensors import listed_sensors, name_of
-from rotary_error_monitor.description.response import IDEAL, responses_of
+from rotary_error_monitor.description.listed_sensors import listed_sensors, name_of, sensors_section, stream_of
+from rotary_error_monitor.description.quantities import REFERENCE_TEMPERATURE
+from rotary_error_monitor.description.response import IDEAL
 from rotary_error_monitor.description.response import Response as Response
-from rotary_error_monitor.description.stage_checks import contradictions
+from rotary_error_monitor.description.sections import extended, from_content, load, narrowed, write
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
+from rotary_error_monitor.description.stage_section import Autocollimator as Autocollimator
+from rotary_error_monitor.description.stage_section import (
+    AutocollimatorSection,
+    CommandSection,
+    EncoderSection,
+    Environment,
+    Head,
+    LvdtSection,
+    StageSection,
+    angle_rows,
+    two_axis_rows,
+)
+from rotary_error_monitor.description.stage_section import Encoder as Encoder
+from rotary_error_monitor.description.stage_section import Lvdt as Lvdt
+from rotary_error_monitor.description.stage_section import Mirror as Mirror
+from rotary_error_monitor.description.stage_section import Spindle as Spindle
+from rotary_error_monitor.description.stage_section import Turbulence as Turbulence
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 
@@ -30,85 +45,6 @@ set to within a microsecond, as by a fieldbus or PTP, and jittering by as much."
 
 TIMINGS = ("encoder.timing", "command.timing")
 """Where the section `uncertainty` states it: of the heads against one another, of the command against the heads."""
-
-
-@dataclass(frozen=True)
-class Encoder:
-    """Graduated ring and its read heads.
-
-    Attributes:
-        disc_radius: radius of the graduation, m.
-        noise: standard deviation of a reading before rounding, rad.
-        azimuths: azimuth of each head by its letter, rad about +z.
-        eccentricity: ring centre in the rotor's frame (x, y), m.
-        graduation: orders of the graduation error.
-    """
-
-    disc_radius: float
-    lines_per_revolution: int
-    counts_per_line: int
-    noise: float
-    azimuths: Mapping[str, float]
-    eccentricity: tuple[float, float] = (0.0, 0.0)
-    graduation: tuple[AngularHarmonic, ...] = ()
-
-    @property
-    def resolution(self) -> float:
-        """Size of one count, rad."""
-        return 2 * math.pi / (self.lines_per_revolution * self.counts_per_line)
-
-
-@dataclass(frozen=True)
-class Mirror:
-    """Mirror on the rotor: tilt (x, y) that turns with it, and the flatness seen over a turn, rad."""
-
-    tilt: tuple[float, float] = (0.0, 0.0)
-    flatness: tuple[PlanarHarmonic, ...] = ()
-
-
-@dataclass(frozen=True)
-class Turbulence:
-    """Slow part of the autocollimator's noise: standard deviation in rad, correlation time in s."""
-
-    std: float
-    correlation_time: float
-
-
-@dataclass(frozen=True)
-class Autocollimator:
-    """Autocollimator: measuring range ±`range`, `resolution` and `noise` (standard deviation), rad.
-
-    All three are of readings over the absolute gain: what they are in rad of tilt.
-    """
-
-    range: float
-    resolution: float
-    noise: float
-    turbulence: Turbulence | None = None
-
-
-@dataclass(frozen=True)
-class Spindle:
-    """Known error motion: radial at the ring and axial (m), tilt (rad), compliances (m/N, rad/N), drift (m/K).
-
-    The rows of `axial` are `cos * cos(order * theta) + sin * sin(order * theta)`.
-    """
-
-    radial: tuple[PlanarHarmonic, ...] = ()
-    tilt: tuple[PlanarHarmonic, ...] = ()
-    radial_compliance: float = 0.0
-    tilt_compliance: float = 0.0
-    radial_thermal: tuple[float, float] = (0.0, 0.0)
-    axial: tuple[AngularHarmonic, ...] = ()
-
-
-@dataclass(frozen=True)
-class Lvdt:
-    """Two-axis LVDT on an artefact: height above the ring, noise, eccentricity of the artefact on the rotor, m."""
-
-    height: float
-    noise: float
-    artefact_eccentricity: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -135,7 +71,7 @@ class StageDescription:
     spindle: Spindle = field(default_factory=Spindle)
     lvdt: Lvdt | None = None
     sensors: Mapping[str, ListedSensor] = field(default_factory=dict)
-    reference_temperature: float = 20.0
+    reference_temperature: float = REFERENCE_TEMPERATURE
     stated_limits: Mapping[str, float] = field(default_factory=dict)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     responses: Mapping[str, Response] = field(default_factory=dict)
@@ -206,71 +142,93 @@ def load_stage(path: Path | str | None = None) -> StageDescription:
     """Stage described in a YAML file, by default the embedded `config/stage.yaml`.
 
     Raises:
-        InputError: the file is missing, breaks the schema or contradicts itself; the message names file, line, value
-            and what is expected.
+        InputError: the file is missing, states what is out of range or contradicts itself; the message names file,
+            line, value and what is expected.
     """
-    path = config("stage.yaml") if path is None else Path(path)
-    section = schema.load(path, "stage")["stage"]
-    for place, problem in contradictions(section):
-        raise InputError(f"{schema.locate(path, ['stage', *place])}: {problem}")
-    return stage_from_mapping(section)
+    return _description(load(config("stage.yaml") if path is None else path, "stage", StageSection))
 
 
-def stage_from_mapping(stage: Mapping[str, Any]) -> StageDescription:
-    """Stage from the content of a `stage` section that is valid by the schema."""
-    mirror, spindle, lvdt = stage.get("mirror", {}), stage.get("spindle", {}), stage.get("lvdt")
-    listed = listed_sensors(stage.get("sensors", {}))
+def stage_from_mapping(content: Mapping[str, Any]) -> StageDescription:
+    """Stage from the content of a `stage` section.
+
+    Raises:
+        InputError: as `load_stage`, without file and line.
+    """
+    return _description(from_content(StageSection, content, "stage"))
+
+
+def stage_mapping(stage: StageDescription) -> dict[str, Any]:
+    """Content of a `stage` section: the inverse of `stage_from_mapping`."""
+    ring, collimator, lvdt = stage.encoder, stage.autocollimator, stage.lvdt
+    section = StageSection(
+        encoder=None if ring is None else extended(EncoderSection, ring, heads=_heads(stage)),
+        mirror=stage.mirror,
+        autocollimator=None
+        if collimator is None
+        else extended(AutocollimatorSection, collimator, **two_axis_rows(stage.response("autocollimator"))),
+        spindle=stage.spindle,
+        lvdt=None if lvdt is None else extended(LvdtSection, lvdt, **two_axis_rows(stage.response("lvdt"))),
+        sensors=sensors_section(stage.listed, {name: stage.response(name).latency for name in stage.listed}),
+        environment=Environment(stage.reference_temperature),
+        limits=stage.stated_limits,
+        command=CommandSection(**angle_rows(stage.response("command"))),
+        uncertainty=stage.uncertainty,
+    )
+    content: dict[str, Any] = write(section)
+    return content
+
+
+def _heads(stage: StageDescription) -> dict[str, Head]:
+    return {
+        letter: Head(azimuth=azimuth, **angle_rows(stage.response(f"head_{letter}")))
+        for letter, azimuth in stage.azimuths.items()
+    }
+
+
+def _description(section: StageSection) -> StageDescription:
+    listed = listed_sensors(section.sensors)
+    encoder, collimator, lvdt = section.encoder, section.autocollimator, section.lvdt
+    place = section.environment
     return StageDescription(
-        encoder=_encoder(stage["encoder"]) if "encoder" in stage else None,
-        autocollimator=_autocollimator(stage["autocollimator"]) if "autocollimator" in stage else None,
-        mirror=Mirror(pair(mirror.get("tilt", (0.0, 0.0))), planar(mirror.get("flatness", ()))),
-        spindle=Spindle(
-            radial=planar(spindle.get("radial", ())),
-            tilt=planar(spindle.get("tilt", ())),
-            radial_compliance=float(spindle.get("radial_compliance", 0.0)),
-            tilt_compliance=float(spindle.get("tilt_compliance", 0.0)),
-            radial_thermal=pair(spindle.get("radial_thermal", (0.0, 0.0))),
-            axial=angular(spindle.get("axial", ())),
-        ),
-        lvdt=None
-        if lvdt is None
-        else Lvdt(float(lvdt["height"]), float(lvdt["noise"]), pair(lvdt.get("artefact_eccentricity", (0.0, 0.0)))),
+        encoder=None if encoder is None else narrowed(Encoder, encoder),
+        autocollimator=None if collimator is None else narrowed(Autocollimator, collimator),
+        mirror=section.mirror,
+        spindle=section.spindle,
+        lvdt=None if lvdt is None else narrowed(Lvdt, lvdt),
         sensors={stream: sensor for stream, sensor in listed.items() if not sensor.is_input},
-        reference_temperature=float(stage.get("environment", {}).get("reference_temperature", 20.0)),
-        stated_limits={name: float(value) for name, value in stage.get("limits", {}).items()},
-        uncertainty=_calibrated(stage) | {name: float(value) for name, value in stage.get("uncertainty", {}).items()},
-        responses=responses_of(stage),
+        reference_temperature=REFERENCE_TEMPERATURE if place is None else place.reference_temperature,
+        stated_limits=section.limits,
+        uncertainty={**_calibrated(section), **section.uncertainty},
+        responses=_responses(section),
         inputs={stream: sensor for stream, sensor in listed.items() if sensor.is_input},
     )
 
 
-def _encoder(section: Mapping[str, Any]) -> Encoder:
-    return Encoder(
-        disc_radius=float(section["disc_radius"]),
-        lines_per_revolution=section["lines_per_revolution"],
-        counts_per_line=section["counts_per_line"],
-        noise=float(section["noise"]),
-        azimuths={name: float(head["azimuth"]) for name, head in section["heads"].items()},
-        eccentricity=pair(section.get("eccentricity", (0.0, 0.0))),
-        graduation=angular(section.get("graduation", ())),
-    )
+def _responses(section: StageSection) -> dict[str, Response]:
+    """Responses by stream, such as `head_a`; ideal ones left out.
+
+    Of listed sensors only the latency is here: zero and gain are parameters of them that a diagnosis may doubt.
+    """
+    heads = {} if section.encoder is None else section.encoder.heads
+    found = {f"head_{letter}": head.response for letter, head in heads.items()}
+    two_axes = {"autocollimator": section.autocollimator, "lvdt": section.lvdt}
+    found |= {name: each.response for name, each in two_axes.items() if each is not None}
+    found["command"] = section.command.response
+    for name, sensor in section.sensors.items():
+        found[stream_of(name, sensor)] = Response(latency=sensor.latency or 0.0)
+    return {stream: response for stream, response in found.items() if not response.is_ideal}
 
 
-def _autocollimator(section: Mapping[str, Any]) -> Autocollimator:
-    air = section.get("turbulence")
-    turbulence = None if air is None else Turbulence(**{key: float(value) for key, value in air.items()})
-    return Autocollimator(
-        **{key: float(section[key]) for key in ("range", "resolution", "noise")}, turbulence=turbulence
-    )
-
-
-def _calibrated(stage: Mapping[str, Any]) -> dict[str, float]:
+def _calibrated(section: StageSection) -> dict[str, float]:
     """Standard uncertainties of ring and mirror from their calibration; what the file states itself counts before."""
     found = {}
-    for part, vector, rows in (("encoder", "eccentricity", "graduation"), ("mirror", "tilt", "flatness")):
-        note = stage.get("calibration", {}).get(part, {})
-        if "uncertainty" in note:
-            found[f"{part}.{vector}"] = float(note["uncertainty"])
-        if f"{rows}_uncertainty" in note.get("figures", {}):
-            found[f"{part}.{rows}"] = float(note["figures"][f"{rows}_uncertainty"])
+    notes = section.calibration
+    for part, note, vector, rows in (
+        ("encoder", notes.encoder, "eccentricity", "graduation"),
+        ("mirror", notes.mirror, "tilt", "flatness"),
+    ):
+        if note is not None and note.uncertainty is not None:
+            found[f"{part}.{vector}"] = note.uncertainty
+        if note is not None and f"{rows}_uncertainty" in note.figures:
+            found[f"{part}.{rows}"] = note.figures[f"{rows}_uncertainty"]
     return found

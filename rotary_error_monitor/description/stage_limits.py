@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
+from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 
 HAND = 200.0
@@ -20,36 +22,36 @@ RISE = 0.03
 SPREAD = 1.5
 """How much larger the error motion of a stage may grow than its description says before the description is wrong."""
 
+Extent = Annotated[float, Expected("a size in m or rad", above=0, most=0.01)]
+Rate = Annotated[float, Expected("a rate in m/s or rad/s", above=0, most=10)]
+
+_BEYOND = "beyond what the description predicts"
+
 
 @dataclass(frozen=True)
 class StageLimits:
-    """Limits of a stage; a stage file may state each of them (section `limits`), what it leaves out is derived.
+    """Limits of a stage; a stage file may state each of them (section `limits`).
 
-    Attributes:
-        speed: fastest rotation, rad/s.
-        radial: largest radial error motion at the ring, m.
-        axial: largest axial error motion, m.
-        tilt: largest tilt error motion, rad.
-        radial_rate: how fast what the description does not predict of the radial error motion may change, m/s.
-        axial_rate: the same of the axial error motion, m/s.
-        tilt_rate: the same of the tilt error motion, rad/s.
-        following_error: how far the rotation may be from its command at rest, rad.
-        latency: how far the stamps of command and heads may be apart, and how long the drive may lag, s.
+    What is left out of the file is derived, so the defaults are those of a stage that describes no error motion.
     """
 
-    speed: float = 60.0
-    radial: float = 5e-5
-    tilt: float = 3e-4
-    radial_rate: float = 5e-4
-    tilt_rate: float = 3e-3
-    following_error: float = 5e-4
-    latency: float = 3e-4
-    axial: float = 5e-5
-    axial_rate: float = 5e-4
+    speed: Annotated[float, Expected("fastest rotation in rad/s", above=0, most=10_000)] = 60.0
+    radial: Annotated[Extent, Expected("largest radial error motion at the ring in m")] = 5e-5
+    tilt: Annotated[Extent, Expected("largest tilt error motion in rad")] = 3e-4
+    radial_rate: Annotated[Rate, Expected(f"fastest change of the radial error motion {_BEYOND}, in m/s")] = 5e-4
+    tilt_rate: Annotated[Rate, Expected(f"fastest change of the tilt error motion {_BEYOND}, in rad/s")] = 3e-3
+    following_error: Annotated[
+        float, Expected("largest distance of the rotation from its command at rest in rad", above=0, most=3)
+    ] = 5e-4
+    latency: Annotated[
+        float, Expected("largest difference of the stamps of command and heads, and lag of the drive, in s", 0, 1)
+    ] = 3e-4
+    axial: Annotated[Extent, Expected("largest axial error motion in m")] = 5e-5
+    axial_rate: Annotated[Rate, Expected(f"fastest change of the axial error motion {_BEYOND}, in m/s")] = 5e-4
 
     def stated(self, section: Mapping[str, float]) -> StageLimits:
         """The same with what a section `limits` states."""
-        return replace(self, **{name: float(value) for name, value in section.items()})
+        return replace(self, **section)
 
 
 def derive_limits(

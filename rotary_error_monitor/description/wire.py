@@ -3,105 +3,39 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from rotary_error_monitor.description import schema
 from rotary_error_monitor.description.listed_sensors import pose_streams
+from rotary_error_monitor.description.sections import extended, read
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.wire_section import SAMPLE_BLOCK as SAMPLE_BLOCK
+from rotary_error_monitor.description.wire_section import Channel, WireSection
+from rotary_error_monitor.description.wire_section import Field as Field
+from rotary_error_monitor.description.wire_section import Qos as Qos
+from rotary_error_monitor.description.wire_section import Service as Service
+from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import share
 
 HEAD, SENSOR = "{head}", "{sensor}"
-SAMPLE_BLOCK = "sensor_msgs/msg/PointCloud2"
 TIME_COLUMN = "t"
 _EVERYONES = ("diagnostics",)
 """Keys of topics that all machines share: REP 107 puts the diagnostics of a whole system on one topic."""
 
 
-@dataclass(frozen=True)
-class Field:
-    """One value in a message.
-
-    Attributes:
-        name: name of the field, dotted where it is nested, or of a column of a sample block.
-        unit: SI unit or °C; '1' for a plain number, '-' for text.
-        bits: names of the bits of a mask, the lowest first; empty for every other value.
-        of_sensors: whether only a stage that lists sensors has it.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    bits: tuple[str, ...] = ()
-    of_sensors: bool = False
-
-    def mask(self, names: Iterable[str]) -> int:
-        """Bit mask with the bits of `names` set.
-
-        Raises:
-            InputError: the field has no bit of one of the names.
-        """
-        return sum(1 << self._bit(name) for name in set(names))
-
-    def names_in(self, mask: float) -> tuple[str, ...]:
-        """Names of the bits set in `mask`, which travels as float64.
-
-        Raises:
-            InputError: the mask is no whole number or has bits that the field does not name.
-        """
-        if mask != int(mask) or not 0 <= mask < 1 << len(self.bits):
-            raise InputError(f"mask {mask!r} of '{self.name}' is no whole number from 0 to {(1 << len(self.bits)) - 1}")
-        return tuple(name for bit, name in enumerate(self.bits) if int(mask) >> bit & 1)
-
-    def _bit(self, name: str) -> int:
-        if name not in self.bits:
-            raise InputError(f"'{self.name}' has the bits {', '.join(self.bits) or '(none)'}, but no '{name}'")
-        return self.bits.index(name)
-
-
-@dataclass(frozen=True)
-class Qos:
-    """Quality of service, words as in ROS 2; the history keeps the last `depth` messages."""
-
-    reliability: str
-    durability: str
-    depth: int
-
-
-@dataclass(frozen=True)
-class Topic:
+@dataclass(frozen=True, kw_only=True)
+class Topic(Channel):
     """One topic of the contract.
 
     Attributes:
-        key: what code calls it; topics of one kind for several heads or sensors share a key.
         head: letter of the read head, or name of the listed sensor; None where the topic is not one of several.
-        type: message type such as `sensor_msgs/msg/JointState`.
-        frame: `header.frame_id`, empty where there is none.
-        publishers: nodes that publish it, or `external`.
-        subscribers: nodes of the package that listen to it.
-        rate: how often it comes, in words.
         fields: values of a message, for a sample block its columns after `t`.
     """
 
-    key: str
     head: str | None
-    name: str
-    type: str
-    frame: str
-    publishers: tuple[str, ...]
-    rate: str
-    qos: Qos
-    meaning: str
     fields: tuple[Field, ...]
-    subscribers: tuple[str, ...] = ()
-
-    @property
-    def is_sample_block(self) -> bool:
-        """Whether its messages are sample blocks."""
-        return self.type == SAMPLE_BLOCK
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -118,26 +52,6 @@ class Topic:
         if found is None:
             raise InputError(f"{self.name} holds {', '.join(f.name for f in self.fields)}, but no '{name}'")
         return found
-
-
-@dataclass(frozen=True)
-class Service:
-    """One service of the contract.
-
-    Attributes:
-        key: what names it in the contract.
-        name: below the node's own name, such as `~/reset`.
-        type: service type such as `std_srvs/srv/Trigger`.
-        servers: nodes that answer it.
-        callers: who may call it: nodes, or `operator` for a person.
-    """
-
-    key: str
-    name: str
-    type: str
-    servers: tuple[str, ...]
-    callers: tuple[str, ...]
-    meaning: str
 
 
 @dataclass(frozen=True)
@@ -237,10 +151,11 @@ def load_wire(
     folder = definitions() if folder is None else folder
     templates: dict[str, tuple[Topic, Path]] = {}
     for path in sorted(folder.glob("*.yaml")):
-        for key, content in schema.load(path, "wire").get("topics", {}).items():
+        for key, topic in _definition(path).topics.items():
             if key in templates:
                 raise InputError(f"{path}: topic '{key}' is already defined in {templates[key][1].name}; keep one")
-            templates[key] = _template(key, content), path
+            made = extended(Topic, topic, head=None, fields=topic.columns or topic.fields)
+            templates[key] = made, path
     if not templates:
         raise InputError(f"{folder}: no wire contract (*.yaml) in this folder")
     found = (template for template, _ in templates.values())
@@ -264,9 +179,7 @@ def load_services(folder: Path | None = None) -> tuple[Service, ...]:
     found: dict[str, Service] = {}
     answered: set[tuple[str, str]] = set()
     for path in sorted(folder.glob("*.yaml")):
-        for key, content in schema.load(path, "wire").get("services", {}).items():
-            texts = content["name"], content["type"]
-            service = Service(key, *texts, tuple(content["servers"]), tuple(content["callers"]), content["meaning"])
+        for key, service in _definition(path).services.items():
             again = {(node, service.name) for node in service.servers} & answered
             if key in found or again:
                 raise InputError(f"{path}: service '{key}' ({service.name}) is already defined; keep one")
@@ -309,24 +222,8 @@ def _unit(field: Field) -> str:
     return f"{unit} (with listed sensors)" if field.of_sensors else unit
 
 
-def _template(key: str, content: Mapping[str, Any]) -> Topic:
-    qos = content["qos"]
-    return Topic(
-        key=key,
-        head=None,
-        name=content["name"],
-        type=content["type"],
-        frame=content["frame"],
-        publishers=tuple(content["publishers"]),
-        rate=content["rate"],
-        qos=Qos(qos["reliability"], qos["durability"], qos["depth"]),
-        meaning=content["meaning"],
-        fields=tuple(
-            Field(row["name"], row["unit"], row["meaning"], tuple(row.get("bits", ())), row.get("of_sensors", False))
-            for row in content.get("columns", content.get("fields"))
-        ),
-        subscribers=tuple(content.get("subscribers", ())),
-    )
+def _definition(path: Path) -> WireSection:
+    return read(WireSection, read_yaml(path), what="wire")
 
 
 def _expand(template: Topic, heads: Sequence[str], sensors: Sequence[str]) -> Iterator[Topic]:

@@ -69,11 +69,11 @@ def listed_kind(sensor: ListedSensor) -> ListedKind:
     """The kind of a sensor that a stage lists.
 
     Raises:
-        InputError: no class is of that kind, though a schema is.
+        InputError: no class is of that kind, though a section is.
     """
     found = sensor_kinds().get(sensor.kind)
     if not isinstance(found, ListedKind):
-        raise InputError(f"sensor kind '{sensor.kind}' has a schema, but no class in {room.__name__}")
+        raise InputError(f"sensor kind '{sensor.kind}' has a section, but no class in {room.__name__}")
     return found
 
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
-from rotary_error_monitor.description.listed_sensors import FIELDS, UNIT
+from rotary_error_monitor.description.listed_sensors import quantity
 from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, StageDescription
 from rotary_error_monitor.effects.rotor import Array
 from rotary_error_monitor.metrology.harmonics import angular_sum
@@ -18,13 +17,16 @@ from rotary_error_monitor.sensors.sensor import Pose, Sensor
 class ListedKind(Sensor):
     """Base of the kinds of sensors that a stage lists: displacement of one place of the rotor in one direction.
 
-    A kind of several fields, or of another unit, names them in `fields` and `unit` and in the file of its schema.
+    Its `fields` and `unit` are those of its section, `description/sensor_kinds/<kind>.py`.
     """
 
     section = "sensors"
-    fields: ClassVar[tuple[str, ...]] = FIELDS
-    unit = UNIT
     is_needed = False
+
+    def __init_subclass__(cls) -> None:
+        """Take over what the section says."""
+        if cls.kind:
+            cls.fields, cls.unit = quantity(cls.kind)
 
     def streams(self, stage: StageDescription) -> tuple[str, ...]:
         """Those of the list that are of this kind."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
+from rotary_error_monitor.description.listed_sensors import quantity
 from rotary_error_monitor.description.stage import ListedSensor
 from rotary_error_monitor.effects.rotor import Array
 
@@ -16,13 +17,18 @@ class ListedInput(ABC):
 
     Attributes:
         kind: first word of the names of its streams: `thermometer` of `thermometer_bearing`.
-        fields: of a sample, as `msg_defs/` names them.
-        unit: of the fields.
+        fields: of a sample, as its section `description/sensor_kinds/<kind>.py` names them.
+        unit: of the fields, from there.
     """
 
     kind: ClassVar[str] = ""
     fields: ClassVar[tuple[str, ...]] = ()
     unit: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        """Take over what the section says."""
+        if cls.kind:
+            cls.fields, cls.unit = quantity(cls.kind)
 
     @abstractmethod
     def measured(self, sensor: ListedSensor, reading: Array) -> Array:

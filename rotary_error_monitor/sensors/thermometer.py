@@ -13,8 +13,6 @@ class Thermometer(ListedInput):
     """Temperature of the place that it is called after."""
 
     kind = THERMOMETER
-    fields = ("temperature",)
-    unit = "°C"
 
     def measured(self, sensor: ListedSensor, reading: Array) -> Array:
         """(n,) temperature, °C."""

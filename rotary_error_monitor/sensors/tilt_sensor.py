@@ -15,8 +15,6 @@ class TiltSensor(ListedKind):
     """Tilt of a mirror about x and y, turned by the `roll` of the instrument as that of an autocollimator."""
 
     kind = "tilt_sensor"
-    fields = ("tilt_x", "tilt_y")
-    unit = "rad"
     moved_by = ("sensors", "spindle.tilt")
 
     def sensitivity(self, place: Mapping[str, float]) -> Array:

@@ -1,4 +1,4 @@
-"""Whatever a schema allows is a description that can be used, or is refused with its line; whatever else is refused."""
+"""Whatever a section allows is a description that can be used, or refused with its line; all else is refused."""
 
 from __future__ import annotations
 
@@ -16,14 +16,20 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from rotary_error_monitor.description.listed_sensors import is_input, quantity
-from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_from_mapping
-from rotary_error_monitor.description.machine_section import machine_mapping
+from rotary_error_monitor.description.machine import (
+    MachineDescription,
+    load_machine,
+    machine_from_mapping,
+    machine_mapping,
+)
+from rotary_error_monitor.description.machine_section import MachineSection
 from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
-from rotary_error_monitor.description.stage_checks import PARAMETERS
+from rotary_error_monitor.description.stage_section import PARAMETERS, StageSection
 from rotary_error_monitor.description.wire import load_wire, markdown_table
+from rotary_error_monitor.description.wire_section import WireSection
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.kinds.mount.description import load_mount, mount_machine
-from rotary_error_monitor.kinds.quadrature.description import load_quadrature
+from rotary_error_monitor.kinds.mount.description import MountDescription, load_mount, mount_machine
+from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription, load_quadrature
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.pipeline.estimation import Estimator
@@ -31,7 +37,7 @@ from rotary_error_monitor.pipeline.stream_limits import stream_limits
 from rotary_error_monitor.signals.blocks import block_from_samples
 from rotary_error_monitor.twin.document import stage_mapping
 
-from . import schemas
+from . import drawn
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "config"
@@ -74,9 +80,8 @@ def load(kind: str, content: Any, folder: Path) -> Any:
 
 @st.composite
 def stages(draw: st.DrawFn) -> Any:
-    """What the schema allows, states the uncertainty of parameters that there are, and probes that reach their zero."""
-    content = draw(schemas.contents(schemas.load("stage")))
-    section = content["stage"]
+    """What the section allows, with the uncertainty of parameters that there are, and probes that reach their zero."""
+    section = draw(drawn.contents(StageSection))
     for sensor in section.get("sensors", {}).values():
         fields, _ = quantity(sensor["kind"])
         largest = min(0.5 * sensor["range"], 100.0)  # of a thermometer in K; of others the range is below that anyway
@@ -92,7 +97,7 @@ def stages(draw: st.DrawFn) -> Any:
     names += [f"sensors.{name}.gain" for name in poses]
     if "uncertainty" in section:
         section["uncertainty"] = {draw(st.sampled_from(names)): size for size in section["uncertainty"].values()}
-    return content
+    return {"stage": section}
 
 
 @MANY
@@ -115,9 +120,8 @@ def test_every_stage_that_does_not_contradict_itself_can_be_used(content: Any, f
 
 @st.composite
 def machines(draw: st.DrawFn) -> Any:
-    """What the schema allows, and does not contradict itself."""
-    content = draw(schemas.contents(schemas.load("machine")))
-    section = content["machine"]
+    """What the section allows, and does not contradict itself."""
+    section = draw(drawn.contents(MachineSection))
     letters = list(section.get("axes", "XYZCA"))
     travels = [axis["travel"] for axis in section["axes"].values()] if "axes" in section else section["travel"].values()
     for travel in travels:
@@ -139,7 +143,7 @@ def machines(draw: st.DrawFn) -> Any:
                     table[column] = (table[column] * len(table["positions"]))[: len(table["positions"])]
     if "bodies" in section:
         _mend_tree(draw, section, letters)
-    return content
+    return {"machine": section}
 
 
 def _mend_tree(draw: st.DrawFn, section: Any, letters: list[str]) -> None:
@@ -176,18 +180,18 @@ def test_every_machine_that_does_not_contradict_itself_can_be_used(content: Any,
 
 
 @MANY
-@given(content=schemas.contents(schemas.load("mount")))
-def test_every_mount_that_the_schema_allows_can_be_used(content: Any, folder: Path) -> None:
-    mount = load("mount", content, folder)
+@given(content=drawn.contents(MountDescription))
+def test_every_mount_that_the_section_allows_can_be_used(content: Any, folder: Path) -> None:
+    mount = load("mount", {"mount": content}, folder)
     assert mount is not None
     assert all(value > 0 for value in mount.geometry_uncertainty())
     assert mount_machine(mount.latitude or 0.0, mount.geometry).letters == ("H", "D")
 
 
 @MANY
-@given(content=schemas.contents(schemas.load("quadrature")))
-def test_every_pair_of_signals_that_the_schema_allows_can_be_used(content: Any, folder: Path) -> None:
-    signals = load("quadrature", content, folder)
+@given(content=drawn.contents(QuadratureDescription))
+def test_every_pair_of_signals_that_the_section_allows_can_be_used(content: Any, folder: Path) -> None:
+    signals = load("quadrature", {"quadrature": content}, folder)
     assert signals is not None
     assert all(
         0 < value < math.inf for value in (signals.period, signals.amplitude, signals.uncertainty, signals.noise)
@@ -195,8 +199,8 @@ def test_every_pair_of_signals_that_the_schema_allows_can_be_used(content: Any, 
 
 
 @settings(MANY, max_examples=15)
-@given(content=schemas.contents(schemas.load("wire")))
-def test_every_wire_contract_that_the_schema_allows_makes_a_table_or_names_what_is_double(
+@given(content=drawn.contents(WireSection))
+def test_every_wire_contract_that_its_section_allows_makes_a_table_or_names_what_is_double(
     content: Any, folder: Path
 ) -> None:
     wire = load("wire", content, folder)

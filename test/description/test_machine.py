@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from rotary_error_monitor.description.machine import (
     MachineDescription,
     load_machine,
     machine_from_mapping,
+    machine_mapping,
 )
 from rotary_error_monitor.errors import InputError
 
@@ -194,7 +196,7 @@ def test_names_that_a_machine_has_not() -> None:
         ("tool: tool", "tol: tool", 1, "'tol' was unexpected"),
         ("kind: linear, direction: [1", "kind: straight, direction: [1", 7, "expected: linear or rotary"),
         ("travel: [0, 0.2]", "travel: [0, 200000]", 7, "expected: a position in m or rad"),
-        ("travel: [0, 0.2]", "travel: [0, far]", 7, "'far' is not of type 'number'"),
+        ("travel: [0, 0.2]", "travel: [0, far]", 7, "'far' is no number"),
         ("travel: [0, 0.2]", "travel: [0.2, 0]", 7, r"machine.axes.X.travel: \[0.2, 0\] is no travel"),
         ("direction: [1, 0, 0]", "direction: [1, 1, 0]", 7, "has length 1.41421356; expected a unit vector"),
         ("travel: [-0.5, 0]", "travel: [-0.5, 0], expansion: 11", 8, "expected: a coefficient of thermal expansion"),
@@ -216,7 +218,7 @@ def test_names_that_a_machine_has_not() -> None:
         ("EXX: {poly", "EXX: {poli", 16, "poli"),
         ("[-3.2, 0.0, 3.2]", "[-3.2, 3.2, 0.0]", 17, "do not rise; expected rising positions"),
         ("forward: [0, 1.0e-06, 0]", "forward: [0, 1.0e-06]", 17, "2 values at 3 positions; expected one for each"),
-        ("forward: [0, 1.0e-06, 0], ", "", 17, "{positions, values} or"),
+        ("forward: [0, 1.0e-06, 0], ", "", 17, r"{positions, values} or"),
     ],
 )
 def test_a_wrong_tree_is_refused_with_its_line(
@@ -246,3 +248,11 @@ def test_a_wrong_twin_is_refused_with_its_line(
     assert TWIN.count(old) == 1
     with pytest.raises(InputError, match=rf"machine\.yaml:{line}: .*{message}"):
         load_text(TWIN.replace(old, new))
+
+
+def test_an_error_component_of_nothing_is_none(load_text: Callable[[str], MachineDescription]) -> None:
+    """It could not be read again where it is written."""
+    machine = load_text(LATHE.replace("EXX: {poly: [0.0, 1.0e-06]}", "EXX: {harmonic: []}"))
+    assert set(machine.errors) == {"ECC"}
+    empty = replace(machine, errors={**machine.errors, "EXX": ErrorComponent()})
+    assert machine_from_mapping(machine_mapping(empty)) == machine

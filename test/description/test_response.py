@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import yaml
 
-from rotary_error_monitor.description import schema
 from rotary_error_monitor.description.response import IDEAL, Response
 from rotary_error_monitor.description.stage import Autocollimator, load_stage, stage_from_mapping
 from rotary_error_monitor.errors import InputError
@@ -101,7 +100,6 @@ def test_the_example_of_the_documentation_is_read():
     rows = yaml.safe_load(example)
     encoder = {"disc_radius": 0.1, "lines_per_revolution": 31488, "counts_per_line": 100, "noise": 3e-7}
     content = {"encoder": encoder | {"heads": rows["heads"]}, "autocollimator": rows["autocollimator"]}
-    schema.check({"stage": content}, "stage", "devices.md")
     assert set(stage_from_mapping(content).responses) == {"head_a", "head_b", "autocollimator"}
 
 

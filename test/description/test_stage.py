@@ -10,7 +10,7 @@ import yaml
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.stage import AngularHarmonic, Autocollimator, Lvdt, PlanarHarmonic, load_stage
-from rotary_error_monitor.description.stage_checks import PARAMETERS
+from rotary_error_monitor.description.stage_section import PARAMETERS
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
@@ -50,7 +50,7 @@ def test_what_the_file_names_is_uncertain(tmp_path):
     ("row", "told"),
     [
         ("encoder.excentricity: 1.0e-08", "encoder has no 'excentricity'; expected one of disc_radius, .*eccentricity"),
-        ("spindle.wobble: 1.0e-08", "spindle has no 'wobble'; expected one of radial, axial, tilt"),
+        ("spindle.wobble: 1.0e-08", "spindle has no 'wobble'; expected one of radial, tilt, radial_c"),
         ("sensors.low.radius: 1.0e-08", "sensors.low has no 'radius'; expected one of gain, azimuth, height"),
         ("sensors.low.zero: 1.0e-08", "sensors.low has no 'zero'"),
         ("sensors.topp.gain: 0.01", "there is no part 'sensors.topp'; expected one of encoder, .*sensors.low"),
@@ -135,7 +135,7 @@ def with_tilt_sensor(folder, own):
         ("roll: 6.3", r"second.roll: 6.3 is greater than .* angle about \+z in rad"),
         ("roll: -6.3", r"second.roll: -6.3 is less than .* angle about \+z in rad"),
         ("gain: 0", r"second.gain: .* at least 0.001 in size"),
-        ("zero: 1.0e-05", r"second.zero: 1e-05 is not of type 'array'; expected: reading \[x, y\] of a perfect axis"),
+        ("zero: 1.0e-05", r"second.zero: 1e-05 is no list; expected: reading \[x, y\] of a perfect axis"),
         ("zero: [1.0e-05]", r"second.zero: \[1e-05\] is too short; expected: reading \[x, y\]"),
         ("zero: [0.0, 6.0e-04]", r"second.zero: \[0.0, 0.0006\] is beyond the range of 0.0005 rad"),
         ("azimuth: 0.0", r"second: .*'azimuth' was unexpected"),

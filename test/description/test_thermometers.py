@@ -51,7 +51,7 @@ def test_thermometers_are_inputs_and_probes_are_sensors(tmp_path):
         (
             {"form": [{"order": 1, "cos": 1e-6, "sin": 0.0}]},
             "bearing:",
-            "'form' was unexpected.*of kind thermometer: n",
+            "'form' was unexpected.*of kind thermometer: kind, n",
         ),
         ({"gain": 2.0}, "bearing:", "'gain' was unexpected"),
         ({"unit": "K"}, "bearing:", "'unit' was unexpected"),

@@ -72,9 +72,10 @@ def test_it_is_diagnosed_and_its_improved_twin_has_no_gap(thermometer, recording
 
 def test_what_it_refuses_is_told(thermometer, recording, twin, tmp_path, capsys):
     out = ["-o", str(tmp_path / "out"), "--no-report"]
-    twin.write_text("thermometer: {noise: much}\n")
+    told = f"{twin}:1: thermometer.noise: 'much' is no number; expected: standard deviation of a reading in K"
+    twin.write_text("thermometer: {noise: much, zero: 0.1}\n")
     assert main(["diagnose", str(recording), "--twin", str(twin), *out]) == 2
-    assert f"{twin}: thermometer: expected the numbers 'noise' and 'zero'" in capsys.readouterr().err
+    assert told in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from world import Options, make_recording, random_stage, samples, with_probes, with_tilt_sensor
 
 from rotary_error_monitor.description.listed_sensors import is_input
-from rotary_error_monitor.description.schema import sensor_kinds
+from rotary_error_monitor.description.sensor_section import sensor_kinds
 from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.plant.stage import StagePlant, stage_clocks
 from rotary_error_monitor.sensors.library import sensor_of

@@ -8,8 +8,8 @@ from itertools import filterfalse
 import numpy as np
 import pytest
 
-from rotary_error_monitor.description import schema
 from rotary_error_monitor.description.listed_sensors import is_input, quantity
+from rotary_error_monitor.description.sensor_section import sensor_kinds as listed_kinds
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription, Turbulence, load_stage
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.effects.rotor import RotorState
@@ -60,9 +60,9 @@ def turned(vector, theta):
 
 
 def test_kinds_are_those_of_the_room():
-    assert set(sensor_kinds()) == {"head", "autocollimator", "lvdt", *filterfalse(is_input, schema.sensor_kinds())}
-    assert set(input_kinds()) == {*filter(is_input, schema.sensor_kinds())}
-    assert {"axial_probe", "radial_probe", "tilt_sensor", "thermometer"} <= set(schema.sensor_kinds())
+    assert set(sensor_kinds()) == {"head", "autocollimator", "lvdt", *filterfalse(is_input, listed_kinds())}
+    assert set(input_kinds()) == {*filter(is_input, listed_kinds())}
+    assert {"axial_probe", "radial_probe", "tilt_sensor", "thermometer"} <= set(listed_kinds())
     assert kind_of("head_a") == "head" and kind_of("lvdt.x") == "lvdt"
     assert sensor_of("head_c") is sensor_kinds()["head"]
 
@@ -78,9 +78,9 @@ def test_the_wire_has_the_fields_and_the_unit_of_each_stream(kind):
     assert sensor.small_unit == f"µ{sensor.unit}"
 
 
-@pytest.mark.parametrize("kind", sorted(schema.sensor_kinds()))
+@pytest.mark.parametrize("kind", sorted(listed_kinds()))
 def test_all_that_a_listed_kind_is_written_down_in_says_the_same_of_it(kind):
-    """Its class, its schema and its topics; nothing else has to name a kind but the geometry of the plant."""
+    """Its class, its section and its topics; nothing else has to name a kind but the geometry of the plant."""
     sensor, stream = (sensor_kinds() | input_kinds())[kind], f"{kind}_a"
     assert isinstance(sensor, ListedInput if is_input(kind) else ListedKind)
     assert quantity(kind) == (sensor.fields, sensor.unit)

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from copy import deepcopy
 
-import jsonschema
 import numpy as np
 import pytest
-import yaml
+
+from rotary_error_monitor.description.sections import from_content
+from rotary_error_monitor.description.stage_section import StageSection
 
 from .descriptions import DESCRIPTIONS
 from .stages import random_stage
-from .test_world_stage import CONFIG, DEFAULT
+from .test_world_stage import DEFAULT
 
 
 @pytest.mark.parametrize("name", DESCRIPTIONS)
 def test_a_wrong_description_is_valid_and_wrong_only_where_it_says(name):
-    schema = yaml.safe_load((CONFIG / "schema" / "stage.yaml").read_text())
     for true in (DEFAULT, random_stage(0), random_stage(1)):
         kept = deepcopy(true)
         wrong = DESCRIPTIONS[name](true, np.random.default_rng(1))
         assert true == kept
-        jsonschema.Draft202012Validator(schema).validate({"stage": wrong})
+        from_content(StageSection, wrong, "stage")
         if true is DEFAULT:
             assert wrong != true
         for key in DESCRIPTIONS[name].keys:

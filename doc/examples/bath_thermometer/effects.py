@@ -1,10 +1,12 @@
 """A thermometer as it is described, and what it can do wrong."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.effects.effect import Effect, Parameter, Values
 
 Array = NDArray[np.float64]
@@ -12,10 +14,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Thermometer:
-    """Section `thermometer` of a twin: noise of a reading and standard uncertainty of its zero, K."""
+    """Section `thermometer` of a twin."""
 
-    noise: float
-    zero: float
+    noise: Annotated[float, Expected("standard deviation of a reading in K", above=0, most=10)]
+    zero: Annotated[float, Expected("standard uncertainty of the zero in K", 0, 10)]
 
 
 class ThermometerEffect(Effect[Thermometer]):

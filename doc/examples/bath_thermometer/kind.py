@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from bath_thermometer.effects import Array, Thermometer, ThermometerEffect
-from rotary_error_monitor.description.yaml_files import read_yaml
+from rotary_error_monitor.description.sections import load
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.kind import Kind, TwinFile
@@ -54,12 +54,8 @@ class ThermometerKind(Kind[Thermometer, ThermometerEffect, ThermometerProblem]):
     effect = ThermometerEffect
 
     def describe(self, path: Path) -> Thermometer:
-        """Section `thermometer`: noise and uncertainty of the zero, K."""
-        section = read_yaml(path).content["thermometer"]
-        try:
-            return Thermometer(float(section["noise"]), float(section["zero"]))
-        except (TypeError, KeyError, ValueError) as error:
-            raise InputError(f"{path}: thermometer: expected the numbers 'noise' and 'zero', K") from error
+        """Section `thermometer`."""
+        return load(path, "thermometer", Thermometer)
 
     def problem(
         self, recording: Path, twin: TwinFile[Thermometer, ThermometerEffect], most_rate: float

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
-from rotary_error_monitor.description.machine import MachineDescription, load_machine
-from rotary_error_monitor.description.machine_section import machine_mapping
+from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_mapping
 from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.machine_effect import MachineEffect

@@ -6,20 +6,24 @@ the south, y to the east, z up. At H = D = 0 the tube points to the south and th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from rotary_error_monitor.description import schema
+from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.machine import Axis, Body, Displacement, ErrorComponent, MachineDescription
+from rotary_error_monitor.description.quantities import HALF_TURN, Name
+from rotary_error_monitor.description.sections import load
 
+QUARTER_TURN = 1.5707963267948966
 HOUR, DECLINATION = "H", "D"
 POLAR_BODY, DECLINATION_BODY, TUBE, SKY = "polar_axis", "declination_axis", "tube", "sky"
 
-_UNCERTAINTY = {"index": 0.2, "orthogonality": 0.02, "collimation": 0.02, "polar_tilt": 0.02}
-"""Standard uncertainties, rad, of a mount set up by eye."""
+Angle = Annotated[float, Expected("an angle in rad", -HALF_TURN, HALF_TURN)]
+Tilt = Annotated[float, Expected("an angle in rad, at most 0.2", -0.2, 0.2)]
+Uncertainty = Annotated[float, Expected("a standard uncertainty in rad", above=0, most=HALF_TURN)]
 
 
 @dataclass(frozen=True)
@@ -36,11 +40,11 @@ class MountGeometry:
         polar_tilt: of the hour axis against the pole, about the x and y axes that it carries at H = 0 (MA, ME).
     """
 
-    hour_index: float = 0.0
-    declination_index: float = 0.0
-    orthogonality: float = 0.0
-    collimation: float = 0.0
-    polar_tilt: tuple[float, float] = (0.0, 0.0)
+    hour_index: Angle = 0.0
+    declination_index: Angle = 0.0
+    orthogonality: Tilt = 0.0
+    collimation: Tilt = 0.0
+    polar_tilt: Annotated[tuple[Tilt, Tilt], Expected("[about south, about east] in rad")] = (0.0, 0.0)
 
     def as_tuple(self) -> tuple[float, ...]:
         """All six in order."""
@@ -53,28 +57,39 @@ class MountGeometry:
 
 
 @dataclass(frozen=True)
+class MountUncertainty:
+    """Standard uncertainties of the geometry, rad; by default those of a mount set up by eye."""
+
+    index: Uncertainty = 0.2
+    orthogonality: Uncertainty = 0.02
+    collimation: Uncertainty = 0.02
+    polar_tilt: Uncertainty = 0.02
+
+
+@dataclass(frozen=True)
 class MountDescription:
-    """The twin of a mount: section `mount` of a file in `config/mounts/`.
+    """The twin of a mount: section `mount` of a file in `config/mounts/`."""
 
-    Attributes:
-        noise: least standard deviation of one component of a pointing, rad.
-        latitude: of the site, rad; None: as the recording says.
-        refraction: whether refraction belongs to what is predicted.
-        geometry: from which that of a recording is sought.
-        uncertainty: standard uncertainties, rad, of index, orthogonality, collimation, polar_tilt.
-    """
-
-    name: str
-    noise: float
-    latitude: float | None = None
-    refraction: bool = True
-    geometry: MountGeometry = MountGeometry()
-    uncertainty: Mapping[str, float] = field(default_factory=lambda: dict(_UNCERTAINTY))
+    name: Name
+    noise: Annotated[
+        float,
+        Expected("least standard deviation in rad of one component of a pointing; such as 5.0e-06", above=0, most=0.01),
+    ]
+    latitude: Annotated[
+        float | None, Expected("of the site in rad, if not that in the header of the file", -QUARTER_TURN, QUARTER_TURN)
+    ] = None
+    refraction: Annotated[
+        bool, Expected("whether the air bends the light on its way to the mount (else the file has it taken out)")
+    ] = True
+    geometry: Annotated[MountGeometry, Expected("angles in rad from which the geometry of a recording is sought")] = (
+        MountGeometry()
+    )
+    uncertainty: MountUncertainty = MountUncertainty()
 
     def geometry_uncertainty(self) -> tuple[float, ...]:
         """Standard uncertainty of each of the six angles, in the order of `MountGeometry.as_tuple`."""
         u = self.uncertainty
-        return u["index"], u["index"], u["orthogonality"], u["collimation"], u["polar_tilt"], u["polar_tilt"]
+        return u.index, u.index, u.orthogonality, u.collimation, u.polar_tilt, u.polar_tilt
 
 
 def load_mount(path: Path) -> MountDescription:
@@ -83,20 +98,7 @@ def load_mount(path: Path) -> MountDescription:
     Raises:
         InputError: the file is missing or wrong; the message names file, line, value and what is expected.
     """
-    section = schema.load(path, "mount")["mount"]
-    geometry = dict(section.get("geometry", {}))
-    x, y = geometry.pop("polar_tilt", (0.0, 0.0))
-    latitude = section.get("latitude")
-    return MountDescription(
-        name=section["name"],
-        noise=float(section["noise"]),
-        latitude=None if latitude is None else float(latitude),
-        refraction=bool(section.get("refraction", True)),
-        geometry=MountGeometry(
-            **{name: float(value) for name, value in geometry.items()}, polar_tilt=(float(x), float(y))
-        ),
-        uncertainty={**_UNCERTAINTY, **{k: float(v) for k, v in section.get("uncertainty", {}).items()}},
-    )
+    return load(path, "mount", MountDescription)
 
 
 def mount_machine(latitude: float, geometry: MountGeometry) -> MachineDescription:

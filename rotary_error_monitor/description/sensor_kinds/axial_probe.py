@@ -1,0 +1,20 @@
+"""A displacement probe that looks along +z at a face of the rotor, on the axis (radius 0) or beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from rotary_error_monitor.description.expected import Expected
+from rotary_error_monitor.description.quantities import Angle
+from rotary_error_monitor.description.sensor_section import ProbeSection
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxialProbe(ProbeSection):
+    """Where the probe stands."""
+
+    azimuth: Annotated[Angle | None, Expected("angle of the probe about +z in rad")] = None
+    radius: Annotated[
+        float, Expected("distance of the place that it sees from the axis in m, 0 for on the axis", 0, 10)
+    ]

@@ -1,0 +1,18 @@
+"""A displacement probe that looks at a round artefact of the rotor from outside, along a radius."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from rotary_error_monitor.description.expected import Expected
+from rotary_error_monitor.description.quantities import Angle, Height
+from rotary_error_monitor.description.sensor_section import ProbeSection
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadialProbe(ProbeSection):
+    """Where the probe stands."""
+
+    azimuth: Annotated[Angle, Expected("angle of the probe about +z in rad")]
+    height: Annotated[Height, Expected("height of the place that it sees above the ring in m")]

@@ -1,0 +1,83 @@
+"""What a stage's file says of one sensor of its list: what all kinds share. Each kind is a file of `sensor_kinds/`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar
+
+import rotary_error_monitor.description.sensor_kinds as folder
+from rotary_error_monitor.description.expected import Expected
+from rotary_error_monitor.description.harmonics import Waves
+from rotary_error_monitor.description.quantities import Latency, Noise, Range, Reading, Resolution
+from rotary_error_monitor.description.sections import Section, WrongError
+from rotary_error_monitor.plugins import classes_in, modules_in
+
+Uncertainty = Annotated[float, Expected("standard uncertainty of zero and form in m or rad", 1e-10, 0.001)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorSection(Section):
+    """A sensor of the list. What a kind states beside this base are numbers of its place, with `zero`, `gain`, `form`.
+
+    What may be left out is None: its default is that of `ListedSensor` and `Response`.
+
+    Attributes:
+        fields: of a sample.
+        unit: SI unit of the fields, or °C.
+        is_input: whether the kind measures what acts on the stage, and nothing of how the rotor stands.
+        kind: of sensor: name of its file in `sensor_kinds/`.
+    """
+
+    fields: ClassVar[tuple[str, ...]] = ("displacement",)
+    unit: ClassVar[str] = "m"
+    is_input: ClassVar[bool] = False
+
+    kind: str
+    noise: Annotated[Noise, Expected("standard deviation of one reading in m")]
+    resolution: Annotated[Resolution, Expected("step of a reading in m")]
+    range: Annotated[Range, Expected("half of the measuring range in m")]
+    uncertainty: Annotated[Uncertainty, Expected("standard uncertainty of zero and form in m, 0.1 nm or more")]
+    latency: Latency | None = None
+
+    def __init_subclass__(cls) -> None:
+        """Call a kind by its file."""
+        cls.names_as = f"of kind {cls.__module__.rpartition('.')[2]}:"
+
+    @classmethod
+    def variant(cls, content: Mapping[str, Any]) -> type[Any]:
+        """The kind that the content says: without it nothing else of a sensor can be judged."""
+        known, found = ", ".join(sensor_kinds()), content.get("kind")
+        if found is None:
+            raise WrongError((), "'kind' is a required property", f"one of {known}")
+        if not isinstance(found, str) or found not in sensor_kinds():
+            raise WrongError(("kind",), f"{found!r} is no kind of sensor", f"one of {known}", found)
+        return sensor_kinds()[found]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProbeSection(SensorSection):
+    """What displacement probes share."""
+
+    zero: Annotated[Reading | None, Expected("reading of a perfect axis in m")] = None
+    gain: Annotated[
+        float | None,
+        Expected(
+            "reading per displacement, at least 1.0e-06 in size; negative for a sensor that counts the other way",
+            -1000,
+            1000,
+            size=1e-6,
+        ),
+    ] = None
+    form: Annotated[
+        Waves | None, Expected("what the target shows of itself over a turn: at most 500 rows {order, cos, sin} in m")
+    ] = None
+
+
+@cache
+def sensor_kinds() -> Mapping[str, type[SensorSection]]:
+    """The kinds of listed sensors by name: one class in one file of `sensor_kinds/` each."""
+    found = (kind for module in modules_in(folder) for kind in classes_in(module, SensorSection))
+    return MappingProxyType({kind.__module__.rpartition(".")[2]: kind for kind in found})

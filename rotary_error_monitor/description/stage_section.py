@@ -1,0 +1,342 @@
+"""What the section `stage` of a file states: ring, mirror, autocollimator, spindle, LVDT, further sensors, limits.
+
+Where a file has it otherwise than `StageDescription`, the part for a file is derived from that in the description and
+ends in `Section`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal
+
+from rotary_error_monitor.description.expected import Expected, Stated, entries
+from rotary_error_monitor.description.harmonics import PlaneWaves, Waves
+from rotary_error_monitor.description.listed_sensors import listed_sensor
+from rotary_error_monitor.description.provenance import Calibrated
+from rotary_error_monitor.description.quantities import (
+    Angle,
+    DisplacementPair,
+    Gain,
+    Height,
+    Latency,
+    Noise,
+    NotNegative,
+    Range,
+    Reading,
+    Resolution,
+    Roll,
+    Short,
+    Temperature,
+    TiltPair,
+)
+from rotary_error_monitor.description.response import Response
+from rotary_error_monitor.description.sections import Place, Section, narrowed, stated
+from rotary_error_monitor.description.sensor_section import SensorSection
+from rotary_error_monitor.description.stage_limits import StageLimits
+
+MOST_STREAMS = 51
+"""Heads and listed sensors but inputs: with autocollimator and command as many bits as a float64, in which masks
+travel, holds."""
+
+Count = Annotated[int, Expected("a whole number from 1", 1, 100_000_000)]
+Compliance = Annotated[float, Expected("a compliance in m/N or rad/N", -0.001, 0.001)]
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """Graduated ring and its read heads.
+
+    Attributes:
+        noise: standard deviation of a reading before rounding, rad.
+        azimuths: azimuth of each head by its letter, rad about +z.
+        eccentricity: ring centre in the rotor's frame (x, y), m.
+        graduation: orders of the graduation error.
+    """
+
+    disc_radius: Annotated[float, Expected("radius of the graduated ring in m, from 1 mm to 10 m", 0.001, 10)]
+    lines_per_revolution: Annotated[Count, Expected("a whole number of graduation lines")]
+    counts_per_line: Annotated[Count, Expected("a whole number of counts per line")]
+    noise: Annotated[Noise, Expected("standard deviation of one reading in rad, at most 1 mrad")]
+    azimuths: Mapping[str, float]
+    eccentricity: DisplacementPair = (0.0, 0.0)
+    graduation: Annotated[Waves, Expected("at most 500 rows {order, cos, sin} in rad")] = ()
+
+    @property
+    def resolution(self) -> float:
+        """Size of one count, rad."""
+        return 2 * math.pi / (self.lines_per_revolution * self.counts_per_line)
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """Mirror on the rotor: tilt (x, y) that turns with it, and the flatness seen over a turn, rad."""
+
+    tilt: TiltPair = (0.0, 0.0)
+    flatness: Annotated[PlaneWaves, Expected("at most 500 rows {order, x: [cos, sin], y: [cos, sin]} in rad")] = ()
+
+
+@dataclass(frozen=True)
+class Turbulence:
+    """Slow part of the autocollimator's noise."""
+
+    std: Annotated[Noise, Expected("standard deviation of the slow part of the noise in rad")]
+    correlation_time: Annotated[float, Expected("correlation time of the slow part in s", above=0, most=3600)]
+
+
+@dataclass(frozen=True)
+class Autocollimator:
+    """Autocollimator: measuring range ±`range`, `resolution` and `noise` (standard deviation), rad.
+
+    All three are of readings over the absolute gain: what they are in rad of tilt.
+    """
+
+    range: Annotated[Range, Expected("half of the measuring range in rad")]
+    resolution: Annotated[Resolution, Expected("step of a reading in rad")]
+    noise: Annotated[Noise, Expected("standard deviation of one reading in rad")]
+    turbulence: Turbulence | None = None
+
+
+@dataclass(frozen=True)
+class Spindle:
+    """Known error motion: radial at the ring and axial (m), tilt (rad), compliances (m/N, rad/N), drift (m/K).
+
+    The rows of `axial` are `cos * cos(order * theta) + sin * sin(order * theta)`.
+    """
+
+    radial: Annotated[PlaneWaves, Expected("at most 500 rows {order, x: [cos, sin], y: [cos, sin]} in m")] = ()
+    tilt: Annotated[PlaneWaves, Expected("at most 500 rows {order, x: [cos, sin], y: [cos, sin]} in rad")] = ()
+    radial_compliance: Annotated[Compliance, Expected("radial displacement per force in m/N")] = 0.0
+    tilt_compliance: Annotated[Compliance, Expected("tilt per force in rad/N")] = 0.0
+    radial_thermal: Annotated[DisplacementPair, Expected("[x, y] in m/K, each at most 10 mm/K")] = (0.0, 0.0)
+    axial: Annotated[Waves, Expected("axial error motion: at most 500 rows {order, cos, sin} in m")] = ()
+
+
+@dataclass(frozen=True)
+class Lvdt:
+    """Two-axis LVDT on an artefact: height above the ring, noise, eccentricity of the artefact on the rotor."""
+
+    height: Annotated[Height, Expected("height of the artefact above the ring in m")]
+    noise: Annotated[Noise, Expected("standard deviation of one reading in m")]
+    artefact_eccentricity: DisplacementPair = (0.0, 0.0)
+
+
+Sign = Literal[1, -1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AngleSection:
+    """How an angle is counted and stamped; what is left out has the default of `Response`."""
+
+    zero: Annotated[
+        Angle | None, Expected("reading at rotation 0 of a perfect stage in rad; whole turns do not count")
+    ] = None
+    sign: Annotated[Sign | None, Expected("1, or -1 for a head that counts the other way")] = None
+    latency: Latency | None = None
+
+    @property
+    def response(self) -> Response:
+        """Of an instrument that reads the angle."""
+        return Response((self.zero or 0.0,), float(self.sign or 1), latency=self.latency or 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Head(AngleSection):
+    """A read head."""
+
+    azimuth: Annotated[Angle, Expected("angle of the head about +z in rad")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandSection(AngleSection):
+    """How the controller tells the command."""
+
+    zero: Annotated[Angle | None, Expected("command at rotation 0 in rad; whole turns do not count")] = None
+    sign: Annotated[Sign | None, Expected("1, or -1 for a controller that counts the other way")] = None
+
+    @property
+    def response(self) -> Response:
+        """Of an angle and its speed, which has the sign, but no zero."""
+        of_angle = super().response
+        return replace(of_angle, zero=(*of_angle.zero, 0.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderSection(Encoder):
+    """The encoder with heads that answer each in its own way."""
+
+    azimuths: Mapping[str, float] = field(init=False)
+    heads: Annotated[
+        Mapping[Short, Head], Expected("read heads by their letter, from 2 to 51", count=(2, MOST_STREAMS))
+    ]
+
+    def __post_init__(self) -> None:
+        """Azimuths are those of the heads."""
+        object.__setattr__(self, "azimuths", {letter: head.azimuth for letter, head in self.heads.items()})
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoAxisSection:
+    """How an instrument of two axes answers; what is left out has the default of `Response`."""
+
+    gain: Gain | None = None
+    roll: Roll | None = None
+    latency: Latency | None = None
+    zero: tuple[Reading, Reading] | None = None
+
+    @property
+    def response(self) -> Response:
+        """Of the instrument."""
+        return replace(Response((0.0, 0.0)), **stated(narrowed(TwoAxisSection, self)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AutocollimatorSection(TwoAxisSection, Autocollimator):
+    """The autocollimator and how it answers."""
+
+    zero: Annotated[
+        tuple[Reading, Reading] | None, Expected("reading [x, y] of a mirror without tilt in rad, each at most 0.1 rad")
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LvdtSection(TwoAxisSection, Lvdt):
+    """The LVDT and how it answers."""
+
+    zero: Annotated[
+        tuple[Reading, Reading] | None, Expected("reading [x, y] of a perfect axis in m, each at most 100 mm")
+    ] = None
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Where the stage stands."""
+
+    reference_temperature: Temperature
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrations(Section):
+    """Where ring and mirror are from."""
+
+    is_open = True
+    encoder: Calibrated | None = None
+    mirror: Calibrated | None = None
+
+
+Uncertain = Annotated[
+    str, Expected(pattern=r"^(encoder|mirror|autocollimator|spindle|lvdt|command|sensors\.[a-z][a-z0-9]*)\.[a-z_]+$")
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageSection(Section):
+    """The section `stage`."""
+
+    encoder: EncoderSection | None = None
+    mirror: Mirror = field(default_factory=Mirror)
+    autocollimator: AutocollimatorSection | None = None
+    spindle: Spindle = field(default_factory=Spindle)
+    lvdt: LvdtSection | None = None
+    sensors: Annotated[
+        Mapping[Short, SensorSection],
+        Expected("further sensors by name: {kind, noise, resolution, range, uncertainty, …}", count=(0, 40)),
+    ] = field(default_factory=dict)
+    environment: Environment | None = None
+    limits: Annotated[
+        Mapping[str, float], Expected("what the stage can do at most; what is left out is derived"), Stated(StageLimits)
+    ] = field(default_factory=dict)
+    command: CommandSection = CommandSection()
+    uncertainty: Annotated[
+        Mapping[Uncertain, NotNegative],
+        Expected(
+            "standard uncertainty of parameters by name, such as encoder.eccentricity: 5.0e-08 or sensors.top.gain: "
+            "0.01; of stamps in s: encoder.timing (of heads against one another) and command.timing, 2.0e-06 each "
+            "unless stated"
+        ),
+    ] = field(default_factory=dict)
+    calibration: Annotated[
+        Calibrations,
+        Expected("where ring (encoder) and mirror come from: {date, source, sha256, uncertainty, figures, history}"),
+    ] = Calibrations()
+
+    def contradictions(self) -> Iterator[tuple[Place, str]]:
+        """Whether the parts fit one another."""
+        return _contradictions(self)
+
+
+def angle_rows(response: Response) -> dict[str, Any]:
+    """Fields of `AngleSection`; none of an ideal response."""
+    if response.is_ideal:
+        return {}
+    return {"zero": response.zero[0], "sign": round(response.gain), "latency": response.latency}
+
+
+def two_axis_rows(response: Response) -> dict[str, Any]:
+    """Fields of `TwoAxisSection`; none of an ideal response."""
+    return {} if response.is_ideal else stated(response)
+
+
+def _names(part: type[Any], *more: str, without: str = "") -> tuple[str, ...]:
+    return (*(each.name for each in entries(part) if each.name != without), *more)
+
+
+PARAMETERS: Mapping[str, tuple[str, ...]] = {
+    "encoder": _names(Encoder, "azimuth", "timing", without="azimuths"),
+    "mirror": _names(Mirror),
+    "autocollimator": _names(Autocollimator, without="turbulence"),
+    "spindle": _names(Spindle),
+    "lvdt": _names(Lvdt),
+    "command": ("timing",),
+}
+"""What the section `uncertainty` may name of each section, whether a stage has that section or not."""
+
+
+def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
+    """Where a section contradicts itself, and what would be right."""
+    heads = {} if section.encoder is None else section.encoder.heads
+    poses = [name for name, sensor in section.sensors.items() if not sensor.is_input]
+    if not (heads or poses or section.autocollimator):
+        yield (), "nothing measures the rotor; expected a section 'encoder', 'autocollimator' or 'sensors'"
+    if len(heads) + len(poses) > MOST_STREAMS:
+        yield (
+            ("sensors",),
+            f"{len(poses)} sensors beside {len(heads)} heads; a mask of streams has place for {MOST_STREAMS} of both",
+        )
+    for name, sensor in section.sensors.items():
+        read = listed_sensor(sensor)
+        for limit, values in (("resolution", (read.resolution,)), ("zero", read.zeros)):
+            if max(map(abs, values)) >= read.range:
+                said = values[0] if len(values) == 1 else list(values)
+                yield ("sensors", name, limit), f"{said} is beyond the range of {read.range} {read.unit}"
+    yield from _unknown(section, poses)
+
+
+def _unknown(section: StageSection, poses: Sequence[str]) -> Iterator[tuple[Place, str]]:
+    """What `uncertainty` and `calibration` name and the stage does not have."""
+    named = {"uncertainty": tuple(section.uncertainty), "calibration": tuple(stated(section.calibration))}
+    for part, names in named.items():
+        for name in names:
+            if section.encoder is None and name.partition(".")[0] == "encoder":
+                yield (part, name), "the stage has no section 'encoder'; expected that section, or nothing about it"
+    for name in section.uncertainty:
+        part, _, parameter = name.rpartition(".")
+        known = _parameters(section, part)
+        if not known:
+            listed = [f"sensors.{each}" for each in poses]
+            yield (
+                ("uncertainty", name),
+                f"there is no part '{part}'; expected one of {', '.join([*PARAMETERS, *listed])}",
+            )
+        elif parameter not in known:
+            yield ("uncertainty", name), f"{part} has no '{parameter}'; expected one of {', '.join(known)}"
+
+
+def _parameters(section: StageSection, part: str) -> tuple[str, ...]:
+    """What may be uncertain of one part of a stage; nothing where there is no such part."""
+    head, _, listed = part.partition(".")
+    if head != "sensors":
+        return PARAMETERS.get(part, ())
+    sensor = section.sensors.get(listed)
+    return () if sensor is None or sensor.is_input else ("gain", *listed_sensor(sensor).place)
