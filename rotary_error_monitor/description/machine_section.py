@@ -164,7 +164,7 @@ class Body:
 def _not_rising(travel: tuple[float, float]) -> str | None:
     """What is wrong with a travel whose end is not above its beginning."""
     low, high = travel
-    return None if low < high else f"[{low:.9g}, {high:.9g}] is no travel; expected the lowest position first"
+    return None if low < high else f"[{low}, {high}] is no travel; expected the lowest position first"
 
 
 def _sum(a: Vector, b: Vector) -> Vector:

@@ -131,7 +131,7 @@ def _read(kind: Any, value: Any, place: Place) -> Any:  # noqa: ANN401 (a type w
     base = get_origin(plain) or plain
     fits, name = _TYPES.get(base, _TYPES[Mapping])
     if not isinstance(value, fits) or (isinstance(value, bool) and base in (float, int)):
-        raise WrongError(place, f"{value!r} is no {name}", text, value)
+        raise WrongError(place, f"{value!r} is no {name}", text or _names(base), value)
     for each in wanted:
         if problem := each.problem(value):
             raise WrongError(place, problem, text, value)
@@ -217,6 +217,12 @@ def _values(kind: type[Any], value: Mapping[str, Any], place: Place, text: str, 
             raise WrongError(place, f"{name!r} is a required property", text_of(each.kind) or text)
     found = {name: _read(known[name].kind, each, (*place, name)) for name, each in value.items() if name in known}
     return found | {each.name: place[-1] for each in entries(kind) if each.is_key}
+
+
+def _names(kind: Any) -> str:  # noqa: ANN401 (a type)
+    """What a file may state of a section; nothing of what is none."""
+    known = ", ".join(each.name for each in entries(kind) if not each.is_key) if dataclasses.is_dataclass(kind) else ""
+    return known and f"{{{known}}}"
 
 
 def _message(error: WrongError, found: YamlContent) -> str:

@@ -236,7 +236,7 @@ def test_a_wrong_tree_is_refused_with_its_line(
         ("  tool_length: 0.15\n", "", 1, "'tool_length' is a required property"),
         ("squareness: {XY", "squareness: {YX", 3, "YX"),
         ("orientation: {C: [4.0e-05, 5.0e-05]", "orientation: {C: [4.0e-05]", 4, "expected: two angles in rad"),
-        ("X: [-3, 3]", "X: [3, -3]", 2, r"machine.travel.X: \[3, -3\] is no travel"),
+        ("X: [-3, 3]", "X: [3, -3]", 2, r"machine.travel.X: \[3.0, -3.0\] is no travel"),
         ("EXX: {poly", "EXB: {poly", 10, "there is no axis B; the axes are X, Y, Z, C, A"),
         ("pivot_offset: 1.0e-06}", "pivot_offset: -1.0e-06}", 11, "minimum"),
         ("errors.linear:", "errors.lineal:", 11, "errors.lineal"),

@@ -111,7 +111,7 @@ def test_a_section_is_read_with_the_types_of_its_fields():
         ("rate: 7", "stiff: 7", "7: gearbox.spring: 'stiff' was unexpected; expected: one of rate, preload"),
         ("gearbox:", "box:", "1: (top level): 'gearbox' is a required property"),
         (RIGHT, "- 1\n", "1: (top level): [1] is no mapping; expected: a mapping with 'gearbox'"),
-        (RIGHT, "gearbox: 3\n", "1: gearbox: 3 is no mapping"),
+        (RIGHT, "gearbox: 3\n", "1: gearbox: 3 is no mapping; expected: {oiled, wheels, names, spring}"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_line_and_what_is_right(old, new, told):
