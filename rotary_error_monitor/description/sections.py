@@ -219,10 +219,11 @@ def _values(kind: type[Any], value: Mapping[str, Any], place: Place, text: str, 
     return found | {each.name: place[-1] for each in entries(kind) if each.is_key}
 
 
-def _names(kind: Any) -> str:  # noqa: ANN401 (a type)
+def _names(kind: type[Any]) -> str:
     """What a file may state of a section; nothing of what is none."""
-    known = ", ".join(each.name for each in entries(kind) if not each.is_key) if dataclasses.is_dataclass(kind) else ""
-    return known and f"{{{known}}}"
+    if kind in _TYPES:
+        return ""
+    return f"{{{', '.join(each.name for each in entries(kind) if not each.is_key)}}}"
 
 
 def _message(error: WrongError, found: YamlContent) -> str:

@@ -197,7 +197,7 @@ def test_names_that_a_machine_has_not() -> None:
         ("kind: linear, direction: [1", "kind: straight, direction: [1", 7, "expected: linear or rotary"),
         ("travel: [0, 0.2]", "travel: [0, 200000]", 7, "expected: a position in m or rad"),
         ("travel: [0, 0.2]", "travel: [0, far]", 7, "'far' is no number"),
-        ("travel: [0, 0.2]", "travel: [0.2, 0]", 7, r"machine.axes.X.travel: \[0.2, 0\] is no travel"),
+        ("travel: [0, 0.2]", "travel: [0.2, 0]", 7, r"machine.axes.X.travel: \[0.2, 0.0\] is no travel"),
         ("direction: [1, 0, 0]", "direction: [1, 1, 0]", 7, "has length 1.41421356; expected a unit vector"),
         ("travel: [-0.5, 0]", "travel: [-0.5, 0], expansion: 11", 8, "expected: a coefficient of thermal expansion"),
         ("parent: carriage", "parent: saddle", 13, "no body 'saddle' stands above; expected one of base, chuck"),
