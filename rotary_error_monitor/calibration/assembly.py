@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.calibration.assembly_doubts import Centres, doubt_assembly
-from rotary_error_monitor.calibration.yaml_document import Provenance, YamlDocument, hash_source, number
+from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
 from rotary_error_monitor.calibration.yaml_text import Rows
+from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import Wire, wire_of
 from rotary_error_monitor.errors import InputError
@@ -157,7 +158,7 @@ def calibrate_assembly(
         if name:
             uncertainty, figures = note
             doubt = "" if result.fits else "; ".join(misfit_lines(result))
-            document.note(name, Provenance(day, source.name, digest, uncertainty, figures, doubt))
+            document.note(name, Calibrated(day.isoformat(), source.name, digest, uncertainty, figures, doubt or None))
     document.save(output, load_stage)
     return replace(result, written=True)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.calibration.yaml_document import Provenance, YamlDocument, number, numbers
+from rotary_error_monitor.calibration.yaml_document import YamlDocument, number, numbers
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.description.machine import (
     Axis,
@@ -22,6 +22,7 @@ from rotary_error_monitor.description.machine import (
     machine_from_mapping,
     machine_mapping,
 )
+from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.sections import write
 from rotary_error_monitor.errors import InputError
 
@@ -126,7 +127,7 @@ class MachineFile:
         value = self._document.get("calibration", name, "uncertainty")
         return None if value is None else float(value)
 
-    def note(self, names: Sequence[str], provenance: Provenance) -> None:
+    def note(self, names: Sequence[str], provenance: Calibrated) -> None:
         """Write down where sections are from, under `calibration`, by their names, and what they were before."""
         for name in names:
             self._document.note(name, provenance)

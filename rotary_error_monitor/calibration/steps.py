@@ -21,8 +21,9 @@ from rotary_error_monitor.calibration.measurements import (
 from rotary_error_monitor.calibration.parameters import Orders, list_parameters
 from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits
-from rotary_error_monitor.calibration.yaml_document import Provenance, hash_source
+from rotary_error_monitor.calibration.yaml_document import hash_source
 from rotary_error_monitor.description.machine import DIRECTIONS, Axis
+from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import (
     Outlier,
@@ -81,7 +82,9 @@ class Job:
         if misfits and not self.force:
             return False
         remark = "; ".join(misfits)
-        provenance = Provenance(self.day, self.source.name, hash_source(self.source), uncertainty, figures, remark)
+        provenance = Calibrated(
+            self.day.isoformat(), self.source.name, hash_source(self.source), uncertainty, figures, remark or None
+        )
         self.file.note(names, provenance)
         self.file.save(self.output)
         return True

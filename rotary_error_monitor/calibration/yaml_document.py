@@ -6,10 +6,9 @@ import hashlib
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from datetime import date
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,27 +29,6 @@ _PART = 1 << 20
 
 DIGITS = 6
 """Significant digits of a number in a file: a part in a million of an error is far below any uncertainty."""
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Where a section of a file is from.
-
-    Attributes:
-        date: day of the calibration.
-        source: name of the file of measurements.
-        sha256: its hash; of a folder, that of its files in the order of their names.
-        uncertainty: standard uncertainty of the section's numbers, m or rad; None where each has its own.
-        figures: further figures by name, such as those of ISO 230-2, in m or rad.
-        remark: what was said against it, where it was written all the same; empty if nothing was.
-    """
-
-    date: date
-    source: str
-    sha256: str
-    uncertainty: float | None = None
-    figures: Mapping[str, float] = field(default_factory=dict)
-    remark: str = ""
 
 
 def hash_source(path: Path) -> str:
@@ -145,7 +123,7 @@ class YamlDocument:
         with _said(self._path):
             self._text.set(self.section, content)
 
-    def note(self, part: str, provenance: Provenance) -> None:
+    def note(self, part: str, provenance: Calibrated) -> None:
         """Write down under `calibration` where a part of the section is from, and what was there before."""
         before = self.get("calibration", part)
         before = dict(before) if isinstance(before, dict) else {}
@@ -153,16 +131,9 @@ class YamlDocument:
         replaced = self._replaced.pop(part, {})
         if replaced or before:
             earlier = [{**before, **replaced}, *earlier]
-        row = write(
-            Calibrated(
-                date=provenance.date.isoformat(),
-                source=provenance.source,
-                sha256=provenance.sha256,
-                uncertainty=None if provenance.uncertainty is None else number(provenance.uncertainty),
-                figures={key: number(value) for key, value in provenance.figures.items()},
-                remark=provenance.remark or None,
-            )
-        )
+        uncertainty = None if provenance.uncertainty is None else number(provenance.uncertainty)
+        figures = {key: number(value) for key, value in provenance.figures.items()}
+        row = write(replace(provenance, uncertainty=uncertainty, figures=figures))
         if earlier:
             row["history"] = Rows(earlier[:MOST_HISTORY])
         with _said(self._path):

@@ -27,7 +27,7 @@ class Earlier(Section):
 
 @dataclass(frozen=True)
 class Calibrated:
-    """Where a part is from."""
+    """Where a part is from; of a folder, `sha256` is that of its files in the order of their names."""
 
     date: Annotated[str, Expected("a day such as 2026-11-21, in quotes", pattern=r"^\d{4}-\d{2}-\d{2}$")]
     source: Annotated[str, Expected("name of the recording or file of measurements")]
