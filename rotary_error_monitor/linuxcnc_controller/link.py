@@ -6,10 +6,12 @@ A program beside LinuxCNC (see `session`); when it ends, the offsets stay as the
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import Any
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.linuxcnc_controller import session
+from rotary_error_monitor.linuxcnc_controller.beat import ServoBeat
 from rotary_error_monitor.linuxcnc_controller.clock import NANOSECONDS, Clock, Moment
 from rotary_error_monitor.linuxcnc_controller.kinematics import ROTARY, Kinematics, Position
 from rotary_error_monitor.linuxcnc_controller.offsets import (
@@ -34,18 +36,21 @@ CLEARING = "the external offsets are being cleared"
 _CLEARING_TIME = 0.1
 """How long the request to clear stands, s; some servo periods."""
 _LOOKS_AT_REST = 10
+_ATTEMPTS = 3
+"""Servo periods of which one is to be seen whole in a look: a computer without real time is late for some."""
 
 
 class Link:
     """Reads one machine, follows corrections, and says what it sees; the caller gives it the time."""
 
-    def __init__(self, pins: MachinePins, settings: LinkSettings) -> None:
-        """Let the machine take up offsets.
+    def __init__(self, pins: MachinePins, settings: LinkSettings, beat: ServoBeat | None = None) -> None:
+        """Let the machine take up offsets; with `beat` each look is that of a servo period, stamped by its beginning.
 
         Raises:
             InputError: its pins are not free.
         """
         self._pins = pins
+        self._beat = beat
         self._settings = settings
         limits = settings.course_limits(name in ROTARY for name in pins.names)
         self._limits = OffsetLimits((settings.count,) * len(pins.names), limits)
@@ -77,11 +82,11 @@ class Link:
         Raises:
             InputError: the servo thread stands still, or the pins are not free any more.
         """
-        reading, now = self._pins.read(clock), clock()
+        (reading, is_exact), now = self._read(clock), clock()
         self._check_pulse(reading, now.steady_ns)
         kinematics = self._pins.kinematics(reading)
         if kinematics is None:
-            return self._state(reading, None, UNKNOWN_KINEMATICS)
+            return self._state(reading, is_exact, None, UNKNOWN_KINEMATICS)
         trouble = CLEARING
         if now.steady_ns >= self._clear_until_ns:
             if self._clear_until_ns:
@@ -91,7 +96,19 @@ class Link:
             trouble = step.held
             if step.counts is not None and step.counts != reading.counts:
                 self._pins.write(step.counts)
-        return self._state(reading, kinematics, trouble)
+        return self._state(reading, is_exact, kinematics, trouble)
+
+    def _read(self, clock: Clock) -> tuple[Reading, bool]:
+        """A look, and whether all of it is of one servo period, with the beginning of which it is stamped then."""
+        if self._beat is None:
+            return self._pins.read(clock), False
+        for _ in range(_ATTEMPTS):
+            beat, reading = self._beat.wait(clock), self._pins.read(clock)
+            if beat is None:
+                break
+            if beat.on_time and beat.pulse == reading.pulse:
+                return replace(reading, stamp_ns=beat.moment.stamp_ns), True
+        return reading, False
 
     def _check_pulse(self, reading: Reading, steady_ns: int) -> None:
         if self._pulse is None or self._pulse[0] != reading.pulse:
@@ -102,7 +119,7 @@ class Link:
         if still > self._settings.pulse_timeout and self._looks_at_rest > _LOOKS_AT_REST:
             raise InputError(f"LinuxCNC's servo thread has stood still for {still:.3g} s")
 
-    def _state(self, reading: Reading, kinematics: Kinematics | None, trouble: str) -> State:
+    def _state(self, reading: Reading, is_exact: bool, kinematics: Kinematics | None, trouble: str) -> State:
         joints: Position = ()
         effect: Position = ()
         if kinematics is not None:
@@ -115,6 +132,9 @@ class Link:
             stamp_ns=reading.stamp_ns,
             positions=joints,
             velocities=velocities,
+            is_exact=is_exact,
+            commands=reading.commands,
+            speeds=reading.joint_velocities,
             valid=kinematics is not None and reading.enabled and reading.homed,
             offsets=reading.applied,
             effect=effect,
@@ -130,7 +150,7 @@ class Link:
 def start(settings: dict[str, Any], pins: MachinePins) -> tuple[Link, float]:
     """The link with `LinkSettings` by name, and its period, s."""
     chosen = LinkSettings(**settings)
-    return Link(pins, chosen), chosen.period
+    return Link(pins, chosen, ServoBeat(pins.pulse)), chosen.period
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -31,8 +31,9 @@ class Reading:
     Attributes:
         stamp_ns: when it was taken, timestamp (ns).
         axes: commanded positions of the axes, external offsets left out.
-        joints: commanded positions of the joints, external offsets included.
-        joint_velocities: their velocities.
+        joints: positions of the joints that the program's and the offsets' path asks for.
+        commands: what the drives of the joints are told of that, which comes some servo periods later.
+        joint_velocities: velocities of the commands.
         requested: external offsets as the controller has been asked for.
         applied: external offsets in effect; they follow `requested` within the controller's limits.
         counts: numbers on the counts pins.
@@ -46,6 +47,7 @@ class Reading:
     stamp_ns: int
     axes: Position
     joints: Position
+    commands: Position
     joint_velocities: Position
     requested: Position
     applied: Position

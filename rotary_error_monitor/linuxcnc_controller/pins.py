@@ -121,13 +121,14 @@ class MachinePins:
             if again == look:
                 break
             look = again
-        axes, joints, requested, applied = look
+        axes, joints, requested, applied, commands, velocities = look
         value = self._hal.get_value
         return Reading(
             stamp_ns=now.stamp_ns,
             axes=axes,
             joints=joints,
-            joint_velocities=self._values(self._joints, "vel-cmd"),
+            commands=commands,
+            joint_velocities=velocities,
             requested=requested,
             applied=applied,
             counts=tuple(int(value(f"{axis}.eoffset-counts")) for axis in self._axes),
@@ -163,12 +164,14 @@ class MachinePins:
         )
         return RotaryTableKinematics((x, y, z), (dy, dz), tool), TrivialKinematics()
 
-    def _look(self) -> tuple[Position, Position, Position, Position]:
+    def _look(self) -> tuple[Position, ...]:
         return (
             self._values(self._axes, "pos-cmd"),
             self._values(self._joints, "coarse-pos-cmd"),
             self._values(self._axes, "eoffset-request"),
             self._values(self._axes, "eoffset"),
+            self._values(self._joints, "pos-cmd"),
+            self._values(self._joints, "vel-cmd"),
         )
 
     def _values(self, owners: Sequence[str], pin: str) -> Position:

@@ -80,6 +80,10 @@ class State:
         stamp_ns: when, timestamp (ns).
         positions: joints as the program commands them, without corrections.
         velocities: their velocities, m/s and rad/s.
+        is_exact: the stamp is when the servo thread told the drives what follows, to some hundredths of a millisecond;
+            otherwise it is when that was seen.
+        commands: what the drives of the joints are told, with corrections.
+        speeds: how fast that changes, m/s and rad/s.
         valid: whether they say where the machine is: it is on, homed, and its kinematics are known.
         offsets: external offsets in effect, of the axes.
         effect: corrections in effect, of the joints: what the offsets move them by.
@@ -94,6 +98,9 @@ class State:
     stamp_ns: int
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
+    is_exact: bool
+    commands: tuple[float, ...]
+    speeds: tuple[float, ...]
     valid: bool
     offsets: tuple[float, ...]
     effect: tuple[float, ...]

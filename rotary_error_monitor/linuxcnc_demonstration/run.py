@@ -1,9 +1,10 @@
 """A five-axis program on a real controller: tool error along it, with and without correction.
 
 LinuxCNC runs headless with the shipped configuration. The true machine has exact geometry and shares no formula with
-what corrects it; its table turns on a true stage whose read heads and autocollimator follow the table. Instruments,
-estimator, compensation and bridge are processes of their own on real DDS; an observer beside LinuxCNC, which they do
-not know, sees what the drives are told.
+what corrects it; its table turns on a true stage that is where LinuxCNC sends the table's drive, and whose read heads
+and autocollimator are simulated. The command is LinuxCNC's own, by the bridge. Instruments, estimator, compensation and
+bridge are processes of their own on real DDS; an observer beside LinuxCNC, which they do not know, sees what the drives
+are told.
 """
 
 from __future__ import annotations
@@ -56,6 +57,12 @@ _STANDSTILL = 1e-9
 _PACE = {"block_period": 0.04, "period": 0.01, "correction_period": 0.01, "rate": 100.0}
 """Periods (s) of instruments, estimator and corrections, rate (1/s) of joint states: slower than usual, for a table
 turns slowly and everything shares a computer with the controller."""
+
+_COMMAND_PERIOD = 0.02
+"""Time covered by one block of the command, s: the simulated stage is where it is commanded only once it knows that."""
+
+_LONGEST_GAP = 0.05
+"""Samples further apart are not joined, s: a few looks at the controller, some of which a busy computer leaves out."""
 
 _JOINT_LAG = 0.0
 """How long an estimate waits for joint states of its time, s: not at all, for it comes after them here, by a block of
@@ -185,10 +192,12 @@ def execute(options: LinuxcncRun, machine: MachineDescription, ini: Path, progra
         _operate(cnc, ["--prepare"])
         where: Any = {"enter": " ".join(cnc.enter), "home": cnc.environment["HOME"]}
         processes = [
-            cell.start("linuxcnc_bridge", rate=_PACE["rate"], max_age=_OLDEST, **where),
-            cell.start("stage_follower", **named, **mock),
+            cell.start(
+                "linuxcnc_bridge", rate=_PACE["rate"], max_age=_OLDEST, block_period=_COMMAND_PERIOD, **named, **where
+            ),
+            cell.start("stage_follower", **mock),
             # the table stands until corrections flow: there is no turn to hold the stage's description against
-            cell.start("error_estimator", period=_PACE["period"], check_turns=0.0),
+            cell.start("error_estimator", period=_PACE["period"], max_gap=_LONGEST_GAP, check_turns=0.0),
             cell.start("compensation", correction_period=_PACE["correction_period"], joint_lag=_JOINT_LAG, **named),
         ]
         cell.wait_for_status("linuxcnc_bridge: corrections", "applied", STARTING)

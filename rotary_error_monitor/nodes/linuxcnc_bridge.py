@@ -1,7 +1,8 @@
-"""LinuxCNC as the machine's controller: joint states out, axis corrections in as external offsets.
+"""LinuxCNC as the machine's controller: joint states and the stage's command out, corrections in as external offsets.
 
-ros2 run rotary_error_monitor linuxcnc_bridge
-ros2 run rotary_error_monitor linuxcnc_bridge --ros-args -p enter:="nsenter --target 4711 --ipc --pid"
+ros2 run rotary_error_monitor linuxcnc_bridge --ros-args -p machine:=xyzac_trt
+ros2 run rotary_error_monitor linuxcnc_bridge --ros-args -p machine:=xyzac_trt \
+    -p enter:="nsenter --target 4711 --ipc --pid"
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Iterator, Sequence
 
 from std_srvs.srv import Trigger
 
+from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.linuxcnc_controller.connection import Connection
@@ -35,9 +37,11 @@ from rotary_error_monitor.linuxcnc_controller.protocol import (
 )
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.applied_corrections import AppliedCorrections
+from rotary_error_monitor.nodes.controller_command import ControllerCommand
 from rotary_error_monitor.nodes.correction_listener import ControllerReport, CorrectionListener
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.process import run
 
 NAME = "linuxcnc_bridge"
@@ -65,13 +69,21 @@ class LinuxcncBridge(ManagedNode):
     """Publishes where the program has the machine's joints, and moves them by the corrections that come back.
 
     The positions leave the corrections out: they say where the machine should be, and what has to be corrected there.
+    The command of the stage that is the machine's monitored axis is what its drive is told, stamped with the servo
+    period that told it.
     Corrections are believed as whole messages of one publisher or not at all, and followed within limits of the
     bridge's own. While none comes that is believed, the last one is held. Nothing is published while the machine is
     off, not homed, or out of reach.
     """
 
     settings = (
-        Setting("rate", 250.0, "joint states and offset updates per second, 1/s", (100.0, 1000.0)),
+        *cell_settings("machine", "block_period"),
+        Setting(
+            "stage_command",
+            True,
+            "publish the command of the machine's monitored axis as that of the stage; false where another node does",
+        ),
+        Setting("rate", 250.0, "joint states, commands and offset updates per second, 1/s", (100.0, 1000.0)),
         Setting("count", _DEFAULTS.count, "size of one external offset count, m and rad", (1e-11, 1e-9)),
         Setting("max_age", GateLimits.max_age, "oldest correction that is believed, s", (0.01, 10.0)),
         Setting(
@@ -132,6 +144,7 @@ class LinuxcncBridge(ManagedNode):
         self._topic = self.wire.topic("machine_joint_states")
         self._joint_states = self.publish_on(self._topic)
         self._applied = AppliedCorrections(self)
+        self._command = self._open_command()
         self._listener = CorrectionListener(
             self,
             controller=self._controller,
@@ -184,7 +197,26 @@ class LinuxcncBridge(ManagedNode):
         else:
             controller = Condition("controller", Level.OK, "connected", figures)
             machine = self._machine(self._state)
-        return [controller, machine, self._listener.condition()]
+        return [controller, machine, self._listener.condition(), *self._conditions_of_command(now_ns, absence)]
+
+    def _open_command(self) -> ControllerCommand | None:
+        """The command of the stage, where it is one of the machine's axes and nobody else publishes that."""
+        if not (self.setting("stage_command") and self.setting("machine")):
+            return None
+        monitored = load_machine(self.setting("machine")).monitored
+        return None if monitored is None else ControllerCommand(self, monitored, self.setting("block_period"))
+
+    def _conditions_of_command(self, now_ns: int, absence: str) -> Iterator[Condition]:
+        if self._command is not None:
+            state = self._state
+            trouble = absence or ("" if state is None or state.valid else state.trouble or "the machine is not homed")
+            yield self._command.condition(now_ns, self._names, trouble)
+        elif self.setting("stage_command") and not self.setting("machine"):
+            text = (
+                "not published: parameter 'machine' is empty; name the machine whose monitored axis the stage is, or "
+                "set 'stage_command' to false"
+            )
+            yield Condition(self.wire.topic("command_samples").name, Level.WARN, text)
 
     def _connect(self) -> None:
         self._closing = False
@@ -253,6 +285,8 @@ class LinuxcncBridge(ManagedNode):
         )
         self._published += 1
         self._applied.publish(state.stamp_ns, self._names, state.effect)
+        if self._command is not None and state.is_exact:
+            self._command.note(state.stamp_ns, self._names, state.commands, state.speeds)
 
     def _miss(self, reason: str) -> None:
         if reason != self._absence and not self._closing:

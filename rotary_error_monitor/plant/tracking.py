@@ -1,4 +1,4 @@
-"""A rotor that is steered after a command which becomes known only as it goes."""
+"""A rotor that turns as it is commanded, by commands that become known only as it goes."""
 
 from __future__ import annotations
 
@@ -8,21 +8,17 @@ from numpy.typing import NDArray
 from rotary_error_monitor.errors import InputError
 
 _LARGEST = 8192
-_LONGEST = 0.1
-"""An acceleration that no new command ends acts for no longer than this, s."""
 
 
-class TrackedMotion:
-    """Rotation that follows commands as a well damped drive with velocity feed-forward does.
+class CommandedMotion:
+    """Rotation that is at each command where that says, and as fast; between two it takes the cubic through both.
 
-    Between two commands the acceleration is constant, so the motion is smooth and known in closed form; what has been
-    asked for once stays as it was, for a command acts only from its time on.
+    After the last command it stands. What lies before a command stays as it was when that comes.
     """
 
-    def __init__(self, bandwidth: float = 60.0) -> None:
-        """Motion at rest at angle 0; it closes a distance within some `1 / bandwidth`, rad/s."""
-        self._bandwidth = bandwidth
-        self._rows = np.zeros((_LARGEST, 4))
+    def __init__(self) -> None:
+        """Motion at rest at angle 0 until the first command."""
+        self._rows = np.zeros((_LARGEST, 3))
         self._count = 0
 
     @property
@@ -35,33 +31,38 @@ class TrackedMotion:
         """Time of the last command, s."""
         return float(self._rows[self._count - 1, 0])
 
-    def steer(self, time: float, angle: float, velocity: float) -> None:
-        """Command from `time` (s) on: `angle` (rad) there, moving at `velocity` (rad/s). It starts at the first.
+    @property
+    def last_angle(self) -> float:
+        """Angle of the last command, rad."""
+        return float(self._rows[self._count - 1, 1])
+
+    def command(self, time: float, angle: float, velocity: float) -> None:
+        """Be at `angle` (rad) at `time` (s), moving at `velocity` (rad/s).
 
         Raises:
             InputError: the time is not after that of the last command.
         """
-        if not self.has_begun:
-            self._append(time, angle, 0.0, 0.0)
-            return
-        if time <= self.newest:
+        if self.has_begun and time <= self.newest:
             raise InputError(f"a command for {time} s, not after the last one at {self.newest} s")
-        here, speed = (float(part[0]) for part in self.at(np.array([time])))
-        pull = self._bandwidth * (angle - here) + 2 * (velocity - speed)
-        self._append(time, here, speed, self._bandwidth * pull)
-
-    def at(self, time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Angle (n,) rad and velocity (n,) rad/s at `time` (n,) s; before the first command as at it."""
-        rows = self._rows[: max(self._count, 1)]
-        start, angle, speed, acceleration = rows[np.maximum(np.searchsorted(rows[:, 0], time, side="right") - 1, 0)].T
-        passed = np.maximum(time - start, 0.0)
-        pushed = np.minimum(passed, _LONGEST)
-        return angle + passed * speed + acceleration * pushed * (passed - pushed / 2), speed + acceleration * pushed
-
-    def _append(self, *row: float) -> None:
         if self._count == _LARGEST:
             half = _LARGEST // 2
             self._rows[:half] = self._rows[half:]
             self._count = half
-        self._rows[self._count] = row
+        self._rows[self._count] = time, angle, velocity
         self._count += 1
+
+    def at(self, time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Angle (n,) rad and velocity (n,) rad/s at `time` (n,) s; before the first command as at it, but at rest."""
+        rows = self._rows[: max(self._count, 1)]
+        after = np.searchsorted(rows[:, 0], time, side="right")
+        begin, angle, speed = rows[np.maximum(after - 1, 0)].T
+        end, next_angle, next_speed = rows[np.minimum(after, len(rows) - 1)].T
+        moving = (after > 0) & (after < len(rows))
+        step = np.where(moving, end - begin, 1.0)
+        passed = np.where(moving, time - begin, 0.0)
+        mean = (next_angle - angle) / step
+        bend = (3 * mean - 2 * speed - next_speed) / step
+        twist = (speed + next_speed - 2 * mean) / step**2
+        turned = passed * (speed + passed * (bend + passed * twist))
+        velocity = speed + passed * (2 * bend + 3 * passed * twist)
+        return np.where(moving, angle + turned, angle), np.where(moving, velocity, 0.0)

@@ -111,6 +111,7 @@ class FakeController:
             self.pins[f"axis.{name}.eoffset-request"] = self.requested[index] * unit
             self.pins[f"axis.{name}.eoffset"] = self.applied[index] * unit
             self.pins[f"joint.{index}.coarse-pos-cmd"] = joint * unit
+            self.pins[f"joint.{index}.pos-cmd"] = joint * unit
             self.pins[f"joint.{index}.vel-cmd"] = self.velocities[index] * unit
 
 

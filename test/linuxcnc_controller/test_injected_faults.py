@@ -62,9 +62,9 @@ class Bridge:
         if self.look_number % 60 == 0:
             self.intake.sources.enlist(self.listed, self.time_ns)
         reading = Reading(
-            stamp_ns=NOW + self.time_ns, axes=axes, joints=(), joint_velocities=(), requested=self.requested,
-            applied=self.requested, counts=self.counts, enabled=True, homed=True, coordinated=True, limited=False,
-            pulse=self.look_number,
+            stamp_ns=NOW + self.time_ns, axes=axes, joints=(), commands=(), joint_velocities=(),
+            requested=self.requested, applied=self.requested,
+            counts=self.counts, enabled=True, homed=True, coordinated=True, limited=False, pulse=self.look_number,
         )  # fmt: skip
         step = self.control.step(reading, self.kinematics, self.time_ns)
         if step.counts is not None:

@@ -262,4 +262,4 @@ def test_programs_take_their_settings_by_name(controller):
     seen = observer.look(now)
     assert seen.stamp_ns == 7
     assert seen.axes == pytest.approx(POSE)
-    assert seen.joints == pytest.approx(link.look(now).positions)
+    assert seen.joints == pytest.approx(link.look(present).positions)

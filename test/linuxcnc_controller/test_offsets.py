@@ -26,8 +26,9 @@ class Machine:
 
     def __init__(self, counts=(0, 0), requested=(0.0, 0.0)):
         self.reading = Reading(
-            stamp_ns=NOW, axes=(0.1, 0.2), joints=(0.1, 0.2), joint_velocities=(0, 0), requested=requested,
-            applied=requested, counts=counts, enabled=True, homed=True, coordinated=True, limited=False, pulse=0,
+            stamp_ns=NOW, axes=(0.1, 0.2), joints=(0.1, 0.2), commands=(0.1, 0.2), joint_velocities=(0, 0),
+            requested=requested, applied=requested, counts=counts, enabled=True, homed=True, coordinated=True,
+            limited=False, pulse=0,
         )  # fmt: skip
         self.control = OffsetControl("XA", LIMITS)
         self.kinematics = TrivialKinematics()

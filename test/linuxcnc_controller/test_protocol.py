@@ -33,6 +33,9 @@ THIRD = 1 / 3
             (THIRD, -0.0),
             (1e-300, 0.0),
             True,
+            (-THIRD, 1e-9),
+            (0.0, -1e-300),
+            True,
             (THIRD, 0.0),
             (0.0, 2e-9),
             (1e-6, 0.0),
@@ -64,7 +67,9 @@ def test_what_is_no_record_is_refused(line):
 def test_a_state_of_nine_axes_is_written_to_a_pipe_whole():
     """What is longer than `PIPE_BUF` may be cut when the pipe is full."""
     nine = (-math.pi * 1e-100,) * 9
-    state = State(2**62, nine, nine, False, nine, nine, nine, False, nine[0], False, "x" * 500, 2**31)
+    state = State(
+        2**62, nine, nine, False, nine, nine, False, nine, nine, nine, False, nine[0], False, "x" * 500, 2**31
+    )
     assert len(encode(state)) < select.PIPE_BUF
 
 

@@ -3,27 +3,30 @@
 import signal
 import time
 
+import numpy as np
 from faults.documenting import Row, shows
 
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.qos import profile
+from rotary_error_monitor.signals.blocks import block_from_samples
 from rotary_error_monitor.testing import Cell
 
 
 class Table:
-    """Says where the machine's table stands while it waits, for a stage that follows it."""
+    """Commands the machine's table to stand while it waits, for a stage that goes there."""
 
     def __init__(self, cell):
-        joints = cell.wire.topic("machine_joint_states")
+        self._command = command = cell.wire.topic("command_samples")
         self._cell = cell
-        self._publisher = cell.node.create_publisher(messages.message_class(joints.type), joints.name, profile(joints))
+        kind = messages.message_class(command.type)
+        self._publisher = cell.node.create_publisher(kind, command.name, profile(command))
         self._estimates = cell.collect(cell.wire.topic("error_motion_samples"))
 
     def wait_until(self, condition, what):
         def told():
-            message = messages.joint_state_message(time.time_ns(), "base", list("XYZAC"), [0.0] * 4 + [0.7], [0.0] * 5)
-            self._publisher.publish(message)
+            block = block_from_samples(np.array([time.time_ns()]), self._command.columns, np.array([[0.7, 0.0]]))
+            self._publisher.publish(messages.block_bytes(block, self._command.frame))
             return condition()
 
         self._cell.wait_until(told, what)
@@ -37,7 +40,7 @@ class Table:
     Row(
         "processes",
         "the stage follower, the LVDT or the gap monitor is killed",
-        "by who listens: of the stage follower all streams are stale at the estimator, the LVDT at the gap monitor; "
+        "by who listens: of the stage follower heads and tilt are stale at the estimator, the LVDT at the gap monitor; "
         "the gap monitor's own diagnostics fail to come",
         "the LVDT is no input of the estimate, and nothing waits for a diagnosis",
         "without the stage follower no estimate; otherwise everything else",
@@ -45,7 +48,7 @@ class Table:
     )
 )
 def test_processes_beside_the_estimate_are_killed_and_come_back():
-    kinds = {"stage_follower": {"machine": "xyzac_trt"}, "lvdt": {"source": "mock"}, "gap_monitor": {}}
+    kinds = {"stage_follower": {}, "lvdt": {"source": "mock"}, "gap_monitor": {}}
     with Cell(parameters={"block_period": 0.05}) as cell:
         table = Table(cell)
         running = {kind: cell.start(kind, **parameters) for kind, parameters in kinds.items()}

@@ -484,8 +484,10 @@ def heard(tmp_path):
 def state(**values):
     """What the link says."""
     return {
-        "kind": "State", "stamp_ns": 0, "positions": [0.1], "velocities": [0.0], "valid": True, "offsets": [1e-6],
-        "effect": [2e-6], "to_go": [0.0], "slowed": False, "lag": 0.0, "limited": False, "trouble": "", "takeovers": 0,
+        "kind": "State", "stamp_ns": 0, "positions": [0.1], "velocities": [0.0], "is_exact": True, "commands": [0.3],
+        "speeds": [0.2],
+        "valid": True, "offsets": [1e-6], "effect": [2e-6], "to_go": [0.0], "slowed": False, "lag": 0.0,
+        "limited": False, "trouble": "", "takeovers": 0,
     } | values  # fmt: skip
 
 
@@ -575,7 +577,9 @@ def test_corrections_reach_the_link_and_states_go_out(tmp_path):
 
 def test_corrections_of_some_axes_only_are_taken_where_it_is_said_so(tmp_path):
     hello = {"kind": "Hello", "names": ["X", "Z", "C"]}
-    three = {name: [0.0] * 3 for name in ("positions", "velocities", "offsets", "effect", "to_go")}
+    three = {
+        name: [0.0] * 3 for name in ("positions", "velocities", "commands", "speeds", "offsets", "effect", "to_go")
+    }
     python = fake_link(tmp_path, hello, state=state(**three))
     with Cell() as cell:
         cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python, corrected="C X")
@@ -615,3 +619,109 @@ def test_an_interpreter_that_is_not_there_is_refused():
 def test_simulated_time_is_refused():
     with Cell() as cell, pytest.raises(ValueError, match="parameter 'use_sim_time' is true; expected false"):
         cell.run(LinuxcncBridge, "linuxcnc_bridge", use_sim_time=True)
+
+
+def told_command(cell):
+    """Samples of the command that came, and the messages for people."""
+    return cell.collect(cell.wire.topic("command_samples")), cell.collect(cell.wire.topic("command_joint_states"))
+
+
+TABLE = {"kind": "Hello", "names": list("XYZAC")}
+FIVE = {name: [0.0] * 5 for name in ("positions", "velocities", "offsets", "effect", "to_go")} | {
+    "commands": [0.0, 0.0, 0.0, 0.1, 0.3], "speeds": [0.0, 0.0, 0.0, -0.1, 0.2],
+}  # fmt: skip
+
+
+def test_what_the_drive_of_the_monitored_axis_is_told_is_the_command_of_the_stage(tmp_path):
+    python = fake_link(tmp_path, TABLE, state=state(**FIVE))
+    with Cell() as cell:
+        blocks, people = told_command(cell)
+        states = cell.collect(cell.wire.topic("machine_joint_states"))
+        cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python, machine="xyzac_trt", block_period=0.05)
+        cell.wait_until(lambda: len(blocks) > 3 and people and len(states) > 10, "the command")
+        block = messages.block_from_message(blocks[1])
+        assert block.names[1:] == cell.wire.topic("command_samples").columns
+        np.testing.assert_array_equal(block.rows[:, 1:], [[0.3, 0.2]] * len(block.rows))
+        stamps = {messages.ns_from_stamp(each.header.stamp) for each in states}
+        assert {*block.times_ns.tolist()} <= stamps, "those of the joint states, of one look each"
+        assert (list(people[0].name), list(people[0].position), list(people[0].velocity)) == (["stage"], [0.3], [0.2])
+        cell.wait_for_status("linuxcnc_bridge: /stage/command/samples", "alive")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"machine": "xyzac_trt", "stage_command": False}, None),
+        ({"machine": "grinder_zhou2023"}, None),
+        ({}, "not published: parameter 'machine' is empty"),
+        ({"stage_command": False}, None),
+    ],
+)
+def test_no_command_is_published_where_it_is_not_the_bridges_to_tell(tmp_path, parameters, message):
+    python = fake_link(tmp_path, TABLE, state=state(**FIVE))
+    with Cell() as cell:
+        node = cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python, **parameters)
+        cell.wait_for_status(MACHINE, "on and homed")
+        published = {name for name, _ in node.get_publisher_names_and_types_by_node("linuxcnc_bridge", "/")}
+        assert "/machine/joint_states" in published
+        assert not {"/stage/command/samples", "/stage/command/joint_states"} & published
+        name = "linuxcnc_bridge: /stage/command/samples"
+        if message is None:
+            assert name not in cell.statuses
+        else:
+            assert cell.wait_for_status(name, message).level == b"\x01"
+
+
+@pytest.mark.parametrize(
+    ("hello", "values", "message", "level"),
+    [
+        (HELLO, {}, "no command: the controller has the axes X, not the monitored one, C", 2),
+        (TABLE, FIVE | {"valid": False, "trouble": "the machine is off"}, "no command: the machine is off", 1),
+    ],
+)
+def test_why_there_is_no_command_is_said(tmp_path, hello, values, message, level):
+    python = fake_link(tmp_path, hello, state=state(**values))
+    with Cell() as cell:
+        blocks, _ = told_command(cell)
+        cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python, machine="xyzac_trt")
+        assert cell.wait_for_status("linuxcnc_bridge: /stage/command/samples", message).level == bytes([level])
+        assert blocks == []
+
+
+SERVO_PERIOD = 1e-3
+"""Of the shipped configuration, s."""
+
+
+@pytest.mark.linuxcnc
+def test_the_command_is_that_of_the_servo_thread_with_its_corrections(cnc):
+    """At an even speed each servo period tells the same step, so that what is told says when it was told."""
+    operate(cnc, "--prepare", "--mdi", "G21 G90 G0 C0")
+    with Cell() as cell:
+        blocks, _ = told_command(cell)
+        states = cell.collect(cell.wire.topic("machine_joint_states"))
+        cell.start("linuxcnc_bridge", **where(cnc), machine="xyzac_trt", block_period=0.02)
+        correct = CorrectionMaker(cell)
+
+        def stands_there():
+            told = messages.block_from_message(blocks[-1]).column("angle")[-1] if blocks else math.nan
+            return told == pytest.approx(CORRECTION["C"], abs=1e-8)
+
+        correct(stands_there, "the drive to stand where the correction puts it")
+        assert states[-1].position[4] == pytest.approx(0.0, abs=1e-12), "the program does not"
+        del blocks[:], states[:]
+        operation = [*system_program("rotary_error_monitor.linuxcnc_controller.operation"), "--mdi", "G0 C120"]
+        with subprocess.Popen([*cnc.enter, *operation], env=cnc.environment) as moving:
+            correct(lambda: moving.poll() is not None, "the table to turn")
+        correct(lambda: len(blocks) > 5, "what came meanwhile")
+        made = [messages.block_from_message(each) for each in blocks]
+        times = np.concatenate([each.times_ns for each in made])
+        angle, speed = (np.concatenate([each.column(name) for each in made]) for name in ("angle", "velocity"))
+        assert (np.diff(times) > 0).all()
+        top = np.abs(speed).max()
+        even = np.flatnonzero(np.abs(speed - top) < 1e-6 * top)[3:-3]
+        assert len(even) > 100
+        periods = (angle[even] - angle[even[0]]) / (top * SERVO_PERIOD)
+        assert np.abs(periods - np.rint(periods)).max() < 1e-6, "each is what one servo period told"
+        late = (times[even] - times[even[0]]) * 1e-9 - np.rint(periods) * SERVO_PERIOD
+        assert np.median(np.abs(late - np.median(late))) < 0.1 * SERVO_PERIOD, "a look at any time has a quarter of it"
+        assert angle[-1] == pytest.approx(math.radians(120) + CORRECTION["C"], abs=1e-8)

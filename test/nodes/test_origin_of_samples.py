@@ -105,7 +105,7 @@ def topics_of(cell, node, namespace=""):
     [
         *((*instrument, {"source": "mock"}) for instrument in INSTRUMENTS),
         (MockController, "mock_controller", {"machine": "xyzac_trt"}),
-        (StageFollower, "stage_follower", {"machine": "xyzac_trt"}),
+        (StageFollower, "stage_follower", {}),
     ],
     ids=[*NAMES, "mock_controller", "stage_follower"],
 )

@@ -1,42 +1,51 @@
-"""The mock stage under a machine's table."""
+"""The mock stage that goes where a controller commands it."""
 
 import time
 
+import numpy as np
 import pytest
 
-from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.stage_follower import StageFollower
+from rotary_error_monitor.signals.blocks import block_from_samples
 from rotary_error_monitor.testing import Cell
 
-AXIS = "stage_follower: axis"
+COMMAND = "stage_follower: command"
 
 
-def test_all_instruments_speak_once_the_axis_is_known():
+def test_all_instruments_speak_once_the_command_is_known():
     with Cell() as cell:
-        streams = [cell.wire.topic("head_samples", head) for head in "abcd"]
-        streams += [cell.wire.topic(f"{stream}_samples") for stream in ("autocollimator", "command")]
+        streams = [cell.wire.topic("head_samples", head) for head in "abcd"] + [
+            cell.wire.topic("autocollimator_samples")
+        ]
         people = [cell.wire.topic("head_joint_states", "a"), cell.wire.topic("autocollimator_tilt")]
-        people.append(cell.wire.topic("command_joint_states"))
         received = [cell.collect(topic) for topic in (*streams, *people)]
-        joints = cell.wire.topic("machine_joint_states")
-        cell.run(StageFollower, "stage_follower", machine="xyzac_trt", block_period=0.02)
-        cell.wait_for_status(AXIS, f"waiting for a joint state of axis C on {joints.name}")
-        send = cell.publish_on(joints)
+        command = cell.wire.topic("command_samples")
+        node = cell.run(StageFollower, "stage_follower", block_period=0.02)
+        published = {name for name, _ in node.get_publisher_names_and_types_by_node("stage_follower", "/")}
+        assert not {command.name, cell.wire.topic("command_joint_states").name} & published, "the controller's to tell"
+        cell.wait_for_status(COMMAND, f"waiting for a command on {command.name}")
+        send = cell.publish_blocks(command)
 
         def turn():
-            send(messages.joint_state_message(time.time_ns(), joints.frame, list("XYZAC"), [0.0] * 4 + [0.7]))
-            return all(len(each) > 1 for each in received) and cell.has_status(AXIS, "following C")
+            times = time.time_ns() - np.array([2_000_000, 1_000_000])
+            send(block_from_samples(times, command.columns, np.array([[0.7, 0.0]] * 2)))
+            return all(len(each) > 1 for each in received) and cell.has_status(COMMAND, "following")
 
         cell.wait_until(turn, "all instruments")
-        assert list(received[8][-1].name) == ["stage"], "as the contract calls it"
-        cell.wait_for_status(AXIS, "no joint state of axis C for")
-        assert messages.block_from_message(received[5][-1]).column("angle")[-1] == pytest.approx(0.7, abs=1e-6)
+        cell.wait_for_status(COMMAND, "the stage stands: no command for")
         assert messages.block_from_message(received[0][-1]).column("angle")[-1] == pytest.approx(0.7, abs=1e-3)
-        send(messages.joint_state_message(time.time_ns(), joints.frame, ["X"], [0.0]))
-        cell.wait_for_status(f"stage_follower: refused {joints.name}", "lacks axis C")
 
 
-def test_a_machine_without_a_table_to_follow_is_refused():
-    with Cell() as cell, pytest.raises(InputError, match="no monitored axis"):
-        cell.run(StageFollower, "stage_follower", machine="grinder_zhou2023")
+def test_of_two_commands_none_is_followed():
+    with Cell() as cell:
+        command = cell.wire.topic("command_samples")
+        cell.run(StageFollower, "stage_follower", block_period=0.02)
+        senders = [cell.publish_blocks(command) for _ in range(2)]
+
+        def both():
+            for send in senders:
+                send(block_from_samples(np.array([time.time_ns()]), command.columns, np.array([[0.7, 0.0]])))
+            return cell.has_status(f"stage_follower: refused {command.name}", "several publishers share")
+
+        cell.wait_until(both, "it to be said")
