@@ -17,6 +17,7 @@ from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
+from rotary_error_monitor.nodes.linuxcnc_bridge import LinuxcncBridge
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.managed import ManagedNode
@@ -137,6 +138,7 @@ NODES = [
     (Lvdt, "lvdt"),
     (ListedSensorNode, "listed_sensor_top"),
     (MockController, "mock_controller"),
+    (LinuxcncBridge, "linuxcnc_bridge"),
     (ErrorEstimator, "error_estimator"),
     (Compensation, "compensation"),
     (Recorder, "recorder"),
@@ -152,17 +154,21 @@ def test_the_parameter_file_of_the_cell_fits_every_node(node_class, name, tmp_pa
         node = cell.run(node_class, name, ros_args=["--params-file", str(config("cell.yaml"))], **stage)
         assert node.active
         shown = yaml.safe_load(config("cell.yaml").read_text(encoding="utf-8"))
-        own = set(_flat(shown.get(f"/**/{name}", {"ros__parameters": {}})["ros__parameters"]))
-        assert own <= {setting.name for setting in node.settings}
+        own = dict(_flat(shown.get(f"/**/{name}", {"ros__parameters": {}})["ros__parameters"]))
+        defaults = {setting.name: setting.default for setting in node.settings}
+        assert set(own) <= set(defaults)
+        assert {key: value for key, value in own.items() if key not in ("source", "head")} == {
+            key: defaults[key] for key in own if key not in ("source", "head")
+        }, "each is shown with its default; a source has none, and a head is one of four"
         assert f"/**/{name}" in shown or name == "mock_controller"
 
 
-def _flat(tree: Mapping[str, object], prefix: str = "") -> Iterator[str]:
+def _flat(tree: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
     for key, value in tree.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{key}.")
         else:
-            yield f"{prefix}{key}"
+            yield f"{prefix}{key}", value
 
 
 def test_quality_of_service_can_be_overridden(cell):
