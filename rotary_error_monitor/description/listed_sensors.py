@@ -9,6 +9,7 @@ from rotary_error_monitor.description.expected import entries
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.description.sections import extended, stated
 from rotary_error_monitor.description.sensor_section import SensorSection, sensor_kinds
+from rotary_error_monitor.errors import InputError
 
 _ELSEWHERE = "latency"
 """Is no number of the kind, but of the response of the instrument, which `StageDescription.responses` has."""
@@ -100,8 +101,14 @@ def name_of(stream: str, sensor: ListedSensor) -> str:
 
 
 def quantity(kind: str) -> tuple[tuple[str, ...], str]:
-    """Fields of a sample of a kind of listed sensor, and their SI unit. The kind is one that there is."""
-    found = sensor_kinds()[kind]
+    """Fields of a sample of a kind of listed sensor, and their SI unit.
+
+    Raises:
+        InputError: there is no such kind.
+    """
+    found = sensor_kinds().get(kind)
+    if found is None:
+        raise InputError(f"no file of sensor_kinds/ is of sensor kind '{kind}'; there are {', '.join(sensor_kinds())}")
     return found.fields, found.unit
 
 

@@ -13,6 +13,7 @@ from rotary_error_monitor.description.sensor_section import sensor_kinds as list
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription, Turbulence, load_stage
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.effects.rotor import RotorState
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.instruments import GEOMETRY
 from rotary_error_monitor.sensors.library import input_kinds, kind_of, sensor_kinds, sensor_of
 from rotary_error_monitor.sensors.listed import ListedKind
@@ -155,6 +156,13 @@ def test_noise_is_that_of_one_sample_with_its_rounding():
         "autocollimator": slow,
         "lvdt": None,
     }
+
+
+def test_a_kind_that_no_file_can_state_is_refused_where_it_is_written():
+    with pytest.raises(InputError, match="is of sensor kind 'corner_probe'; there are axial_probe"):
+
+        class CornerProbe(ListedKind):
+            kind = "corner_probe"
 
 
 def test_a_kind_that_does_not_say_what_it_shows_cannot_be_made():
