@@ -2,9 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.linuxcnc_controller.beat import Beat
 from rotary_error_monitor.linuxcnc_controller.clock import Moment, present
 from rotary_error_monitor.linuxcnc_controller.kinematics import RotaryTableKinematics, TrivialKinematics
 from rotary_error_monitor.linuxcnc_controller.link import CLEARING, UNKNOWN_KINEMATICS, Link, start
@@ -263,3 +265,43 @@ def test_programs_take_their_settings_by_name(controller):
     assert seen.stamp_ns == 7
     assert seen.axes == pytest.approx(POSE)
     assert seen.joints == pytest.approx(link.look(present).positions)
+
+
+class Beats:
+    """Beats at the time of the bench, each with a servo period; some late, some missing, some overtaken by the next."""
+
+    def __init__(self, bench, kinds):
+        self.bench, self.kinds = bench, iter(kinds)
+
+    def wait(self, clock):
+        kind = next(self.kinds)
+        if kind == "none":
+            return None
+        self.bench.controller.tick()
+        beat = Beat(clock(), self.bench.pins.pulse(), kind != "late")
+        self.bench.now_ns += 90_000
+        if kind == "overtaken":
+            self.bench.controller.tick()
+        return beat
+
+
+@pytest.mark.parametrize(
+    ("kinds", "is_exact"),
+    [
+        (["on time"], True),
+        (["late", "on time"], True),
+        (["overtaken", "late", "on time"], True),
+        (["late", "late", "overtaken"], False),
+        (["late", "none"], False),
+    ],
+)
+def test_a_look_at_one_servo_period_is_stamped_with_its_beginning(bench, kinds, is_exact):
+    bench.controller.velocities = [0.0, 0.0, 0.0, 0.0, 0.3]
+    bench.run()
+    link = Link(bench.pins, LinkSettings(), Beats(bench, kinds))
+    state = link.look(lambda: bench.now)
+    assert state.is_exact is is_exact
+    assert state.stamp_ns == bench.now.stamp_ns - (90_000 if is_exact else 0)
+    assert state.commands == pytest.approx(bench.controller.joints, abs=1e-15), "with corrections"
+    assert np.subtract(state.commands, state.positions) == pytest.approx([*CORRECTION.values()], abs=NANOMETRE)
+    assert state.speeds == pytest.approx((0.0, 0.0, 0.0, 0.0, 0.3))

@@ -648,6 +648,17 @@ def test_what_the_drive_of_the_monitored_axis_is_told_is_the_command_of_the_stag
         cell.wait_for_status("linuxcnc_bridge: /stage/command/samples", "alive")
 
 
+def test_a_command_of_which_nobody_can_say_when_it_was_told_is_left_out(tmp_path):
+    python = fake_link(tmp_path, TABLE, state=state(**FIVE, is_exact=False))
+    with Cell() as cell:
+        blocks, _ = told_command(cell)
+        states = cell.collect(cell.wire.topic("machine_joint_states"))
+        cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python, machine="xyzac_trt")
+        cell.wait_until(lambda: len(states) > 20, "joint states, which are needed to a few milliseconds alone")
+        cell.wait_for_status("linuxcnc_bridge: /stage/command/samples", "nothing has been sent yet")
+        assert blocks == []
+
+
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
