@@ -26,6 +26,7 @@ COMMANDS = (
     "check",
     "recover",
     "calibrate",
+    "commission",
     "diagnose",
     "effects",
     "gap-benchmark",

@@ -88,6 +88,11 @@ def read(section: type[T], found: YamlContent, place: Place = (), what: str = ""
     return made
 
 
+def locate(path: Path | str, place: Place) -> str:
+    """`file:line: key.key` of a place in the YAML file `path`, to begin a message about its value with."""
+    return f"{path}:{_line(read_yaml(Path(path)).node, place)}: {'.'.join(map(str, place))}"
+
+
 def from_content(section: type[T], content: object, name: str) -> T:
     """A section from content that is in memory; messages call it `name`.
 

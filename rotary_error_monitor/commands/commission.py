@@ -1,0 +1,47 @@
+"""`rotary_error_monitor commission`: from a recording of a newly built stage to its stage file."""
+
+from __future__ import annotations
+
+import argparse
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+from rotary_error_monitor.calibration.yaml_document import changing
+from rotary_error_monitor.commissioning.report import commissioning_text
+from rotary_error_monitor.commissioning.stage_file import commission_stage, write_stage
+from rotary_error_monitor.files import check_outputs
+
+NOT_SETTLED = 10
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Describe the command's arguments."""
+    parser = subparsers.add_parser(
+        "commission",
+        help="find out what a newly built stage is like, and write its stage file",
+        description="Record a stage with the recorder while it turns at least once each way, slowly. What was plugged, "
+        "mounted or set otherwise than the data sheets say is named and put right in the stage file.",
+        epilog="exit codes: 0 STAGE.yaml is written and nothing is left wrong; 10 something is wrong that no stage "
+        "file puts right (not written without --force); 2 wrong input",
+    )
+    parser.add_argument("bag", type=Path, metavar="BAG")
+    parser.add_argument("--stage", type=Path, required=True, metavar="NOMINAL.yaml", help="what the data sheets say")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="STAGE.yaml")
+    parser.add_argument("--date", type=date.fromisoformat, help="day of the commissioning (default: today)")
+    parser.add_argument("--force", action="store_true", help="write the file whatever is left wrong, and what that is")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Commission, print, write, and give the exit code."""
+    check_outputs([arguments.output], [arguments.bag])
+    with changing(arguments.output):
+        stage, result = commission_stage(arguments.bag, arguments.stage)
+        print(commissioning_text(stage, result))
+        if not (result.settled or arguments.force):
+            print("not written: put right what is wrong and record again; --force writes it all the same")
+            return NOT_SETTLED
+        day = arguments.date or datetime.now(UTC).date()
+        write_stage(stage, result, arguments.bag, arguments.stage, arguments.output, day)
+    print(f"written to {arguments.output}; next: rotary_error_monitor check {arguments.bag} --stage {arguments.output}")
+    return 0 if result.settled else NOT_SETTLED

@@ -1,0 +1,164 @@
+"""From the streams of a recording to what a stage is like: what is there, what is wrong, what was found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rotary_error_monitor.commissioning.command import COMMAND, fit_command
+from rotary_error_monitor.commissioning.findings import Finding, findings_of
+from rotary_error_monitor.commissioning.found import Found, Shown, Stated, known_hand, parameters
+from rotary_error_monitor.commissioning.heads import Angles, angles_of, head_response
+from rotary_error_monitor.commissioning.layouts import Signs, Weighed, alternatives, weigh_layouts
+from rotary_error_monitor.commissioning.ring_model import RingPrior
+from rotary_error_monitor.commissioning.streams import Recorded, Stream, StreamFigures, describe_stream
+from rotary_error_monitor.commissioning.tilt import fit_tilt, log_hand
+from rotary_error_monitor.commissioning.units import Unit, tilt_units
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.shaft_recording import LEAST_SEEN, seen_part
+
+AUTOCOLLIMATOR, FORCE = "autocollimator", "force"
+
+AZIMUTH = math.radians(2.0) / math.sqrt(3)
+"""Standard uncertainty of azimuths of which the file states none, rad: heads are screwed on to within 2°."""
+
+ECCENTRICITY = 1e-4
+"""Prior standard deviation of a ring's eccentricity in each direction, m: rings are aligned by a dial gauge, or not."""
+
+GRADUATION = 1e-5
+"""Prior standard deviation of order 1 of the graduation, rad, of higher ones as much less: 2 arcsec of a good ring."""
+
+APART = 0.05
+"""Least angle, rad, between two heads that are told from one another: 3°, beyond how well azimuths are known."""
+
+
+@dataclass(frozen=True)
+class Commissioning:
+    """What a recording says of a stage.
+
+    Attributes:
+        figures: what each stream is like, by its name.
+        found: the parameters.
+        findings: what is wrong.
+        likeliest: where the heads stand, with the ring.
+        others: what the recording does not tell from that.
+        shown: what the instruments showed.
+        remarks: what of the recording could not be read.
+    """
+
+    figures: Mapping[str, StreamFigures]
+    found: Found
+    findings: tuple[Finding, ...]
+    likeliest: Weighed
+    others: tuple[Weighed, ...]
+    shown: Shown
+    remarks: tuple[str, ...]
+
+    @property
+    def possible(self) -> tuple[Weighed, ...]:
+        """The likeliest layout, and those that the recording does not tell from it."""
+        return self.likeliest, *self.others
+
+    @property
+    def settled(self) -> bool:
+        """Whether all that is wrong is put right by the parameters."""
+        return all(finding.settled for finding in self.findings)
+
+
+def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> Commissioning:
+    """What a recording of a stage that turns both ways says of it, beyond what its data sheets say.
+
+    Args:
+        stage: as described; its heads are at least two, their azimuths apart.
+        stated: what of it the file itself states.
+        recorded: the raw streams.
+
+    Raises:
+        InputError: the stage stands still, moves less than a turn or one way only; streams do not overlap.
+    """
+    check_azimuths(stage)
+    angular = [f"head_{letter}" for letter in stage.azimuths] + ([COMMAND] if COMMAND in recorded.streams else [])
+    angles = angles_of(stage, {name: recorded.streams[name] for name in angular})
+    figures = _figures(recorded, angles)
+    heads = head_response(stage, angles)
+    command = fit_command(stage, angles, heads) if COMMAND in recorded.streams else None
+    tilt, tilt_unit = None, None
+    if stage.autocollimator is not None and AUTOCOLLIMATOR in recorded.streams:
+        stream, tilt_unit = _in_radians(stage, recorded.streams[AUTOCOLLIMATOR], figures[AUTOCOLLIMATOR])
+        plain = replace(stage, responses={})
+        tilt = fit_tilt(plain, angles, heads, stream, recorded.streams.get(FORCE))
+    shown = Shown(angles, heads, command, tilt)
+    azimuth = stage.uncertainty.get("encoder.azimuth", AZIMUTH)
+    limits = stage.limits
+    prior = RingPrior(stage.ring.disc_radius, ECCENTRICITY, limits.radial / 2, GRADUATION, azimuth)
+    signs = Signs(
+        tuple(angles.relative[name] for name in angular),
+        tuple(int(np.sign(stage.response(name).gain)) for name in angular),
+        tuple(name in stated.signs for name in angular),
+    )
+    known = known_hand(stage, stated, shown)
+    handed = None
+    if tilt is not None:
+        handed = {way: each + known.get(way, 0.0) for way, each in log_hand(tilt, limits.tilt).items()}
+    described = np.array(list(stage.azimuths.values()))
+    weighed = weigh_layouts(heads.response, described, prior, signs, handed)
+    found = parameters(stage, stated, shown, weighed[0].layout, weighed[0].fit, prior)
+    others = alternatives(weighed)
+    findings = findings_of(stage, recorded, figures, shown, found, weighed[0], others, azimuth, tilt_unit)
+    return Commissioning(figures, found, tuple(findings), weighed[0], others, shown, recorded.remarks)
+
+
+def _figures(recorded: Recorded, angles: Angles) -> dict[str, StreamFigures]:
+    """Figures of all streams, those of angles in rad and without the wraps of a driver."""
+    found = {}
+    for name, stream in recorded.streams.items():
+        if name in angles.streams:
+            found[name] = describe_stream(replace(stream, values=angles.streams[name][1]), is_angle=True)
+        elif len(stream.times_ns) > 1:
+            found[name] = describe_stream(stream, is_angle=False)
+    return found
+
+
+def check_azimuths(stage: StageDescription) -> None:
+    """Hold that the heads can be told from one another.
+
+    Raises:
+        InputError: two stand at one azimuth, or all in such a way that no eccentricity shows.
+    """
+    letters, azimuths = list(stage.azimuths), np.array(list(stage.azimuths.values()))
+    for i, first in enumerate(letters):
+        for j in range(i):
+            between = math.remainder(azimuths[i] - azimuths[j], 2 * math.pi)
+            if abs(between) < APART:
+                raise InputError(
+                    f"encoder.heads: {letters[j]} and {first} stand {math.degrees(abs(between)):.2f}° apart, at one "
+                    f"azimuth; expected at least {math.degrees(APART):.1f}°"
+                )
+    if seen_part(azimuths, 1) < LEAST_SEEN:
+        raise InputError(f"encoder.heads: azimuths {azimuths.tolist()} rad show no eccentricity; expected some opposed")
+
+
+def _in_radians(stage: StageDescription, stream: Stream, figures: StreamFigures) -> tuple[Stream, Unit | None]:
+    """The autocollimator's stream in rad, and the unit that it seems to be in, None where it is rad.
+
+    Readings beyond the described range are of another unit: of those in which they are within it the one in which the
+    noise is most as it is described.
+    """
+    instrument = stage.tilt_instrument
+    largest = float(np.abs(stream.values).max())
+    if largest <= instrument.range * (1 + 1e-6):
+        return stream, None
+    fitting = [unit for unit in tilt_units() if largest / unit.size <= instrument.range * (1 + 1e-6)]
+    expected = math.hypot(instrument.noise, instrument.resolution / math.sqrt(12))
+    if not fitting or not figures.noise or expected == 0.0 or min(figures.noise) == 0.0:
+        raise InputError(
+            f"autocollimator: readings reach {largest:.4g}, but autocollimator.range is {instrument.range:g} rad; "
+            "expected readings in rad, or the range of this instrument"
+        )
+    size = float(np.mean(figures.noise)) / expected
+    unit = min(fitting, key=lambda each: abs(math.log(size / each.size)))
+    return replace(stream, values=stream.values / unit.size), unit

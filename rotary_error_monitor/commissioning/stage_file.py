@@ -1,0 +1,191 @@
+"""What was found, into the stage file: in the form that a description has, with all else left as it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
+from rotary_error_monitor.calibration.yaml_text import Rows
+from rotary_error_monitor.commissioning.bag_streams import read_streams
+from rotary_error_monitor.commissioning.commission import Commissioning, commission
+from rotary_error_monitor.commissioning.found import Stated, Value
+from rotary_error_monitor.description.provenance import Calibrated
+from rotary_error_monitor.description.sections import locate
+from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.errors import InputError
+
+MOVED = 2.0
+"""Standard uncertainties by which a delay differs from what the file has before it is written."""
+
+DIGITS = 2
+"""Digits of a standard uncertainty that a value is written to."""
+
+
+def commission_stage(bag: Path, stage_file: Path) -> tuple[StageDescription, Commissioning]:
+    """The stage as a file describes it, and what a bag says of it.
+
+    Raises:
+        InputError: bag or file cannot be read, the stage has no heads, or the recording does not tell; it names the
+            bag, or the file with its line.
+    """
+    stage = load_stage(stage_file)
+    if stage.encoder is None:
+        raise InputError(f"{stage_file}: the stage has no section 'encoder'; expected read heads to be commissioned")
+    recorded = read_streams(bag, stage)
+    try:
+        return stage, commission(stage, stated_in(stage_file), recorded)
+    except InputError as error:
+        if str(error).startswith("encoder.heads"):
+            place = locate(stage_file, ("stage", "encoder", "heads"))
+            raise InputError(f"{place}: {str(error).partition(': ')[2]}") from error
+        raise InputError(f"{bag}: {error}") from error
+
+
+def stated_in(stage_file: Path) -> Stated:
+    """What a stage file states of signs and zeros."""
+    document = YamlDocument(stage_file, "stage")
+    rows = {f"head_{letter}": row for letter, row in (document.get("encoder", "heads") or {}).items()}
+    rows["command"] = document.get("command") or {}
+    return Stated(
+        frozenset(name for name, row in rows.items() if "sign" in row),
+        frozenset(name for name, row in rows.items() if "zero" in row),
+    )
+
+
+def write_stage(
+    stage: StageDescription, result: Commissioning, bag: Path, stage_file: Path, output: Path, day: date
+) -> None:
+    """The stage file with what was found; comments, and all that was not found, stay.
+
+    Raises:
+        InputError: the file cannot be changed or written, or what was found is beyond what a stage file may say.
+    """
+    document = YamlDocument(stage_file, "stage")
+    digest = hash_source(bag)
+    remark = "; ".join(finding.text for finding in result.findings if not finding.settled)
+    parts = {
+        "encoder": dict(_set_ring(document, stage, result)),
+        "command": dict(_set_command(document, stage, result)),
+        "autocollimator": dict(_set_autocollimator(document, stage, result)),
+        "mirror": dict(_set_mirror(document, result)),
+    }
+    for part, figures in parts.items():
+        if figures:
+            # no uncertainty of the section: that would claim that eccentricity and the rotor's own motion were told
+            document.note(part, Calibrated(day.isoformat(), bag.name, digest, None, figures, remark or None))
+    document.save(output, load_stage)
+
+
+def rounded(value: Value) -> float:
+    """The value to the digits that its uncertainty leaves."""
+    if not 0 < value.std < math.inf:
+        return number(value.value)
+    places = DIGITS - 1 - math.floor(math.log10(value.std))
+    return float(round(value.value, places))
+
+
+Figures = Iterator[tuple[str, float]]
+
+
+def _set_ring(document: YamlDocument, stage: StageDescription, result: Commissioning) -> Figures:
+    found = result.found
+    for letter, head in found.heads.items():
+        before = stage.response(f"head_{letter}")
+        place = ("encoder", "heads", letter)
+        # with more digits than they are sure of: eccentricity and azimuths belong together
+        _set(document, "encoder", (*place, "azimuth"), number(head.azimuth.value))
+        yield f"{letter}.azimuth_uncertainty", head.azimuth.std
+        _set(document, "encoder", (*place, "zero"), rounded(head.zero))
+        yield f"{letter}.zero_uncertainty", head.zero.std
+        if head.sign != 1 or document.get(*place, "sign") is not None:
+            _set(document, "encoder", (*place, "sign"), head.sign)
+        _set_latency(document, "encoder", (*place, "latency"), head.latency, before.latency)
+        yield f"{letter}.latency_uncertainty", head.latency.std
+    _set(document, "encoder", ("encoder", "eccentricity"), [number(each.value) for each in found.eccentricity])
+    yield "eccentricity_uncertainty", max(each.std for each in found.eccentricity)
+    if found.graduation:
+        told = {row.order for row, _ in found.graduation}
+        kept = [{"order": r.order, "cos": r.cos, "sin": r.sin} for r in stage.ring.graduation if r.order not in told]
+        rows = [
+            {"order": row.order, "cos": rounded(Value(row.cos, std)), "sin": rounded(Value(row.sin, std))}
+            for row, std in found.graduation
+        ]
+        _set(document, "encoder", ("encoder", "graduation"), Rows(sorted([*kept, *rows], key=_order)))
+        yield "largest_graduation_uncertainty", max(std for _, std in found.graduation)
+    noise = louder(stage, result)
+    if noise is not None:
+        _set(document, "encoder", ("encoder", "noise"), number(noise))
+    azimuth = max(head.azimuth.std for head in found.heads.values())
+    _set(document, "encoder", ("uncertainty", "encoder.azimuth"), number(azimuth))
+
+
+def _order(row: dict[str, Any]) -> int:
+    return int(row["order"])
+
+
+def louder(stage: StageDescription, result: Commissioning) -> float | None:
+    """Noise of a reading before rounding where heads are noisier than described, rad; None where they are not.
+
+    Noise is only raised: the few samples within which it shows do not see what is slow in it.
+    """
+    if not any(f.text.startswith("head ") and "noisier" in f.text for f in result.findings):
+        return None
+    largest = max(max(result.figures[f"head_{letter}"].noise) for letter in stage.azimuths)
+    return float(np.sqrt(max(largest**2 - stage.ring.resolution**2 / 12, stage.ring.noise**2)))
+
+
+def _set_command(document: YamlDocument, stage: StageDescription, result: Commissioning) -> Figures:
+    command = result.found.command
+    if command is None:
+        return
+    before = stage.response("command")
+    if result.found.datum != "command":
+        _set(document, "command", ("command", "zero"), rounded(command.zero))
+    if command.sign != 1 or document.get("command", "sign") is not None:
+        _set(document, "command", ("command", "sign"), command.sign)
+    yield "zero_uncertainty", command.zero.std
+    _set_latency(document, "command", ("command", "latency"), command.latency, before.latency)
+    yield "latency_uncertainty", command.latency.std
+
+
+def _set_autocollimator(document: YamlDocument, stage: StageDescription, result: Commissioning) -> Figures:
+    tilt = result.found.tilt
+    if tilt is None or tilt.mirrored:
+        return
+    before = stage.response("autocollimator")
+    _set(document, "autocollimator", ("autocollimator", "zero"), [rounded(each) for each in tilt.zero])
+    yield "zero_uncertainty", max(each.std for each in tilt.zero)
+    if tilt.axes_told and tilt.axes is not None:
+        _set(document, "autocollimator", ("autocollimator", "gain"), rounded(Value(tilt.gain, tilt.axes.std)))
+        _set(document, "autocollimator", ("autocollimator", "roll"), rounded(Value(tilt.roll, tilt.axes.std)))
+        yield "gain_uncertainty", tilt.axes.std * abs(tilt.gain)
+        yield "roll_uncertainty", tilt.axes.std
+    _set_latency(document, "autocollimator", ("autocollimator", "latency"), tilt.latency, before.latency)
+    yield "latency_uncertainty", tilt.latency.std
+
+
+def _set_mirror(document: YamlDocument, result: Commissioning) -> Figures:
+    tilt = result.found.tilt
+    if tilt is None or tilt.mirrored:
+        return
+    values = [rounded(Value(each, tilt.tilt_std)) for each in tilt.tilt]
+    _set(document, "mirror", ("mirror", "tilt"), values)
+    yield "tilt_uncertainty", tilt.tilt_std
+
+
+def _set(document: YamlDocument, part: str, place: tuple[str, ...], value: Any) -> None:  # noqa: ANN401 (YAML content)
+    if document.get(*place) != value:
+        document.set(part, ".".join(place), place, value)
+
+
+def _set_latency(document: YamlDocument, part: str, place: tuple[str, ...], found: Value, before: float) -> None:
+    """A delay that differs from what the file has; none is negative."""
+    value = max(0.0, rounded(found))
+    if abs(found.value - before) > MOVED * found.std and value != before:
+        _set(document, part, place, value)

@@ -1,0 +1,169 @@
+"""The command `commission`: what it says, writes and refuses, and that the estimator is right by its file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from world.newly_built import NewlyBuilt, build, in_unit, mirrored
+from world.recording import COMMAND, Recording, head_topic
+
+from commissioning.bags import run, written
+from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
+from rotary_error_monitor.recordings.replay import replay_bag
+
+DURATION = 24.0
+"""Of a recording, s: a turn each way, whatever is drawn."""
+
+
+def motion_error(built: NewlyBuilt, bag: Path, stage: StageDescription) -> float:
+    """Root mean square of the error of the radial error motion, beside what turns with the rotor, m."""
+    found = replay_bag(bag, stage)
+    truth = built.recording.truth(found.stamp_ns)
+    seen = np.isfinite(found.error_motion[:, :2]).all(axis=1)
+    assert seen.mean() > 0.9
+    shown = found.error_motion[seen, 0] + 1j * found.error_motion[seen, 1]
+    true = (truth.exc + 1j * truth.eyc)[seen]
+    # x is the direction of the described azimuths, which stand up to 2° from the true ones
+    heads = built.true["encoder"]["heads"]
+    off = np.array([stage.azimuths[name] - head["azimuth"] for name, head in heads.items()])
+    turn = (off - 2 * np.pi * np.rint(off / (2 * np.pi))).mean()
+    # eccentricity and what of the rotor's own order 1 goes round with it are one, and so are offset and zeros
+    design = np.stack([np.ones(seen.sum()), np.exp(1j * truth.theta[seen])], axis=1)
+    error = shown - true * np.exp(1j * turn)
+    left = error - design @ np.linalg.lstsq(design, error, rcond=None)[0]
+    return float(np.sqrt(np.mean(np.abs(left) ** 2)))
+
+
+@pytest.mark.parametrize("seed", [3, 7, 12])
+def test_the_estimator_is_right_by_the_file_that_is_written(seed: int, tmp_path: Path) -> None:
+    """Within 0.1 µm, beside the noise that the same readings leave with a file that is exactly true."""
+    built = build(seed, count=4 + seed % 2, even=False, swap=seed % 2 == 1, known_tilt=True, duration=DURATION)
+    bag, nominal = written(built, tmp_path)
+    assert run(bag, nominal, tmp_path / "stage.yaml") == 0
+    error = motion_error(built, bag, load_stage(tmp_path / "stage.yaml"))
+    noise = motion_error(built, bag, stage_from_mapping(built.true))
+    assert error < np.hypot(noise, 0.1e-6)
+
+
+def test_what_it_says_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    built = build(4, count=5, even=False, swap=True, known_tilt=True, duration=DURATION)
+    bag, nominal = written(built, tmp_path)
+    text = "# what the data sheets say\n" + nominal.read_text(encoding="utf-8").replace(
+        "    disc_radius:", "    # RESM\n    disc_radius:"
+    )
+    nominal.write_text(text, encoding="utf-8")
+    output = tmp_path / "stage.yaml"
+    assert run(bag, nominal, output) == 0
+    said = capsys.readouterr().out
+    first, second = built.swapped
+    assert f"heads {first} and {second} are swapped (put right in the stage file)" in said
+    for letter, head in built.true["encoder"]["heads"].items():
+        assert (f"head {letter} counts the other way" in said) == (head["sign"] == -1)
+    assert "what this recording cannot tell:" in said and "a zero common to all angles" in said
+    assert "# what the data sheets say" in output.read_text(encoding="utf-8")
+    assert "    # RESM" in output.read_text(encoding="utf-8")
+    stage = load_stage(output)
+    for letter, head in built.true["encoder"]["heads"].items():
+        off = stage.azimuths[letter] - head["azimuth"]
+        assert abs(off - 2 * np.pi * np.rint(off / (2 * np.pi))) < np.radians(4.0)
+        assert stage.response(f"head_{letter}").gain == head["sign"]
+        assert stage.response(f"head_{letter}").latency >= 0
+    notes = yaml.safe_load(output.read_text(encoding="utf-8"))["stage"]["calibration"]
+    assert notes["encoder"]["date"] == "2026-11-27" and len(notes["mirror"]["sha256"]) == 64
+    assert notes["encoder"]["history"][0]["values"][f"encoder.heads.{first}.zero"] is None
+    assert "encoder.eccentricity" not in stage.uncertainty, "in place nobody tells it from the rotor's own motion"
+
+
+def test_what_no_file_puts_right_is_written_by_force_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    built = build(5, count=4, even=False, swap=False, known_tilt=True, duration=DURATION)
+    degrees = in_unit(built.recording, [COMMAND], 180 / np.pi)
+    bag, nominal = written(built, tmp_path, mirrored(degrees, "y"))
+    output = tmp_path / "stage.yaml"
+    assert run(bag, nominal, output) == 10
+    said = capsys.readouterr().out
+    assert "command is in degrees" in said and "set its driver to rad" in said
+    assert "the autocollimator's y is reversed" in said
+    assert not output.exists()
+    assert run(bag, nominal, output, "--force") == 10
+    notes = yaml.safe_load(output.read_text(encoding="utf-8"))["stage"]["calibration"]
+    assert "command is in degrees" in notes["encoder"]["remark"]
+    assert "zero" not in yaml.safe_load(output.read_text(encoding="utf-8"))["stage"]["autocollimator"]
+
+
+def cut(recording: Recording, topics: dict[str, slice]) -> Recording:
+    return recording.with_topics(
+        {topic: (recording.blocks[topic][part], recording.arrivals[topic][part]) for topic, part in topics.items()}
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"motion": "standstill"}, "stands still"),
+        ({"motion": "oscillation", "peak_speed": 0.2}, "° only; record a whole turn"),
+        ({"motion": "steady"}, "one direction alone does not tell a delay from a zero"),
+    ],
+)
+def test_motion_that_does_not_tell_is_refused(
+    options: dict[str, object], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, nominal = written(build(1, count=4, duration=15.0, **options), tmp_path)
+    assert run(bag, nominal, tmp_path / "stage.yaml") == 2
+    error = capsys.readouterr().err
+    assert said in error and str(bag) in error
+    assert not (tmp_path / "stage.yaml").exists()
+
+
+def test_streams_that_are_not_there_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    built = build(2, count=4, even=False, swap=False, duration=DURATION)
+    for name, topics in {"head": [head_topic("b")], "all": list(built.recording.blocks)}.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        left = {topic: [] if topic in topics else blocks for topic, blocks in built.recording.blocks.items()}
+        bag, nominal = written(built, folder, Recording(built.true, left, {}, built.recording.truth, 0, 0.0))
+        assert run(bag, nominal, folder / "stage.yaml") == 2
+        assert "no message on /stage/head_" in capsys.readouterr().err
+    built.nominal["lvdt"] = {"height": 0.016, "noise": 5e-8}
+    bag, nominal = written(built, tmp_path)
+    assert run(bag, nominal, tmp_path / "stage.yaml") == 10
+    assert "LVDT: no samples" in capsys.readouterr().out
+
+
+def test_a_head_that_comes_and_goes_or_stands_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    built = build(6, count=4, even=False, swap=False, duration=DURATION)
+    topic = head_topic("c")
+    for folder in (tmp_path / "goes", tmp_path / "stuck"):
+        folder.mkdir()
+    count = len(built.recording.blocks[topic])
+    keep = [k for k in range(count) if (8 * k // count) % 2 == 0]
+    gone = {topic: ([built.recording.blocks[topic][k] for k in keep], built.recording.arrivals[topic][keep])}
+    bag, nominal = written(built, tmp_path / "goes", built.recording.with_topics(gone))
+    assert run(bag, nominal, tmp_path / "goes" / "stage.yaml") in (2, 10)
+    printed = capsys.readouterr()
+    assert "head c lost" in printed.out or "in common" in printed.err
+    bag, nominal = written(built, tmp_path / "stuck", in_unit(built.recording, [topic], 0.0))
+    assert run(bag, nominal, tmp_path / "stuck" / "stage.yaml") == 2
+    assert "head_c: does not follow the rotation" in capsys.readouterr().err
+
+
+def test_heads_at_one_azimuth_are_refused_with_their_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    built = build(8, count=3, duration=20.0)
+    heads = built.nominal["encoder"]["heads"]
+    heads["b"]["azimuth"] = heads["a"]["azimuth"] + 0.01
+    bag, nominal = written(built, tmp_path)
+    assert run(bag, nominal, tmp_path / "stage.yaml") == 2
+    error = capsys.readouterr().err
+    line = 1 + nominal.read_text(encoding="utf-8").split("\n").index("    heads:")
+    assert f"nominal.yaml:{line}: stage.encoder.heads: a and b stand 0.57° apart" in error
+
+
+def test_a_stage_without_heads_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    built = build(9, count=3, duration=20.0)
+    bag, nominal = written(built, tmp_path)
+    del built.nominal["encoder"]
+    nominal.write_text(yaml.safe_dump({"stage": built.nominal}), encoding="utf-8")
+    assert run(bag, nominal, tmp_path / "stage.yaml") == 2
+    assert "no section 'encoder'" in capsys.readouterr().err
