@@ -99,6 +99,8 @@ def fit_tilt(
         speed = np.gradient(theta, shaft.times)[seen]
         theta = theta[seen]
         highest = min(HIGHEST, highest_order(theta, float(np.quantile(np.abs(speed), 0.9)) * shaft.reach))
+        if highest < 1:
+            raise InputError("where the autocollimator sees something the rotations leave too much of the turn out")
         design = np.delete(basis(theta, speed, highest), (1, 2), axis=1)
         if pushes:
             push = shaft.readings[seen, len(late) :] / SMALL

@@ -101,3 +101,14 @@ def test_roll_and_gain_are_told_by_a_tilt_that_is_known_alone() -> None:
         told["uncertainty" in built.nominal] += tilt.axes_told
     # a tilt of some µrad is too small for a noisy instrument
     assert told[True] > len(SEEDS) / 4 and told[False] == 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_roll_and_gain_are_told_by_a_force_on_a_known_shaft(seed: int) -> None:
+    built = build(seed, swap=False, even=False, pushed=True, duration=DURATION, rounding="round")
+    tilt, own = judge(built).result.found.tilt, built.true["autocollimator"]
+    assert tilt is not None and tilt.axes is not None
+    assert tilt.axes.std < 0.1, "some µrad of tilt by a force beside the rotor's own"
+    truth = own["gain"] * np.exp(1j * own["roll"])
+    assert abs(tilt.axes.response / truth - 1) < 4 * tilt.axes.std
+    assert tilt.axes_told == (tilt.axes.std <= 0.02)

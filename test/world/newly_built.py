@@ -55,6 +55,7 @@ def build(
     sign: bool = True,
     duration: float = 40.0,
     known_tilt: bool = False,
+    pushed: bool = False,
     **options: Any,
 ) -> NewlyBuilt:
     """A stage drawn from the seed, turned both ways.
@@ -67,6 +68,7 @@ def build(
         sign: whether the file states the sign of the command, which is drawn.
         duration: s.
         known_tilt: whether the file states the spindle's tilt error motion, with its uncertainty.
+        pushed: whether a force that is recorded pushes at a shaft whose compliance in tilt is described.
         options: of the recording.
     """
     rng = np.random.default_rng([seed, 20261127])
@@ -83,12 +85,16 @@ def build(
         nominal["spindle"] = {"tilt": copy.deepcopy(true["spindle"]["tilt"])}
         nominal.setdefault("command", {})["zero"] = true["command"]["zero"]  # where the tilt is counted from
         nominal["uncertainty"] = {"spindle.tilt": 1e-8, "mirror.flatness": 1e-8}
+    if pushed:
+        for section in (nominal, true):
+            section.setdefault("spindle", {})["tilt_compliance"] = 1e-7
+        nominal.setdefault("uncertainty", {})["spindle.tilt_compliance"] = 1e-10
     drawn = {
         "motion": "both_directions",
         "peak_speed": float(rng.uniform(40.0, 80.0)) / duration,  # each of up to five moves makes a turn
         "noise": drawn_log(rng, 0.3, 3.0),
         "following_error": float(rng.uniform(-2e-5, 2e-5)),
-        "force": False,
+        "force": pushed,
         "temperature": False,
         "lvdt": False,
     }
