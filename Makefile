@@ -52,7 +52,7 @@ CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_w
 	$(addprefix pipeline/test_,estimation.py reversals.py))
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \
-	$(addprefix gap/test_,bounds.py cases.py) \
+	commissioning/test_rates.py $(addprefix gap/test_,bounds.py cases.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py play.py slow_noise.py \
 	stretches.py thermometers.py tilt_sensors.py without_heads.py) \
