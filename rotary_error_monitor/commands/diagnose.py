@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+from rotary_error_monitor.commands.values import add_effect_files
 from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.report.painter import Painter
@@ -32,14 +33,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--twin", type=Path, required=True, help="YAML with the section of its kind, such as 'stage' or 'machine'"
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder for the results")
-    parser.add_argument(
-        "--effects",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE.py",
-        help="file with effects of your own; it runs as code, with all that you may do",
-    )
+    add_effect_files(parser)
     parser.add_argument(
         "--false-alarms",
         type=float,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
+from rotary_error_monitor.commands.values import add_effect_files
 from rotary_error_monitor.errors import InputError
 
 
@@ -16,14 +16,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "section", nargs="?", help="only those of one kind of thing, by the section of its twin, such as stage"
     )
-    parser.add_argument(
-        "--effects",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE.py",
-        help="file with effects of your own, told with the others; it runs as code, with all that you may do",
-    )
+    add_effect_files(parser)
     parser.set_defaults(run=run)
 
 

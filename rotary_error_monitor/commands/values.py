@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
@@ -94,3 +95,15 @@ def number_of(text: str, what: str) -> float:
         return float(text)
     except ValueError:
         raise InputError(f"{what}: '{text}' is no number") from None
+
+
+def add_effect_files(parser: argparse.ArgumentParser) -> None:
+    """The argument that names files with effects of a user's own."""
+    parser.add_argument(
+        "--effects",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="file with effects of your own; it runs as code, with all that you may do",
+    )

@@ -111,7 +111,10 @@ class Diagnosis:
                 for group in self.indistinguishable
             ],
             "where": [{k: v for k, v in dataclasses.asdict(s).items() if k != "shown_in"} for s in self.where],
-            "gap": {**dataclasses.asdict(self.gap), "interval": list(self.gap.interval)},
+            "gap": {
+                name: _plain(getattr(self.gap, name))
+                for name in ("before", "after", "noise_floor", "shrink", "interval")
+            },
             "remainder": [
                 {"channel": f.channel, "pattern": f.pattern, "log_p_value": max(f.log_p_value, LEAST_LOG_P_VALUE)}
                 for f in self.remainder
@@ -225,6 +228,10 @@ def _definition(cause: Cause, share: float) -> Array:
             own = effect.slices()[parameter.name]
             width[own] = share * float(np.linalg.norm(cause.values[own]))
     return np.diag(np.square(width))
+
+
+def _plain(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:

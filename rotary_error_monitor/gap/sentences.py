@@ -16,7 +16,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         left = _left(diagnosis)
         return f"Unknown: there is a gap ({gap.before:.3g} times the noise) that no known effect explains. {left}"
     causes = " and ".join(describe_cause(found) for found in diagnosis.causes)
-    shrink = f"the gap shrinks from {gap.before:.3g} to {gap.after:.3g} times the noise ({gap.shrink:.1%})"
+    textbook = "" if gap.textbook_shrink is None else f", {gap.textbook_shrink:.1%} by textbook forms alone"
+    shrink = f"the gap shrinks from {gap.before:.3g} to {gap.after:.3g} times the noise ({gap.shrink:.1%}{textbook})"
     if diagnosis.verdict is Verdict.EXPLAINED:
         alike = "".join(f" This recording does not tell {_told_from(group)}." for group in diagnosis.indistinguishable)
         return f"Explained by {causes}: {shrink}.{alike}"

@@ -30,6 +30,7 @@ class Gap:
         shrink: `(before - after) / (before - noise_floor)`; 0 where nothing was to shrink, and -1 where the causes make
             it worse by as much as was to shrink, or by more.
         interval: its 95 % interval, from resampled blocks.
+        textbook: after, with the textbook forms of the causes alone; None where none of them departs.
     """
 
     before: float
@@ -37,6 +38,12 @@ class Gap:
     noise_floor: float
     shrink: float
     interval: tuple[float, float]
+    textbook: float | None = None
+
+    @property
+    def textbook_shrink(self) -> float | None:
+        """Shrink by the textbook forms alone; None where no cause departs from its own."""
+        return None if self.textbook is None else _shrink(self.before, self.textbook, self.noise_floor)
 
 
 def measure_gap(fit: Fit, conditions: Conditions, floor: float | None = None, seed: int = 0) -> Gap:
@@ -50,21 +57,33 @@ def measure_gap(fit: Fit, conditions: Conditions, floor: float | None = None, se
     """
     amplitudes, widths = _amplitudes(fit)
     bounds = _bounds(fit)
-    blocks = _calibrated(fit.blocks, fit.nuisance_values, amplitudes)
-    before, after = blocks.power.copy(), blocks.power.copy()
-    for label in np.unique(conditions.labels):
-        test = conditions.labels == label
-        solved = _solve(blocks.total(~test), widths, bounds)
-        after[test] = blocks.squares(np.arange(len(amplitudes)), solved)[test]
+    own = np.arange(len(amplitudes) - len(fit.departure_values))
+    put_back = np.concatenate([amplitudes[own], np.zeros(len(fit.departure_values))])
+    blocks = _calibrated(fit.blocks, fit.nuisance_values, put_back)
+    before, after = blocks.power, _left(blocks, conditions, widths, bounds)
     expected = float(blocks.count.sum())
     dof = len(amplitudes)
-    left = float(blocks.squares(np.arange(dof), amplitudes).sum())
-    noise = left / max(expected - dof, 1.0) if floor is None else floor**2
+    textbook = None
+    if len(own) < dof:
+        left = _left(blocks.reordered(own), conditions, widths[own], (bounds[0][own], bounds[1][own]))
+        textbook = float(np.sqrt(left.sum() / expected))
+    fitted = float(blocks.squares(np.arange(dof), amplitudes).sum())
+    noise = fitted / max(expected - dof, 1.0) if floor is None else floor**2
     noise = min(noise, float(after.sum()) / expected)
     interval = _interval(before, after, noise * expected / max(float(after.sum()), 1e-300), seed)
     rms = (np.sqrt(before.sum() / expected), np.sqrt(after.sum() / expected), np.sqrt(noise))
     shrink = _shrink(*map(float, rms)) if dof else 0.0
-    return Gap(float(rms[0]), float(rms[1]), float(rms[2]), shrink, interval if dof else (0.0, 0.0))
+    return Gap(float(rms[0]), float(rms[1]), float(rms[2]), shrink, interval if dof else (0.0, 0.0), textbook)
+
+
+def _left(blocks: BlockNormal, conditions: Conditions, widths: Array, bounds: tuple[Array, Array]) -> Array:
+    """(b,) squares that all columns leave in each block, fitted on the blocks of the other conditions."""
+    left = blocks.power.copy()
+    for label in np.unique(conditions.labels):
+        test = conditions.labels == label
+        solved = _solve(blocks.total(~test), widths, bounds)
+        left[test] = blocks.squares(np.arange(len(widths)), solved)[test]
+    return left
 
 
 class HeldOut:
@@ -137,13 +156,15 @@ def fit_variance(fit: Fit, key: tuple[str, str], index: int) -> float:
     raise KeyError(key)
 
 
-def _calibrated(blocks: BlockNormal, nuisance_values: Array, amplitudes: Array) -> BlockNormal:
-    """Equations of the causes' columns for the data with the causes put back in and the twin's parameters as fitted."""
+def _calibrated(blocks: BlockNormal, nuisance_values: Array, put_back: Array) -> BlockNormal:
+    """Equations of the columns of causes and departures for the data with the causes put back in, `put_back` of each
+    column (departures were never taken out), and the twin's parameters as fitted.
+    """
     count = len(nuisance_values)
-    shift = np.concatenate([-nuisance_values, amplitudes])
+    shift = np.concatenate([-nuisance_values, put_back])
     added = blocks.gram @ shift
     power = blocks.power + 2 * blocks.moment @ shift + added @ shift
-    own = slice(count, count + len(amplitudes))
+    own = slice(count, count + len(put_back))
     return BlockNormal(blocks.gram[:, own, own], (blocks.moment + added)[:, own], power, blocks.count)
 
 

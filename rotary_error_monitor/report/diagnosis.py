@@ -109,6 +109,9 @@ def _gap(diagnosis: Diagnosis) -> str:
     low, high = gap.interval
     head, row = ["before"], [f"{gap.before:.4g}"]
     if diagnosis.causes:
+        if gap.textbook is not None:
+            head += ["after, textbook forms alone", "shrink by these"]
+            row += [f"{gap.textbook:.4g}", f"{gap.textbook_shrink:.1%}"]
         head += ["after", "shrink (95 % interval)"]
         row += [f"{gap.after:.4g}", f"{gap.shrink:.1%} ({low:.1%} to {high:.1%})"]
     head, row = [*head, "noise floor"], [*row, f"{gap.noise_floor:.4g}"]

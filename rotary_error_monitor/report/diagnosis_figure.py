@@ -88,12 +88,8 @@ def _label(axes: list[list[Axes]], views: Sequence[View], shown: Sequence[str], 
 
 
 def _draw_gap(ax: Axes, picture: Picture) -> None:
-    bars = [("before", "#a3312a"), ("after", "#1f5fa8"), ("noise floor", "#999")]
-    drawn = [(*bar, size) for bar, size in zip(bars, picture.gap, strict=True)]
-    if picture.shrink is None:  # nothing was added to the twin: there is no after
-        del drawn[1]
-    names, colors, sizes = zip(*drawn, strict=True)
-    ax.bar(names, sizes, color=colors)
+    names, sizes = zip(*picture.gap, strict=True)
+    ax.bar(names, sizes, color=["#a3312a", *["#1f5fa8"] * (len(names) - 2), "#999"])
     ax.set_ylabel("gap, standard deviations of noise")
     ax.set_title("Gap" if picture.shrink is None else f"Gap, held out: shrink {picture.shrink:.1%}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from rotary_error_monitor.gap.views import View
 if TYPE_CHECKING:  # who draws need not load what diagnoses
     from rotary_error_monitor.gap.diagnosis import Diagnosis
     from rotary_error_monitor.gap.problem import DiagnosableProblem
+    from rotary_error_monitor.gap.shrink import Gap
 
 CHANNELS_SHOWN = 3
 MOST_SHARES = 8
@@ -23,7 +25,8 @@ class Picture:
     """The gap, where it lies, the ranking, and residuals of the channels that matter.
 
     Attributes:
-        gap: before, after, and noise floor, standard deviations of noise.
+        gap: before, after and noise floor by name, standard deviations of noise; after only where there are causes, and
+            with their textbook forms alone where they depart from these.
         shrink: of the gap, with the causes; None where there are none.
         where: channels and their shares of the excess, the largest first.
         ranking: candidates and their probabilities, the likeliest first.
@@ -31,7 +34,7 @@ class Picture:
         views: of these channels.
     """
 
-    gap: tuple[float, float, float]
+    gap: tuple[tuple[str, float], ...]
     shrink: float | None
     where: tuple[tuple[str, float], ...]
     ranking: tuple[tuple[str, float], ...]
@@ -45,13 +48,22 @@ def picture_of(problem: DiagnosableProblem, diagnosis: Diagnosis) -> Picture:
     views = problem.views(shown, [found.cause for found in diagnosis.causes]) if shown else []
     gap = diagnosis.gap
     return Picture(
-        (gap.before, gap.after, gap.noise_floor),
+        tuple(_bars(gap, bool(diagnosis.causes))),
         gap.shrink if diagnosis.causes else None,
         tuple((share.channel, share.share) for share in diagnosis.where[:MOST_SHARES]),
         tuple((f"{row.effect} {row.location}".strip(), row.probability) for row in diagnosis.ranking[:MOST_RANKED]),
         tuple(shown),
         tuple(_thinned(view) for view in views),
     )
+
+
+def _bars(gap: Gap, with_causes: bool) -> Iterator[tuple[str, float]]:
+    yield "before", gap.before
+    if with_causes and gap.textbook is not None:
+        yield "textbook\nforms", gap.textbook
+    if with_causes:
+        yield "after", gap.after
+    yield "noise\nfloor", gap.noise_floor
 
 
 def _thinned(view: View) -> View:

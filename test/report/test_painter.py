@@ -25,7 +25,7 @@ TURN = np.linspace(0.0, 2 * np.pi, 300)
 def picture(causes=True, views=True):
     shown = ("/stage/lvdt/samples.radial_x", "/stage/head_a/samples.angle")
     return Picture(
-        (3.0, 1.1, 1.0),
+        (("before", 3.0), *([("after", 1.1)] if causes else []), ("noise floor", 1.0)),
         0.95 if causes else None,
         tuple(zip(shown, (0.7, 0.3), strict=True)),
         (("unbalance", 0.9), ("mirror_flatness order_3", 0.1)),
@@ -71,7 +71,9 @@ def test_who_draws_nothing_leaves_no_process():
 
 
 def test_a_picture_that_cannot_be_drawn_is_told():
-    broken = Picture((1.0, 1.0, 1.0), None, (), (), ("head",), (View("other", "", TURN, TURN, TURN, ""),))
+    broken = Picture(
+        (("before", 1.0), ("noise floor", 1.0)), None, (), (), ("head",), (View("other", "", TURN, TURN, TURN, ""),)
+    )
     with Painter() as painter, pytest.raises(RuntimeError, match="drawing ended with exit code 1: ValueError"):
         painter.draw(broken)
 
