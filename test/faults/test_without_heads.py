@@ -24,7 +24,7 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 
 SEEDS = range(10)
 DURATION, BEGIN = 6.0, 4.0
-LIMITS = stage_from_mapping({"sensors": {}}).limits
+LIMITS = StageDescription().limits
 PROBES = ("radial_probe_one", "radial_probe_three", "radial_probe_two")
 
 

@@ -56,7 +56,7 @@ def test_it_is_diagnosed_and_its_improved_twin_has_no_gap(thermometer, recording
     improved, out = tmp_path / "improved.yaml", tmp_path / "out"
     options = ["--twin", str(twin), "-o", str(out), "--write-twin", str(improved)]
     assert main(["diagnose", str(recording), *options]) == 10
-    assert "Explained by thermometer_lag" in capsys.readouterr().out
+    assert "Explained by thermometer lags behind the bath, thermometer_lag (constant" in capsys.readouterr().out
     assert "entry point 'thermometer' of bath_thermometer: bath_thermometer.kind:ThermometerKind runs as code" in (
         caplog.text
     )

@@ -44,7 +44,7 @@ def test_an_explained_gap_is_written_and_its_twin_has_none(fixture, twin, effect
     file, improved = request.getfixturevalue(fixture), tmp_path / "improved.yaml"
     arguments = ["diagnose", str(file), "--twin", str(twin), "-o", str(tmp_path / "out")]
     assert main([*arguments, "--write-twin", str(improved)]) == 10
-    assert f"Explained by {effect}" in capsys.readouterr().out
+    assert f", {effect} (" in capsys.readouterr().out
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"diagnosis.json", "diagnosis.html", "diagnosis.png"}
     written = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert written["figures"] and written["where"][0]["share"] > 0.3

@@ -114,7 +114,7 @@ def test_what_the_twin_lacks_is_named_and_kept(cell, case, tmp_path):
     folder = tmp_path / "gaps"
     node = monitor(cell, write_twin(tmp_path, case.twin), folder=str(folder))
     Tape(cell, case, node).play(LENGTH)
-    status = cell.wait_for_status(VERDICT, "Explained by mirror_wobble", DEADLINE)
+    status = cell.wait_for_status(VERDICT, "Explained by mirror mounted askew, mirror_wobble", DEADLINE)
     assert status.level == b"\x01"
     found = figures(status)
     assert found["causes"].startswith("mirror_wobble (")
@@ -134,7 +134,7 @@ def test_the_process_is_killed_and_another_one_does_it(cell, case, tmp_path):
     os.kill(node._process.pid, signal.SIGKILL)
     status = cell.wait_for_status(DIAGNOSIS, "was ended by SIGKILL; tried again")
     assert status.level == b"\x02"
-    cell.wait_for_status(VERDICT, "Explained by mirror_wobble", DEADLINE)
+    cell.wait_for_status(VERDICT, "Explained by mirror mounted askew, mirror_wobble", DEADLINE)
     cell.forget_status(DIAGNOSIS)
     status = cell.status(DIAGNOSIS)
     assert status.level == b"\x00" and figures(status)["without_verdict"] == "1"
