@@ -42,9 +42,11 @@ def draw(picture: Picture) -> bytes:
     if views:
         size = len(shown), len(quantities)
         axes = _grid(figure, size, height - _ABOVE - _OVERVIEW - _BELOW, (_ROW, _GAP), share=True)
+        # residuals are those of the textbook forms: what departs stays in them
+        after = picture.gap[1][0].replace("\n", " ") if len(picture.gap) > 2 else ""
         for view in views:
             ax = axes[shown.index(view.channel)][quantities.index(view.quantity)]
-            _draw_view(ax, view, picture.shrink is not None)
+            _draw_view(ax, view, after)
         _label(axes, views, shown, quantities)
     buffer = io.BytesIO()
     # `savefig` would lay everything out and draw it twice
@@ -110,10 +112,10 @@ def _draw_ranking(ax: Axes, picture: Picture) -> None:
         ax.text(0.5, 0.5, "none of the known effects", ha="center", va="center", transform=ax.transAxes)
 
 
-def _draw_view(ax: Axes, view: View, with_after: bool) -> None:
+def _draw_view(ax: Axes, view: View, after: str) -> None:
     ax.plot(view.x, view.before, ".", ms=1.5, color="#a3312a", label="before")
-    if with_after:
-        ax.plot(view.x, view.after, ".", ms=1.5, color="#1f5fa8", label="after")
+    if after:
+        ax.plot(view.x, view.after, ".", ms=1.5, color="#1f5fa8", label=after)
 
 
 def _short(channel: str) -> str:
