@@ -47,8 +47,8 @@ LIVE := $(addprefix test/,faults/clock faults/live linuxcnc_controller linuxcnc_
 	supervision testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py \
-	description/test_configurations.py $(addprefix faults/test_,calibrated.py common_zero.py gaps.py late_heads.py \
-	machine_faults.py page.py recordings.py zero.py) \
+	description/test_configurations.py $(addprefix faults/test_,calibrated.py common_zero.py gaps.py late_heads.py listed_sensors.py \
+	machine_faults.py page.py recordings.py tilt_sensors.py without_heads.py zero.py) \
 	$(addprefix pipeline/test_,estimation.py reversals.py))
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \
@@ -58,8 +58,7 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix benchmark/test_,ablatio
 	stretches.py thermometers.py tilt_sensors.py without_heads.py) \
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
-# They run behind the models, which are done earlier than the others.
-SENSOR_RATES := $(addprefix test/faults/test_,listed_sensors.py tilt_sensors.py without_heads.py)
+SENSOR_RATES := test/pipeline/test_listed_sensors.py# behind the models, which are done earlier than the others
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SENSOR_RATES)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
