@@ -12,6 +12,7 @@ from rotary_error_monitor.commissioning.stage_file import commission_stage, writ
 from rotary_error_monitor.files import check_outputs
 
 NOT_SETTLED = 10
+"""Exit code: done, and the result is not as one would have it, as of `calibrate`, `check` and `recover`."""
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -89,6 +89,8 @@ def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> C
     tilt, tilt_unit = None, None
     if stage.autocollimator is not None and AUTOCOLLIMATOR in recorded.streams:
         stream, tilt_unit = _in_radians(stage, recorded.streams[AUTOCOLLIMATOR], figures[AUTOCOLLIMATOR])
+        if tilt_unit is not None:
+            figures[AUTOCOLLIMATOR] = describe_stream(stream, is_angle=False)
         plain = replace(stage, responses={})
         tilt = fit_tilt(plain, angles, heads, stream, recorded.streams.get(FORCE))
     shown = Shown(angles, heads, command, tilt)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -133,14 +133,18 @@ def _streams(stage: StageDescription, figures: Mapping[str, StreamFigures]) -> I
                 settled=False,
                 advice="look at network and load of the computer, and record again",
             )
-        described = described_noise(stage, name)
-        if described > 0 and each.noise:
-            measured = max(each.noise)
-            spread = max(each.noise_std)
-            if measured > LOUD * described and measured - described > SIGMAS * spread:
-                yield Finding(
-                    f"{spoken(name)} is noisier than described: {measured:.3g} rad against {described:.3g} rad", True
-                )
+        if is_louder(stage, name, each):
+            sizes = f"{max(each.noise):.3g} rad against {described_noise(stage, name):.3g} rad"
+            yield Finding(f"{spoken(name)} is noisier than described: {sizes}", True)
+
+
+def is_louder(stage: StageDescription, stream: str, figures: StreamFigures) -> bool:
+    """Whether an instrument is noisier than described, by more than those of one make scatter and than chance."""
+    described = described_noise(stage, stream)
+    if described <= 0.0 or not figures.noise:
+        return False
+    more = max(figures.noise) - described
+    return more > (LOUD - 1.0) * described and more > SIGMAS * max(figures.noise_std)
 
 
 def described_noise(stage: StageDescription, stream: str) -> float:
@@ -263,7 +267,7 @@ def _tilt(stage: StageDescription, tilt: FoundTilt) -> Iterator[Finding]:
         yield Finding(f"the autocollimator's gain is {tilt.gain:.4f}, not {before.gain:g}", True)
 
 
-_HANDS: Iterable[tuple[float, str]] = (
+_HANDS: Sequence[tuple[float, str]] = (
     (0.0, "the autocollimator's y is reversed"),
     (math.pi, "the autocollimator's x is reversed"),
     (math.pi / 2, "the autocollimator's axes are swapped"),

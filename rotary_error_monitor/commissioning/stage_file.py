@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ import numpy as np
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.commissioning.bag_streams import read_streams
-from rotary_error_monitor.commissioning.commission import Commissioning, commission
+from rotary_error_monitor.commissioning.commission import AUTOCOLLIMATOR, Commissioning, commission
+from rotary_error_monitor.commissioning.findings import is_louder
 from rotary_error_monitor.commissioning.found import Stated, Value
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.sections import locate
@@ -118,7 +119,7 @@ def _set_ring(document: YamlDocument, stage: StageDescription, result: Commissio
         ]
         _set(document, "encoder", ("encoder", "graduation"), Rows(sorted([*kept, *rows], key=_order)))
         yield "largest_graduation_uncertainty", max(std for _, std in found.graduation)
-    noise = louder(stage, result)
+    noise = louder(stage, result, (f"head_{letter}" for letter in stage.azimuths))
     if noise is not None:
         _set(document, "encoder", ("encoder", "noise"), number(noise))
     azimuth = max(head.azimuth.std for head in found.heads.values())
@@ -129,15 +130,23 @@ def _order(row: dict[str, Any]) -> int:
     return int(row["order"])
 
 
-def louder(stage: StageDescription, result: Commissioning) -> float | None:
-    """Noise of a reading before rounding where heads are noisier than described, rad; None where they are not.
+def louder(stage: StageDescription, result: Commissioning, streams: Iterable[str], gain: float = 1.0) -> float | None:
+    """Largest noise, rad, before rounding of the streams that are noisier than described; None where none of them is.
 
     Noise is only raised: the few samples within which it shows do not see what is slow in it.
+
+    Args:
+        stage: as described.
+        result: what the recording says.
+        streams: of instruments that the file describes as one.
+        gain: size of a reading per shown value, over which the file has their noise.
     """
-    if not any(f.text.startswith("head ") and "noisier" in f.text for f in result.findings):
+    figures = {name: result.figures[name] for name in streams if name in result.figures}
+    noisy = [max(each.noise) / gain for name, each in figures.items() if is_louder(stage, name, each)]
+    if not noisy:
         return None
-    largest = max(max(result.figures[f"head_{letter}"].noise) for letter in stage.azimuths)
-    return float(np.sqrt(max(largest**2 - stage.ring.resolution**2 / 12, stage.ring.noise**2)))
+    instrument = stage.tilt_instrument if AUTOCOLLIMATOR in figures else stage.ring
+    return float(np.sqrt(max(max(noisy) ** 2 - instrument.resolution**2 / 12, instrument.noise**2)))
 
 
 def _set_command(document: YamlDocument, stage: StageDescription, result: Commissioning) -> Figures:
@@ -158,7 +167,10 @@ def _set_autocollimator(document: YamlDocument, stage: StageDescription, result:
     tilt = result.found.tilt
     if tilt is None or tilt.mirrored:
         return
-    before = stage.response("autocollimator")
+    before = stage.response(AUTOCOLLIMATOR)
+    noise = louder(stage, result, [AUTOCOLLIMATOR], abs(tilt.gain if tilt.axes_told else before.gain))
+    if noise is not None:
+        _set(document, "autocollimator", ("autocollimator", "noise"), number(noise))
     _set(document, "autocollimator", ("autocollimator", "zero"), [rounded(each) for each in tilt.zero])
     yield "zero_uncertainty", max(each.std for each in tilt.zero)
     if tilt.axes_told and tilt.axes is not None:

@@ -93,6 +93,8 @@ class Supervisor:
             begun = time.monotonic()
             process = self._processes[node] = await self._start(node)
             self._say(f"{node.name} started{' again' if begun_before else ''}: process {process.pid}")
+            if self._ending.is_set():  # told to end while it was being started: nobody else knows of it
+                await self._end(node)
             code = await process.wait()
             if self._ending.is_set():
                 return

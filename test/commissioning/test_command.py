@@ -77,6 +77,24 @@ def test_what_it_says_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "encoder.eccentricity" not in stage.uncertainty, "in place nobody tells it from the rotor's own motion"
 
 
+@pytest.mark.parametrize("seed", [21, 22, 23])
+def test_noise_that_is_said_to_be_put_right_is_in_the_file(
+    seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    louder = 8.0
+    built = build(seed, count=5, even=False, known_tilt=True, duration=DURATION, noise=louder)
+    bag, nominal = written(built, tmp_path)
+    assert run(bag, nominal, tmp_path / "stage.yaml") == 0
+    said = capsys.readouterr().out
+    described, found = load_stage(nominal), load_stage(tmp_path / "stage.yaml")
+    assert "autocollimator is noisier than described" in said and "head a is noisier than described" in said
+    # the world's noise is of 0.7 to 1.3 times the size, and in part slower than what shows
+    assert 0.45 < found.tilt_instrument.noise / (louder * described.tilt_instrument.noise) < 1.4
+    assert 0.45 < found.ring.noise / (louder * described.ring.noise) < 1.4
+    assert run(bag, tmp_path / "stage.yaml", tmp_path / "again.yaml") == 0
+    assert "noisier" not in capsys.readouterr().out
+
+
 def test_what_no_file_puts_right_is_written_by_force_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     built = build(5, count=4, even=False, swap=False, known_tilt=True, duration=DURATION)
     degrees = in_unit(built.recording, [COMMAND], 180 / np.pi)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import signal
@@ -15,6 +16,8 @@ from pathlib import Path
 import pytest
 
 from rotary_error_monitor.resources import config
+from rotary_error_monitor.supervision.cell_file import CellNode
+from rotary_error_monitor.supervision.supervisor import Supervisor
 from rotary_error_monitor.testing import Cell
 
 UP = "from rotary_error_monitor.start import command; raise SystemExit(command())"
@@ -146,8 +149,8 @@ def test_a_namespace_moves_the_cell(cell: Cell, tmp_path: Path, file: Path) -> N
 
 
 def test_the_file_of_a_real_cell_starts_one_that_waits_for_its_drivers(cell: Cell, tmp_path: Path) -> None:
-    assert (config("real_cell.yaml")).parts[-2:] == ("config", "real_cell.yaml"), "config/real_cell.yaml"
-    with started(cell, tmp_path, UP, "up", str(config("real_cell.yaml"))) as up:
+    (tmp_path / "config").symlink_to(config("real_cell.yaml").parent)  # its bag goes beside, not into the package
+    with started(cell, tmp_path, UP, "up", "config/real_cell.yaml") as up:
         for name in (
             "encoder_head_a",
             "autocollimator",
@@ -160,6 +163,21 @@ def test_the_file_of_a_real_cell_starts_one_that_waits_for_its_drivers(cell: Cel
         assert "exit code" not in up.said, up.said
         up.process.send_signal(signal.SIGINT)
         assert up.process.wait(60) == 0, up.said
+
+
+def test_a_node_that_is_being_started_when_the_cell_ends_ends_too() -> None:
+    class Late(Supervisor):
+        async def _start(self, node: CellNode) -> asyncio.subprocess.Process:
+            process = await asyncio.create_subprocess_exec(sys.executable, "-c", "import time; time.sleep(60)")
+            self._ending.set()
+            await asyncio.sleep(0.5)  # the cell ends what it knows of meanwhile
+            return process
+
+    said: list[str] = []
+    supervisor = Late([CellNode("recorder", "recorder")], [], said.append)
+    assert asyncio.run(asyncio.wait_for(supervisor.run(), 20.0)) == 0
+    (pid,) = (int(number) for text in said for number in re.findall(r"process (\d+)", text))
+    assert not _is_there(pid)
 
 
 def test_a_node_that_does_not_end_is_killed(cell: Cell, tmp_path: Path) -> None:

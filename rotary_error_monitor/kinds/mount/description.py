@@ -6,6 +6,7 @@ the south, y to the east, z up. At H = D = 0 the tube points to the south and th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -17,7 +18,9 @@ from rotary_error_monitor.description.machine import Axis, Body, Displacement, E
 from rotary_error_monitor.description.quantities import HALF_TURN, Name
 from rotary_error_monitor.description.sections import load
 
-QUARTER_TURN = 1.5707963267948966
+QUARTER_TURN = math.pi / 2
+"""Latitude of a pole, rad."""
+
 HOUR, DECLINATION = "H", "D"
 POLAR_BODY, DECLINATION_BODY, TUBE, SKY = "polar_axis", "declination_axis", "tube", "sky"
 
