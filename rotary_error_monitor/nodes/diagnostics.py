@@ -19,6 +19,9 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 STANDSTILL = 0.8
 """s of real time, a little less than a report takes: a simulation that is alive moves its clock many times in it."""
 
+RATE_PERIOD = 0.5
+"""s over which a rate is counted at least: a report may follow at once on another, when something has changed."""
+
 SIMULATED_TOPICS = "simulated_topics"
 """Figure of a node's state: what of it is simulated, for whoever records it."""
 
@@ -43,13 +46,13 @@ class Condition:
 
 
 def diagnostic_array(stamp: Time, node: str, hardware: str, conditions: Iterable[Condition]) -> DiagnosticArray:
-    """Message of a node's conditions, each named `<node>: <what>`."""
+    """Message of a node's conditions, each named as `status_name` says."""
     return DiagnosticArray(
         header=Header(stamp=stamp),
         status=[
             DiagnosticStatus(
                 level=bytes([condition.level]),
-                name=f"{node}: {condition.what}",
+                name=status_name(f"{node}: {condition.what}"),
                 message=condition.message,
                 hardware_id=hardware,
                 values=[KeyValue(key=key, value=_text(value)) for key, value in condition.figures.items()],
@@ -57,6 +60,14 @@ def diagnostic_array(stamp: Time, node: str, hardware: str, conditions: Iterable
             for condition in conditions
         ],
     )
+
+
+def status_name(name: str) -> str:
+    """Name of a status for what is named `<node>: <what>`, where either may be a path of ROS.
+
+    Tools that show `/diagnostics` as a tree (rqt_robot_monitor, diagnostic_aggregator) take each `/` for a branch.
+    """
+    return name.lstrip("/").replace(" /", " ").replace("/", ".")
 
 
 def simulation_figures(source: str, topics: Sequence[str]) -> dict[str, object]:
@@ -108,6 +119,30 @@ class ClockWatch:
         return f"and nothing new has come on /clock for {still:.1f} s: time stands still" if still > STANDSTILL else ""
 
 
+class RateMeter:
+    """Counts what comes, and tells how much of it comes a second."""
+
+    def __init__(self, began_ns: int) -> None:
+        """Count from the present time (ns) on."""
+        self._count = 0
+        self._since_ns = began_ns
+        self._rate: float | None = None
+
+    def add(self, count: int = 1) -> None:
+        """So many came."""
+        self._count += count
+
+    def rate(self, now_ns: int) -> float:
+        """Rate in 1/s until now, since it was last told if that is `RATE_PERIOD` ago; else as it was told."""
+        elapsed = (now_ns - self._since_ns) / NANOSECONDS
+        if self._rate is not None and 0 <= elapsed < RATE_PERIOD:
+            return self._rate
+        rate = self._count / elapsed if elapsed > 0 else 0.0
+        if elapsed >= RATE_PERIOD or elapsed < 0:
+            self._rate, self._count, self._since_ns = rate if elapsed > 0 else None, 0, now_ns
+        return rate
+
+
 class StreamWatch:
     """Counts what arrives on one stream: rate, age, samples lost between blocks, blocks that came late.
 
@@ -136,8 +171,7 @@ class StreamWatch:
         self._late_after_ns = round(late_after * NANOSECONDS)
         self._stale_after_ns = round(stale_after * NANOSECONDS)
         self._period = 0.0
-        self._samples = 0
-        self._reported_ns = began_ns
+        self._samples = RateMeter(began_ns)
         self._began_ns = began_ns
         self._seen = (0, 0, 0)
         self._reason = ""
@@ -150,12 +184,12 @@ class StreamWatch:
             self._period = (last_ns - first_ns) / (len(block.rows) - 1)
         if self.last_ns is not None and self._period > 0:
             self.lost += max(0, round((first_ns - self.last_ns) / self._period) - 1)
-        self._samples += len(block.rows) - 1
+        self._samples.add(len(block.rows) - 1)
         self.observe_stamp(last_ns, now_ns)
 
     def observe_stamp(self, stamp_ns: int, now_ns: int) -> None:
         """Take note of a message that was measured at `stamp_ns`."""
-        self._samples += 1
+        self._samples.add()
         self.late += now_ns - stamp_ns > self._late_after_ns
         if stamp_ns - now_ns > AHEAD_NS:  # nor does a stream that falls silent seem alive by a stamp in the future
             stamp_ns = now_ns
@@ -172,14 +206,11 @@ class StreamWatch:
         return now_ns - reference > self._stale_after_ns
 
     def report(self, now_ns: int) -> Condition:
-        """Condition of the stream, and the start of a new period for the rate."""
-        elapsed = (now_ns - self._reported_ns) / NANOSECONDS
-        rate = self._samples / elapsed if elapsed > 0 else 0.0
+        """Condition of the stream; what is new is so once."""
         age = None if self.last_ns is None else (now_ns - self.last_ns) / NANOSECONDS
         totals = (self.lost, self.late, self.refused)
         new = [now - before for now, before in zip(totals, self._seen, strict=True)]
         self._seen = totals
-        self._samples, self._reported_ns = 0, now_ns
         if age is None:
             level, message = (Level.ERROR if self.is_stale(now_ns) else Level.WARN), self._nothing
         elif self.is_stale(now_ns):
@@ -192,7 +223,7 @@ class StreamWatch:
         if new[2]:
             message += f"; refused: {self._reason}"
         figures = {
-            "rate_hz": rate,
+            "rate_hz": self._samples.rate(now_ns),
             "age_ms": "none" if age is None else age * 1e3,
             "lost_samples": self.lost,
             "late_blocks": self.late,

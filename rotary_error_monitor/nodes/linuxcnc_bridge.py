@@ -39,7 +39,7 @@ from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.applied_corrections import AppliedCorrections
 from rotary_error_monitor.nodes.controller_command import ControllerCommand
 from rotary_error_monitor.nodes.correction_listener import ControllerReport, CorrectionListener
-from rotary_error_monitor.nodes.diagnostics import Condition, Level
+from rotary_error_monitor.nodes.diagnostics import Condition, Level, RateMeter
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.process import run
@@ -50,9 +50,6 @@ SILENCE = 0.3
 
 _RETRY_PERIOD = 0.5
 """Time after which a link that has ended is started again, s: a start takes a tenth of a second of a core."""
-
-_SHORTEST_REPORT = 1e-3
-"""Time in which a rate is reckoned at least, s: diagnostics come once a second, or twice in a row at worst."""
 
 _LAG = 1e-6
 """An offset is behind from here on, m or rad: far above its counts of 1e-10, and a tenth of usual corrections."""
@@ -166,10 +163,10 @@ class LinuxcncBridge(ManagedNode):
         self._names: tuple[str, ...] = ()
         self._state: State | None = None
         self._loss, self._absence = "", "not reached yet"
-        self._published = 0
+        self._published = RateMeter(time.monotonic_ns())
         self._lost = False
         self._misfit = ""
-        self._heard = self._caught_up = self._reported = time.monotonic()
+        self._heard = self._caught_up = time.monotonic()
         self._slowed = self._taken_over = -math.inf
         self._connect()
         self.every(_RETRY_PERIOD, self._retry)
@@ -184,9 +181,7 @@ class LinuxcncBridge(ManagedNode):
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """The controller, the machine, and what becomes of the corrections."""
-        now = time.monotonic()
-        rate = self._published / max(now - self._reported, _SHORTEST_REPORT)
-        self._published, self._reported = 0, now
+        rate = self._published.rate(time.monotonic_ns())
         figures = {"rate_hz": rate, "age_ms": "none" if self._state is None else self._silence() * 1e3}
         if self._state is not None:
             figures["axes"] = " ".join(self._names)
@@ -283,7 +278,7 @@ class LinuxcncBridge(ManagedNode):
                 state.stamp_ns, self._topic.frame, self._names, state.positions, state.velocities
             )
         )
-        self._published += 1
+        self._published.add()
         self._applied.publish(state.stamp_ns, self._names, state.effect)
         if self._command is not None and state.is_exact:
             self._command.note(state.stamp_ns, self._names, state.commands, state.speeds)

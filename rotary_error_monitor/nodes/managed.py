@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -61,7 +62,8 @@ class ManagedNode(LifecycleNode):
         stage: description of the rotary stage, from `open()` on.
         contract: the wire contract for the heads of that stage, as it stands in `msg_defs/` and in bags.
         wire: the same with the names that topics have in the node's namespace.
-        hardware: where what it publishes comes from, such as the device that is its source; empty for none.
+        hardware: where what it publishes comes from, such as the device that is its source; empty for
+            the stage.
         simulates: whether that is a simulation; the node says so in the log and in its diagnostics.
         active: whether the life cycle state is active; messages are handled only then.
         busy: held by whatever callback runs, so that callbacks of worker and executor take turns.
@@ -396,8 +398,8 @@ class ManagedNode(LifecycleNode):
 
     def report(self, now_ns: int, conditions: Iterable[Condition]) -> messages.Message:
         """Message for `/diagnostics`; two machines in two namespaces are told apart by it."""
-        name = self.get_fully_qualified_name().lstrip("/")
-        return diagnostic_array(messages.stamp_from_ns(now_ns), name, self.hardware, conditions)
+        hardware = self.hardware or Path(self.setting("stage") or "stage").stem
+        return diagnostic_array(messages.stamp_from_ns(now_ns), self.get_fully_qualified_name(), hardware, conditions)
 
     def _life(self, now_ns: int) -> Condition:
         halted = self._clock_watch.trouble(now_ns) if self._simulated else ""

@@ -22,7 +22,7 @@ from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStopp
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.diagnostics import Condition, Level, simulated_topics
+from rotary_error_monitor.nodes.diagnostics import Condition, Level, RateMeter, simulated_topics
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -109,7 +109,7 @@ class Recorder(ManagedNode):
             )
         except OSError as error:
             raise InputError(f"parameter 'folder': {folder} cannot be written ({error}); give another path") from error
-        self._reported = (0, self.now_ns())
+        self._reported, self._rate = 0, RateMeter(self.now_ns())
         self._counts = {name: MessageCount(partial(self.count_publishers, topic.name)) for name, topic in heard.items()}
         self._lost: dict[str, int] = {}
         self._names = {topic.name: name for name, topic in heard.items()}
@@ -185,15 +185,15 @@ class Recorder(ManagedNode):
         bag = self._bag
         if bag is None:
             return []
-        count, (before, before_ns) = bag.counts.total(), self._reported
+        count, before = bag.counts.total(), self._reported
         lost, waited = sum(self._lost.values()), self._waited
-        self._reported, self._waited = (count, now_ns), 0.0
-        elapsed = (now_ns - before_ns) / NANOSECONDS
+        self._reported, self._waited = count, 0.0
+        self._rate.add(count - before)
         silent = [name for name in self._counts if not bag.counts[name]]
         figures = {
             "bag": bag.moved or bag.folder,
             "messages": count,
-            "rate_hz": (count - before) / elapsed if elapsed > 0 else 0.0,
+            "rate_hz": self._rate.rate(now_ns),
             "lost_messages": lost,
             "lost_of": _listed(self._lost) or "none",
             "longest_wait_ms": waited * 1e3,

@@ -22,6 +22,7 @@ from rosgraph_msgs.msg import Clock
 
 from rotary_error_monitor.description.wire import Topic, Wire, load_wire
 from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.diagnostics import status_name
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.qos import profile
 from rotary_error_monitor.nodes.transport import steady_transport
@@ -228,20 +229,24 @@ class Cell:
     def status(self, name: str) -> DiagnosticStatus:
         """Latest status of that name, such as `encoder_head_a: state`, waiting for the first.
 
+        Topics and namespaces in a name may be written as paths, as ROS writes them: they are shown with dots.
+
         Raises:
             TimeoutError: no such status came.
         """
-        self.wait_until(lambda: name in self._statuses, f"status '{name}'")
-        return self._statuses[name]
+        shown = status_name(name)
+        self.wait_until(lambda: shown in self._statuses, f"status '{name}'")
+        return self._statuses[shown]
 
     def wait_for_status(self, name: str, message: str, deadline: float = PATIENCE) -> DiagnosticStatus:
         """Wait until the status of that name holds `message`."""
         self.wait_until(lambda: self.has_status(name, message), f"status '{name}' to say '{message}'", deadline)
-        return self._statuses[name]
+        return self.status(name)
 
     def has_status(self, name: str, message: str) -> bool:
         """Whether the latest status of that name holds `message`."""
-        return name in self._statuses and message in self._statuses[name].message
+        found = self._statuses.get(status_name(name))
+        return found is not None and message in found.message
 
     def figures(self, name: str) -> dict[str, str]:
         """Figures of the latest status of that name, waiting for the first.
@@ -261,12 +266,12 @@ class Cell:
 
     @property
     def statuses(self) -> Mapping[str, DiagnosticStatus]:
-        """Latest status by name of all that came so far."""
+        """Latest status by name, as `/diagnostics` shows it, of all that came so far."""
         return dict(self._statuses)
 
     def forget_status(self, name: str) -> None:
         """Forget a status, so that the next wait sees only what is said from now on."""
-        self._statuses.pop(name, None)
+        self._statuses.pop(status_name(name), None)
 
     # Waiting.
 
@@ -308,7 +313,7 @@ class Cell:
         self._statuses.update({status.name: status for status in message.status})
 
     def _is_up(self, process: NodeProcess) -> bool:
-        return any(name.startswith(f"{process.name}: ") for name in self._statuses)
+        return any(name.startswith(status_name(f"{process.name}: ")) for name in self._statuses)
 
     def _report(self) -> str:
         lines = [f"  {name}: {status.message}" for name, status in sorted(self._statuses.items())]

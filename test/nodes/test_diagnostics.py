@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from builtin_interfaces.msg import Time
 
-from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch, diagnostic_array
+from rotary_error_monitor.nodes.diagnostics import (
+    Condition,
+    Level,
+    RateMeter,
+    StreamWatch,
+    diagnostic_array,
+    status_name,
+)
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 MS = 1_000_000
@@ -83,3 +91,39 @@ def test_message_names_node_and_part():
     status = message.status[0]
     assert (status.name, status.hardware_id, status.level) == ("lvdt: state", "mock", b"\x01")
     assert {each.key: each.value for each in status.values} == {"rate_hz": "250", "n": "3"}
+
+
+@pytest.mark.parametrize("pause_ms", [1, 10, 400])
+def test_a_report_that_follows_at_once_keeps_the_rate(pause_ms):
+    """A node speaks beside its turn where something has changed: between two such reports hardly a block comes."""
+    stream = watch()
+    for start in range(0, 1000, 5):
+        stream.observe(block(start), (start + 5) * MS)
+    stream.report(1000 * MS)
+    assert stream.report((1000 + pause_ms) * MS).figures["rate_hz"] == 1000.0
+    for start in range(1000, 2000, 5):
+        stream.observe(block(start), (start + 5) * MS)
+    assert stream.report(2000 * MS).figures["rate_hz"] == 1000.0
+    assert stream.report(3000 * MS).figures["rate_hz"] == 0.0, "what is silent for a second has no rate"
+
+
+def test_a_rate_after_a_clock_was_set_back():
+    meter = RateMeter(10_000 * MS)
+    meter.add(100)
+    assert meter.rate(11_000 * MS) == 100.0
+    meter.add(3)
+    assert meter.rate(0) == 0.0
+    meter.add(50)
+    assert meter.rate(1000 * MS) == 50.0
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("lvdt: state", "lvdt: state"),
+        ("error_estimator: /stage/head_a/samples", "error_estimator: stage.head_a.samples"),
+        ("left/compensation: publishers of /left/joint_states", "left.compensation: publishers of left.joint_states"),
+    ],
+)
+def test_names_hold_no_separator_of_trees(name, shown):
+    assert status_name(name) == shown

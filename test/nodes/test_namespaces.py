@@ -33,9 +33,13 @@ def test_every_topic_moves_with_the_namespace_but_the_diagnostics(cell):
         cell.run(node_class, name, ros_args=LEFT, **more)
     alone = {topic.name for topic in cell.wire} - {"/diagnostics"}
     assert alone.isdisjoint(name for name, _ in cell.node.get_topic_names_and_types())
-    cell.wait_for_status("left/error_estimator: state", "active")
+    for name in ("error_estimator", "mock_controller", "gap_monitor"):
+        cell.wait_for_status(f"left/{name}: state", "active")
     cell.wait_for_status("left/compensation: correction", "no error motion yet on /left/stage/error_motion/samples")
     assert "error_estimator: state" not in cell.statuses
+    assert "left.error_estimator: left.stage.head_a.samples" in cell.statuses
+    assert not [name for name in cell.statuses if "/" in name], "tools show a tree that branches at each /"
+    assert {status.hardware_id for status in cell.statuses.values()} == {"stage", "xyzac_trt", "mock"}
 
 
 def test_cells_in_two_namespaces_do_not_hear_one_another(cell, plant):

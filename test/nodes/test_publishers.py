@@ -12,6 +12,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 
 from rotary_error_monitor.nodes.compensation import Compensation
+from rotary_error_monitor.nodes.diagnostics import status_name
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.publishers import SoleSource
 
@@ -56,7 +57,7 @@ def test_a_publisher_that_is_not_heard_is_named_with_the_reason(cell, stranger, 
         cell.forget_status(f"{name}: publishers of {topic}")
         cell.forget_status(f"{name}: state")
         cell.wait_for_status(f"{name}: state", "active")
-        return f"{name}: publishers of {topic}" not in cell.statuses
+        return status_name(f"{name}: publishers of {topic}") not in cell.statuses
 
     cell.wait_until(is_forgotten, "an end of the complaint")
 
@@ -70,7 +71,7 @@ def test_a_subscription_of_best_effort_hears_both(cell):
     cell.wait_for_status("error_estimator: state", "active")
     cell.forget_status("error_estimator: state")
     cell.wait_for_status("error_estimator: state", "active")
-    assert f"error_estimator: publishers of {topic}" not in cell.statuses
+    assert status_name(f"error_estimator: publishers of {topic}") not in cell.statuses
 
 
 def shared_after(numbers):

@@ -24,6 +24,7 @@ from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.diagnostics import status_name
 from rotary_error_monitor.nodes.qos import profile
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
@@ -200,7 +201,7 @@ class LiveCell:
 
     def said(self, name: str, since_ns: int, *words: str, least: int = 1) -> Statement | None:
         """First statement after `since_ns` that holds all of the words, of at least that level."""
-        name = f"{self.namespace}/{name}".lstrip("/")
+        name = status_name(f"{self.namespace}/{name}")
         for each in self.heard.said:
             fits = each.stamp_ns >= since_ns and each.name == name and each.level >= least
             if fits and all(word in each.message for word in words):
