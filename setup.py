@@ -19,6 +19,7 @@ NODES = [
     "compensation",
     "recorder",
     "gap_monitor",
+    "visualization",
     "linuxcnc_bridge",
     "stage_follower",
 ]

@@ -135,7 +135,8 @@ class Recorder(ManagedNode):
         Raises:
             InputError: the parameter names a topic that is recorded anyway, or is no list of topics.
         """
-        heard: dict[str, Recordable] = dict(zip((topic.name for topic in self.contract), self.wire, strict=True))
+        names = (topic.name for topic in self.contract.read_by(NAME))
+        heard: dict[str, Recordable] = dict(zip(names, self.wire.read_by(NAME), strict=True))
         try:
             for topic in extra_topics(self.setting("extra_topics")):
                 name = self.resolve_topic_name(topic.name)

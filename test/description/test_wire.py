@@ -53,8 +53,8 @@ def test_every_type_exists_and_has_the_fields_that_the_contract_names(typestore:
 
 
 def test_every_message_starts_with_a_header(typestore: Typestore) -> None:
-    # The reader orders by header.stamp, which it takes from the first bytes of the message.
-    for topic in load_wire():
+    # The reader orders by header.stamp, which it takes from the first bytes of what was recorded.
+    for topic in load_wire().read_by("recorder"):
         name, (_, info) = typestore.get_msgdef(topic.type).fields[0]
         assert (name, info) == ("header", "std_msgs/msg/Header"), topic.name
 
@@ -178,7 +178,7 @@ def test_a_folder_without_definitions_is_refused(tmp_path: Path) -> None:
 def test_publishers_keep_five_seconds_for_a_reader_that_stopped():
     """A recorder that was stopped for some seconds asks again for what it missed, and finds it there."""
     rates = {}
-    for topic in load_wire():
+    for topic in load_wire().read_by("recorder"):
         stated = re.match(r"(\d+) (?:Hz|blocks? a second)", topic.rate)
         if stated:
             rates[topic.key] = int(stated[1])

@@ -23,6 +23,7 @@ from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
+from rotary_error_monitor.nodes.visualization import Visualization
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.testing import Cell
 
@@ -143,6 +144,7 @@ NODES = [
     (Compensation, "compensation"),
     (Recorder, "recorder"),
     (GapMonitor, "gap_monitor"),
+    (Visualization, "visualization"),
 ]
 
 

@@ -25,6 +25,7 @@ from rotary_error_monitor.nodes.stage_command import StageCommand
 from rotary_error_monitor.nodes.stage_follower import StageFollower
 from rotary_error_monitor.nodes.stage_force import StageForce
 from rotary_error_monitor.nodes.stage_temperature import StageTemperature
+from rotary_error_monitor.nodes.visualization import Visualization
 from rotary_error_monitor.security.access import OPERATOR, cell_accesses
 from rotary_error_monitor.testing import Cell
 
@@ -42,6 +43,7 @@ NODES = {
     "compensation": (Compensation, MACHINE),
     "recorder": (Recorder, {}),
     "gap_monitor": (GapMonitor, {}),
+    "visualization": (Visualization, {}),
     "linuxcnc_bridge": (LinuxcncBridge, MACHINE),
     "stage_follower": (StageFollower, {}),
     "stage_command": (StageCommand, MOCK),
