@@ -103,9 +103,9 @@ class Compensation(ManagedNode):
             self._joints.refuse(doubt)
 
     def _receive_temperature(self, message: Temperature) -> None:
-        if self.is_shared(self._temperature):
+        if self.listening.is_shared(self._temperature):
             self._compensator.thermometer.reset()  # nothing tells whose was the last one that was believed
-            raise InputError(self.publishers_of(self._temperature))
+            raise InputError(self.listening.publishers_of(self._temperature))
         stamp_ns, now_ns = messages.ns_from_stamp(message.header.stamp), self.now_ns()
         if self._arrivals[_TEMPERATURE].was_set_back(self._compensator.thermometer.last_ns, now_ns):
             self._begin_anew()
@@ -146,8 +146,8 @@ class Compensation(ManagedNode):
         if self._compensator.thermometer.needed:
             heard.append(self._temperature)
         for topic in heard:
-            if self.is_shared(topic):
-                return self.publishers_of(topic)
+            if self.listening.is_shared(topic):
+                return self.listening.publishers_of(topic)
         return self._output.forbidden(self.now_ns())
 
     def _reason_to_hold(self, now_ns: int) -> str:

@@ -110,7 +110,7 @@ class CorrectionOutput:
         if now_ns - self._foreign_ns > _FOREIGN_FOR_NS and self._node.count_publishers(topic) < 2:
             self._foreign_ns = None
             return ""
-        return self._node.publishers_of(topic)
+        return self._node.listening.publishers_of(topic)
 
     def _silent_publisher(self) -> str:
         """That another compensation is there, which holds since it has heard this one; empty where there is none.

@@ -119,9 +119,9 @@ class ErrorEstimator(ManagedNode):
         def receive(data: bytes, received_ns: int) -> None:
             block = decoder.decode(data)
             try:
-                if self.is_shared(topic):
+                if self.listening.is_shared(topic):
                     self._estimator.belief.streams.distrust(stream, "several publishers share its topic")
-                    raise InputError(self.publishers_of(topic))
+                    raise InputError(self.listening.publishers_of(topic))
                 self._estimator.accept(stream, block, received_ns)
             except InputError as error:
                 watch.refuse(str(error))

@@ -193,9 +193,9 @@ class GapMonitor(ManagedNode):
         watch = self._needed.get(topic.name) or self._helpful[topic.name]
 
         def receive(block: SampleBlock) -> None:
-            if self.is_shared(topic.name):
+            if self.listening.is_shared(topic.name):
                 watch.refuse("several publishers share the topic")
-                raise InputError(self.publishers_of(topic.name))
+                raise InputError(self.listening.publishers_of(topic.name))
             now_ns = self.now_ns()
             watch.observe(block, now_ns)
             if abs(now_ns - block.newest_ns) > self._max_age_ns:

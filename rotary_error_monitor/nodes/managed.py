@@ -65,6 +65,7 @@ class ManagedNode(LifecycleNode):
         hardware: where what it publishes comes from, such as the device that is its source; empty for
             the stage.
         simulates: whether that is a simulation; the node says so in the log and in its diagnostics.
+        listening: the topics that it listens to, and who speaks there.
         active: whether the life cycle state is active; messages are handled only then.
         busy: held by whatever callback runs, so that callbacks of worker and executor take turns.
         end: done once the node shall end: by a signal, or with the exception that its worker met.
@@ -102,7 +103,7 @@ class ManagedNode(LifecycleNode):
         self.end = Future()
         self._failure: InputError | None = None
         self._refusals: dict[str, tuple[int, str]] = {}
-        self._listening = Listening(self)
+        self.listening = Listening(self)
         self._told: tuple[object, float] = (None, 0.0)
         self._entities: list[Callable[[], object]] = []
         self._outgoing: list[str] = []
@@ -173,13 +174,10 @@ class ManagedNode(LifecycleNode):
             callback: takes bytes, timestamp (ns), number.
             depth: messages that may wait for this node, by default those of the contract.
         """
-
-        def received(message: tuple[bytes, int, int | None]) -> None:
-            callback(*message)
-
         qos = profile(topic)
         qos.depth = depth or qos.depth
-        self._subscribe(topic.name, messages.message_class(topic.type), qos, received, raw=True)
+        kind = messages.message_class(topic.type)
+        self._subscribe(topic.name, kind, qos, lambda received: callback(*received), raw=True)
 
     def listen_to_blocks(self, topic: Topic, callback: Callable[[SampleBlock], None]) -> None:
         """The same for sample blocks, without building a message: they come thousands of times a second."""
@@ -244,7 +242,7 @@ class ManagedNode(LifecycleNode):
         raw: bool,
     ) -> None:
         """Have the worker call back with each message, when it was received by the node's clock, and its number."""
-        source = self._listening.source(name)
+        source = self.listening.source(name)
 
         def guarded(message: messages.Message, about: MessageInfo) -> None:
             number = about["publication_sequence_number"]
@@ -262,7 +260,7 @@ class ManagedNode(LifecycleNode):
             qos_overriding_options=OVERRIDABLE,
         )
         self._worker.serve(subscription, guarded)
-        self._listening.subscribed(name, subscription)
+        self.listening.subscribed(name, subscription)
         self._entities.append(partial(self.destroy_subscription, subscription))
 
     def _handle(self, source: str, callback: Callable[[Any], None], argument: messages.Message) -> None:
@@ -354,15 +352,12 @@ class ManagedNode(LifecycleNode):
             destroy()
         self._entities.clear()
         self._outgoing.clear()
-        self._listening.clear()
+        self.listening.clear()
 
     def _judge_parameters(self, changed: list[Parameter]) -> SetParametersResult:
         """Refuse what no node could use, and everything that is read when the node configures once it has."""
-        reason = parameters.refusal(self.get_fully_qualified_name(), self._settings, changed)
-        names = {_SIM_TIME, *(setting.name for setting in self._settings)}
-        late = [each.name for each in changed if each.name in names]
-        if late and self._configured and not reason:
-            reason = f"{', '.join(late)}: read when the node configures; clean it up first"
+        where, closed = self.get_fully_qualified_name(), (_SIM_TIME,) if self._configured else None
+        reason = parameters.refusal(where, self._settings, changed, closed)
         return SetParametersResult(successful=not reason, reason=reason)
 
     def _open_diagnostics(self) -> None:
@@ -405,16 +400,7 @@ class ManagedNode(LifecycleNode):
         halted = self._clock_watch.trouble(now_ns) if self._simulated else ""
         return life_condition(halted and f"{_SIM_TIME} is set, {halted}", self.origin(), active=self.active)
 
-    def is_shared(self, topic: str) -> bool:
-        """Whether several publishers speak on a topic that this node listens to."""
-        return self._listening.is_shared(topic)
-
-    def publishers_of(self, topic: str) -> str:
-        """Who publishes a topic that several publish, in words."""
-        return self._listening.publishers_of(topic)
-
     def _wrong_publishers(self) -> Iterator[Condition]:
         everyones = self.wire.topic("diagnostics").name
-        for topic, reasons in self._listening.wrong():
-            if topic != everyones:
-                yield Condition(f"publishers of {topic}", Level.ERROR, "; ".join(reasons))
+        wrong = ((topic, "; ".join(reasons)) for topic, reasons in self.listening.wrong() if topic != everyones)
+        yield from (Condition(f"publishers of {topic}", Level.ERROR, reasons) for topic, reasons in wrong)

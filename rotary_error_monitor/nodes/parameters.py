@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -81,8 +81,13 @@ def check_given(node: Node, settings: Iterable[Setting]) -> None:
         setting.check_given(node.get_parameter(setting.name).value, node.get_fully_qualified_name())
 
 
-def refusal(where: str, settings: Iterable[Setting], changed: Iterable[Parameter]) -> str:
-    """What is wrong with new values of the node called `where`; empty where nothing is."""
+def refusal(
+    where: str, settings: Iterable[Setting], changed: Sequence[Parameter], closed: Sequence[str] | None = None
+) -> str:
+    """What is wrong with new values of the node called `where`; empty where nothing is.
+
+    `closed` is given once the node has configured: its settings, and what is named there, wait for the next time.
+    """
     known = {setting.name: setting for setting in settings}
     for parameter in changed:
         if parameter.name in known:
@@ -90,7 +95,8 @@ def refusal(where: str, settings: Iterable[Setting], changed: Iterable[Parameter
                 known[parameter.name].check(parameter.value, where)
             except InputError as error:
                 return str(error)
-    return ""
+    late = [] if closed is None else [each.name for each in changed if each.name in (*known, *closed)]
+    return f"{', '.join(late)}: read when the node configures; clean it up first" if late else ""
 
 
 def check_known(node: Node, names: Iterable[str], *, opened: bool) -> None:

@@ -108,9 +108,9 @@ class Driver:
 
     def _receive(self, message: messages.Message) -> None:
         try:
-            if self._node.is_shared(self._topic):
+            if self._node.listening.is_shared(self._topic):
                 self._source.drop()
-                raise InputError(self._node.publishers_of(self._topic))
+                raise InputError(self._node.listening.publishers_of(self._topic))
             stamp_ns, now_ns = messages.measured_ns(message.header), self._node.now_ns()
             with told_of(self._node.hardware):
                 self._source.add(stamp_ns, self._source.sample(message), now_ns)

@@ -69,8 +69,8 @@ class StageFollower(ManagedNode):
         return [command, *(sender.watch.report(now_ns) for sender in self._senders)]
 
     def _follow(self, block: SampleBlock) -> None:
-        if self.is_shared(self._topic.name):
-            raise InputError(self.publishers_of(self._topic.name))
+        if self.listening.is_shared(self._topic.name):
+            raise InputError(self.listening.publishers_of(self._topic.name))
         rows = block.columns(["angle", "velocity"]).tolist()
         for stamp_ns, (angle, velocity) in zip(block.times_ns.tolist(), rows, strict=True):
             self._stage.command(stamp_ns, angle, velocity)
