@@ -118,6 +118,10 @@ class Effect(Generic[Description]):
         """Places where the effect may sit on that stage or machine, orders apart; `("",)` when it has no place."""
         return ("",)
 
+    def units(self, location: str) -> dict[str, str]:
+        """SI unit of each parameter at one place."""
+        return {parameter.name: parameter.unit for parameter in self.parameters}
+
     def start(self, location: str) -> Values:
         """Values that leave the prediction as it is; a family of orders carries the order of its location."""
         values = np.zeros(self.size)

@@ -81,6 +81,10 @@ class AxisBacklash(MachineEffect):
     source = "ISO 230-2, 3.9 (reversal error B)"
     parameters = (Parameter("width", "m or rad", 1e-5, bound=1e-2),)
 
+    def units(self, location: str) -> dict[str, str]:
+        """That of the axis, by its letter (ISO 841): A to E are rotary."""
+        return {"width": "rad" if location in ("A", "B", "C", "D", "E") else "m"}
+
     def locations(self, machine: MachineDescription) -> tuple[str, ...]:
         """Each axis."""
         return machine.letters

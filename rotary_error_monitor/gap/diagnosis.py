@@ -169,15 +169,12 @@ def diagnose(
 def _at_bounds(causes: Sequence[FoundCause]) -> tuple[str, ...]:
     """Estimates at a bound: the effect was not allowed to be larger, so its size is not what the recording says."""
     return tuple(
-        f"{' at '.join(filter(None, found.cause.key))}: {name} is at its bound, {value:g} {_unit(found.cause, name)}; "
+        f"{' at '.join(filter(None, found.cause.key))}: {name} is at its bound, {value:g} {units[name]}; "
         "the recording asks for more, which is not physically sensible: look for another cause or a wrong description"
         for found in causes
+        for units in (found.cause.effect.units(found.cause.location),)
         for name, value in found.at_bounds.items()
     )
-
-
-def _unit(cause: Cause, name: str) -> str:
-    return next(parameter.unit for parameter in cause.effect.parameters if parameter.name == name)
 
 
 def _left_out(selection: Selection) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ def describe_cause(found: FoundCause) -> str:
     """What it is, its name and place, size, probability, and how it departs from its textbook form."""
     effect = found.cause.effect
     place = f" at {found.cause.location}" if found.cause.location else ""
-    units = {parameter.name: parameter.unit for parameter in effect.parameters}
+    units = effect.units(found.cause.location)
     sizes = ", ".join(f"{name} {quantity(value, units.get(name, '1'))}" for name, value in found.parameters.items())
     held = ", ".join(found.at_bounds)
     sizes += f"; {held} at the bound of what is physically sensible" if held else ""

@@ -127,7 +127,7 @@ def _causes(diagnosis: Diagnosis) -> str:
 def _rows_of(found: FoundCause) -> Iterator[list[str]]:
     """A row for each parameter; what is of the effect stands in the first."""
     effect = found.cause.effect
-    units = {parameter.name: parameter.unit for parameter in effect.parameters}
+    units = effect.units(found.cause.location)
     own = [_named(found), found.cause.location, f"{found.probability:.1%}"], [effect.remedy, effect.source]
     for name, estimate in found.parameters.items():
         yield [*own[0], name, quantity(estimate, units.get(name, "1")), *own[1]]

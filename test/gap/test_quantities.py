@@ -8,8 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.effects.effect import Estimate
+from rotary_error_monitor.effects.guideways import AxisBacklash
 from rotary_error_monitor.gap.quantities import quantity
+from rotary_error_monitor.resources import share
 
 FACTORS = {"p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0}
 
@@ -48,3 +51,10 @@ def test_the_text_holds_the_value_within_its_uncertainty(size: float, sign: floa
     assert abs(float(found[1]) * factor - value) <= 0.051 * std + 1e-15 * abs(value)
     assert float(found[2]) * factor == pytest.approx(std, rel=0.051)
     assert 0.9 <= abs(float(found[1])) < 1001 or factor == 1e-12
+
+
+@pytest.mark.parametrize("path", sorted(path.stem for path in (share() / "config" / "machines").glob("*.yaml")))
+def test_a_backlash_is_in_the_unit_of_its_axis(path):
+    units = {"linear": "m", "rotary": "rad"}
+    for axis in load_machine(path).axes:
+        assert AxisBacklash().units(axis.letter) == {"width": units[axis.kind]}
