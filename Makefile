@@ -54,8 +54,8 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix benchmark/test_,ablatio
 	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \
 	commissioning/test_rates.py $(addprefix gap/test_,bounds.py cases.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
-	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py play.py slow_noise.py \
-	stretches.py thermometers.py tilt_sensors.py without_heads.py) \
+	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py play.py \
+	slow_noise.py stretches.py thermometers.py tilt_sensors.py told_departures.py unknown.py without_heads.py) \
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 SENSOR_RATES := test/pipeline/test_listed_sensors.py# behind the models, which are done earlier than the others

@@ -166,13 +166,14 @@ class StagePlant:
         """Smooth motion about the command: sinusoids below 20 Hz with seeded frequencies and phases."""
         total = np.zeros(len(time))
         if self.jitter:
-            for frequency, phase in self._jitter_lines:
+            for frequency, phase in self.jitter_lines:
                 total += np.sin(frequency * time + phase)
-            total *= self.jitter * np.sqrt(2 / len(self._jitter_lines))
+            total *= self.jitter * np.sqrt(2 / len(self.jitter_lines))
         return total
 
     @cached_property
-    def _jitter_lines(self) -> list[tuple[float, float]]:
+    def jitter_lines(self) -> list[tuple[float, float]]:
+        """Frequency (rad/s) and phase (rad) of each sinusoid of the jitter."""
         draw = Noise(self.seed, "jitter").generator()
         count = 6
         frequencies = 2 * np.pi * (0.5 + 19 * (np.arange(count) + draw.uniform(size=count)) / count)

@@ -674,9 +674,12 @@ def test_no_command_is_published_where_it_is_not_the_bridges_to_tell(tmp_path, p
     with Cell() as cell:
         node = cell.run(LinuxcncBridge, "linuxcnc_bridge", python=python, **parameters)
         cell.wait_for_status(MACHINE, "on and homed")
-        published = {name for name, _ in node.get_publisher_names_and_types_by_node("linuxcnc_bridge", "/")}
-        assert "/machine/joint_states" in published
-        assert not {"/stage/command/samples", "/stage/command/joint_states"} & published
+
+        def published():
+            return {name for name, _ in node.get_publisher_names_and_types_by_node("linuxcnc_bridge", "/")}
+
+        cell.wait_until(lambda: "/machine/joint_states" in published(), "the graph to know its publishers")
+        assert not {"/stage/command/samples", "/stage/command/joint_states"} & published()
         name = "linuxcnc_bridge: /stage/command/samples"
         if message is None:
             assert status_name(name) not in cell.statuses

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.kinds.stage.jitter import even_motion
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals
@@ -66,14 +67,21 @@ def check_extent(recording: StageRecording, raw: Signals, noise: Mapping[str, fl
 
 
 def motion_remarks(recording: StageRecording, uncommanded: int) -> list[str]:
-    """What the motion hides: orders on an arc, and samples at which the command is not known.
+    """What the motion hides: orders on an arc or at one speed, and samples at which the command is not known.
 
     Args:
         recording: what was measured.
         uncommanded: number of samples of the heads that do not count against the command.
     """
     found = []
-    arc = float(np.ptp(recording.streams[COMMAND].values[:, 0])) / (2 * np.pi)
+    command = recording.streams[COMMAND]
+    arc = float(np.ptp(command.values[:, 0])) / (2 * np.pi)
+    turns, uneven = even_motion(command.time, command.values[:, 0])
+    if arc >= 1 and uneven < 1:  # of order 1: uneven turning by a radian would smear it
+        found.append(
+            f"the stage turned at one speed only: an order of the rotation cannot be told from a wave of the rotor's "
+            f"own at that multiple of {turns:.3g} Hz: record at another speed too"
+        )
     if arc < 1:
         found.append(
             f"the stage turned within {arc:.2g} of a turn: orders look like one another and like a drift there, "

@@ -190,12 +190,16 @@ def orders_at_one_speed(lines: Array, time: Array, command: Array) -> list[tuple
     """
     if not len(lines):
         return []
-    speed, start = np.polyfit(time, command, 1)
-    uneven = float(np.max(np.abs(command - start - speed * time)))
-    turns = abs(float(speed)) / (2 * np.pi)
+    turns, uneven = even_motion(time, command)
     orders = [(float(line), round(line / turns)) for line in lines if turns * float(np.ptp(time)) > 1]
     # Uneven turning by a radian of the order's own phase would smear it.
     return [(f, k) for f, k in orders if k and uneven * k < 1 and abs(f - k * turns) < 0.5 / float(np.ptp(time))]
+
+
+def even_motion(time: Array, command: Array) -> tuple[float, float]:
+    """Turns a second of the even motion nearest to a command (n,), rad at (n,) s, and how far off that is, rad."""
+    speed, start = np.polyfit(time, command, 1)
+    return abs(float(speed)) / (2 * np.pi), float(np.max(np.abs(command - start - speed * time)))
 
 
 def _like_order(motion: SharedMotion, left: Array, order: int) -> tuple[float, float]:

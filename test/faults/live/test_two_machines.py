@@ -32,7 +32,7 @@ def test_two_machines_do_not_hear_one_another(live, seed):
     assert abs(live.truth.offset(now) - left.truth.offset(now)).max() > 1e-7, "the machines differ"
     said = {each.name for each in live.heard.said if each.stamp_ns > up_ns and each.level > 0}
     assert not {name for name in said if "publishers of" in name}
-    states = {f"left/{name}: state" for name in NAMES}
+    states = {f"left.{name}: state" for name in NAMES}
     live.wait(lambda: states <= {each.name for each in live.heard.said}, "diagnostics of every node on the left")
     for name in NAMES:
         left.kill(name)
@@ -41,4 +41,4 @@ def test_two_machines_do_not_hear_one_another(live, seed):
         check("all well", live.wait_until_all_is_well(end_ns) - end_ns, RIGHT_WITHIN, lost())
     live.let_run(1.0)
     live.judge(begin_ns)
-    assert not [each for each in live.heard.said if not each.name.startswith("left/") and "left" in each.message]
+    assert not [each for each in live.heard.said if not each.name.startswith("left.") and "left" in each.message]

@@ -1,0 +1,116 @@
+"""What no effect of the library describes is unknown, and where it lies is told."""
+
+from __future__ import annotations
+
+import pytest
+
+from rotary_error_monitor.effects.library import load_effects
+from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.sentences import verdict_sentence
+from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.report.diagnosis import page
+
+EFFECTS = load_effects(StageEffect)
+
+
+def effect(name):
+    return next(e for e in EFFECTS if e.name == name)
+
+
+def test_what_no_effect_describes_is_unknown(stage_problem):
+    # In both directions: in one alone a loop is an order that is missing near standstill.
+    found = [
+        diagnose(stage_problem(seed, "unknown", [name], duration=40.0)[0])
+        for name in ("tilt_loop", "ring_scratch", "warm_crosstalk")
+        for seed in (14, 15, 16)
+    ]
+    unknown = [diagnosis for diagnosis in found if diagnosis.verdict is Verdict.UNKNOWN]
+    assert len(unknown) >= 7, [diagnosis.verdict.value for diagnosis in found]
+    for diagnosis in unknown:
+        assert not diagnosis.causes and diagnosis.remainder
+        assert "Unknown" in verdict_sentence(diagnosis)
+        told = page(diagnosis, b"", "", {})
+        assert "What to do next" in told and "<th>after</th>" not in told and "<th>before</th>" in told
+
+
+LACKING = (
+    "unbalance",
+    "head_latency",
+    "head_missed_counts",
+    "subdivisional_error",
+    "reversal_backlash",
+    "bearing_asynchronous",
+    "autocollimator_drift",
+    "autocollimator_latency",
+    "autocollimator_nonlinearity",
+    "load_compliance",
+)
+"""Effects that no other one looks like, as an eccentric ring does like order 1 of its graduation."""
+
+
+def test_an_effect_that_is_not_in_the_library_is_unknown(stage_problem):
+    verdicts = {}
+    for name in LACKING:
+        without = tuple(e for e in EFFECTS if e.name != name)
+        problem, _ = stage_problem(4, "single", [name], stage_effects=without, duration=30.0)
+        diagnosis = diagnose(problem)
+        verdicts[name] = diagnosis.verdict.value, [found.cause.key for found in diagnosis.causes]
+    unknown = [name for name, (verdict, _) in verdicts.items() if verdict == "unknown"]
+    assert len(unknown) >= len(LACKING) - 1, verdicts
+    assert "explained" not in {verdict for verdict, _ in verdicts.values()}, verdicts
+
+
+def test_a_library_of_one_effect_ends_where_it_ends(stage_problem):
+    problem, _ = stage_problem(4, "single", ["unbalance"], stage_effects=(effect("autocollimator_drift"),))
+    diagnosis = diagnose(problem, most_causes=2)
+    assert diagnosis.verdict is Verdict.UNKNOWN
+    assert not diagnosis.causes
+
+
+def test_a_known_cause_beside_something_unknown_is_partly_explained(stage_problem):
+    # What the library lacks stands in other channels than the cause.
+    without = tuple(e for e in EFFECTS if e.name not in ("lvdt_gain", "lvdt_height", "lvdt_artefact"))
+    partly = 0
+    for seed in (15, 16, 17):
+        effects, sizes = ["head_latency", "lvdt_gain"], (200.0, 300.0)
+        diagnosis = diagnose(stage_problem(seed, "pair", effects, snr=sizes, stage_effects=without)[0])
+        assert diagnosis.verdict in (Verdict.PARTLY_EXPLAINED, Verdict.UNKNOWN)
+        if diagnosis.verdict is Verdict.PARTLY_EXPLAINED:
+            partly += 1
+            assert [found.cause.effect.name for found in diagnosis.causes] == ["head_latency"]
+            assert "Partly" in verdict_sentence(diagnosis)
+    assert partly >= 1
+
+
+def test_two_effects_that_cancel_one_another_are_not_believed(stage_problem):
+    """What only the LVDT sees is a tilt of the spindle less a wobble of the mirror, if nothing else is known."""
+    lacking = [effect for effect in EFFECTS if effect.name not in ("lvdt_artefact", "spindle_radial")]
+    unknown = told = 0
+    for seed in range(4000, 4006):
+        problem, _ = stage_problem(seed, "single", ["lvdt_artefact"], snr=(300.0, 320.0), stage_effects=lacking)
+        diagnosis = diagnose(problem)
+        assert diagnosis.verdict is not Verdict.EXPLAINED
+        unknown += diagnosis.verdict is Verdict.UNKNOWN and diagnosis.where[0].channel.startswith("/stage/lvdt/samples")
+        told += any("cancel one another on autocollimator" in remark for remark in diagnosis.remarks)
+    assert unknown >= 5 and told >= 3, (unknown, told)
+
+
+def test_what_each_head_has_of_its_own_is_not_taken_for_the_rotation(stage_problem):
+    for seed in (23, 24, 25):
+        problem, truth = stage_problem(seed, "unknown", ["ring_scratch"], snr=(500.0, 600.0))
+        diagnosis = diagnose(problem)
+        assert diagnosis.verdict is not Verdict.EXPLAINED
+        most = max(truth.snr, key=truth.snr.get)
+        assert diagnosis.where[0].channel.startswith("/stage/head_")
+        assert truth.snr[diagnosis.where[0].channel] > 0.3 * truth.snr[most]
+        assert sum(share.share for share in diagnosis.where) == pytest.approx(1.0)
+
+
+def test_a_lag_of_the_rotor_lies_in_the_rotation(stage_problem):
+    lacking = [effect for effect in EFFECTS if effect.name not in ("following_error", "encoder_latency")]
+    for seed in (24, 25, 26, 27):
+        case = {"seed": seed, "kind": "single", "effects": ["following_error"], "snr": (900.0, 1000.0)}
+        problem, _ = stage_problem(**case, stage_effects=lacking)
+        where = problem.where((), problem.residual(()), explained=False)
+        assert where[0].channel == "/stage/command/samples.angle" and where[0].share > 0.9
