@@ -1,3 +1,3 @@
 """Monitor, compensate and diagnose the error motion of a rotary stage and the machine that carries it."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,35 +11,18 @@ from pathlib import Path
 
 import pytest
 from ament_index_python import get_package_prefix, get_package_share_directory
+from checkout import copy_to, node_names
 
 from rotary_error_monitor.testing.domains import own_domain
 
-ROOT = Path(__file__).parents[1]
 PACKAGE = "rotary_error_monitor"
-
-
-def node_names() -> list[str]:
-    """NODES of setup.py, read without running it."""
-    for node in ast.parse((ROOT / "setup.py").read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "NODES":
-            return list(ast.literal_eval(node.value))
-    raise AssertionError("setup.py has no list NODES")
 
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
     """A colcon workspace with a copy of what git tracks or would track, built."""
     top = tmp_path_factory.mktemp("workspace")
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT, check=True, capture_output=True, text=True,
-    )  # fmt: skip
-    for name in listed.stdout.split("\n"):
-        source = ROOT / name
-        if name and source.is_file():
-            target = top / "src" / PACKAGE / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(source, target)
+    copy_to(top / "src" / PACKAGE)
     colcon = [str(Path(sys.executable).with_name("colcon"))]
     kind = subprocess.run([*colcon, "list"], cwd=top, check=True, capture_output=True, text=True).stdout
     assert "(ros.ament_python)" in kind, f"colcon does not see an ament_python package: {kind}"

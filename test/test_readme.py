@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mock_bags import write_mock_bag
 
-from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
-from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.testing import Cell
 
 ROOT = Path(__file__).parents[1]
@@ -87,36 +86,7 @@ SAMPLES = 12_000
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     """A recording of the mock cell's signals, made without starting it."""
-    from rotary_error_monitor.codec.contents import JointState
-    from rotary_error_monitor.description.machine import load_machine
-    from rotary_error_monitor.description.stage import load_stage
-    from rotary_error_monitor.sources.mock import MockSettings, mock_stage
-    from rotary_error_monitor.sources.mock_machine import MachineMotion
-
-    stage, epoch_ns = load_stage(), 1_763_700_000_000_000_000
-    wire = load_wire()
-    plant = mock_stage(stage, MockSettings(1, epoch_ns, (3.0,), True, 2_000.0))
-    topics = {wire.topic("head_samples", name).name: f"head_{name}" for name in "abcd"}
-    topics |= {wire.topic(f"{name}_samples").name: name for name in ("autocollimator", "command")}
-    contents = {
-        topic: [plant.samples(stream, first, 200) for first in range(0, SAMPLES, 200)]
-        for topic, stream in topics.items()
-    }
-    motion = MachineMotion(load_machine("xyzac_trt"), plant)
-    states = [(epoch_ns + k * 10_000_000, motion.at(epoch_ns + k * 10_000_000)) for k in range(SAMPLES // 20)]
-    contents[wire.topic("machine_joint_states").name] = [
-        JointState(
-            stamp,
-            tuple(axis.letter for axis in state),
-            np.array([axis.position for axis in state]),
-            np.array([axis.velocity for axis in state]),
-            np.zeros(len(state)),
-        )
-        for stamp, state in states
-    ]
-    folder = tmp_path_factory.mktemp("readme") / "bag"
-    write_messages(folder, contents, wire)
-    return folder
+    return write_mock_bag(tmp_path_factory.mktemp("readme") / "bag", SAMPLES)
 
 
 @pytest.mark.skipif(not TWIN_CASES, reason="no recorded cases beside the checkout")

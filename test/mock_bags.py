@@ -1,0 +1,48 @@
+"""Recordings of the mock cell's signals, made without starting it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rotary_error_monitor.bags.writer import write_messages
+from rotary_error_monitor.codec.contents import JointState
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.sources.mock import MockSettings, mock_stage
+from rotary_error_monitor.sources.mock_machine import MachineMotion
+
+EPOCH_NS = 1_763_700_000_000_000_000
+
+
+def write_mock_bag(folder: Path, samples: int) -> Path:
+    """Record a stage that turns at 3 rad/s, and the machine `xyzac_trt` that carries it, in `folder`.
+
+    Args:
+        folder: of the bag to be made; it is given back.
+        samples: of each stream of the stage, 2,000 a second.
+    """
+    wire = load_wire()
+    plant = mock_stage(load_stage(), MockSettings(1, EPOCH_NS, (3.0,), True, 2_000.0))
+    topics = {wire.topic("head_samples", name).name: f"head_{name}" for name in "abcd"}
+    topics |= {wire.topic(f"{name}_samples").name: name for name in ("autocollimator", "command")}
+    contents = {
+        topic: [plant.samples(stream, first, 200) for first in range(0, samples, 200)]
+        for topic, stream in topics.items()
+    }
+    motion = MachineMotion(load_machine("xyzac_trt"), plant)
+    states = [(EPOCH_NS + k * 10_000_000, motion.at(EPOCH_NS + k * 10_000_000)) for k in range(samples // 20)]
+    contents[wire.topic("machine_joint_states").name] = [
+        JointState(
+            stamp,
+            tuple(axis.letter for axis in state),
+            np.array([axis.position for axis in state]),
+            np.array([axis.velocity for axis in state]),
+            np.zeros(len(state)),
+        )
+        for stamp, state in states
+    ]
+    write_messages(folder, contents, wire)
+    return folder
