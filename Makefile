@@ -14,7 +14,7 @@ LOCKS := requirements/build.lock requirements/cell.lock
 UV_COMPILE := build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --no-header --upgrade
 
-.PHONY: help setup run run-linuxcnc test test-live test-models test-others lint bench fuzz soak faults faults-doc lock policy clean
+.PHONY: help setup run run-linuxcnc test test-live test-models test-others test-python312 lint bench fuzz soak faults faults-doc docs lock policy clean
 
 help: ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -98,10 +98,20 @@ lock: ## renew what is installed: the newest versions that setup.py allows, with
 	build/lock/bin/python -m pip install --quiet --require-hashes -r requirements/tools.lock
 	$(UV_COMPILE) setup.py --extra ros --extra test -o requirements/cell.lock
 	$(UV_COMPILE) requirements/build.in -c requirements/cell.lock -o requirements/build.lock
+	sed -n '/"docs": \[/,/\]/s/.*"\(.*\)",/\1/p' setup.py | $(UV_COMPILE) - -o requirements/docs.lock
 	$(UV_COMPILE) requirements/tools.in -o requirements/tools.lock
 
 policy: setup ## write the SROS2 policy anew from the wire contract
 	$(BIN)/rotary_error_monitor security policy > config/security/policy.xml
+
+DOCS := build/docs
+docs: setup ## the documentation as a site, build/site/index.html, to be read without network
+	$(PYTHON) -m venv $(DOCS)/tools
+	$(DOCS)/tools/bin/python -m pip install --quiet --require-hashes -r requirements/docs.lock
+	ROS_AUTOMATIC_DISCOVERY_RANGE=OFF PYTHONPATH=doc $(BIN)/python -m website.staging $(DOCS)
+	PYTHONPATH=doc $(DOCS)/tools/bin/python -m website.flowcharts $(DOCS)/pages
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/tools/bin/mkdocs build --quiet --clean --strict --config-file $(DOCS)/mkdocs.yml --site-dir ../site
+	PYTHONPATH=doc $(BIN)/python -m website.checking build/site
 
 soak: setup ## a million blocks, 10,000 turns, and nodes on simulated time: nothing lost, no memory kept (half an hour)
 	$(BIN)/python -m pytest -s -q test/soak -o python_files='soak_*.py' --no-header

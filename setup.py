@@ -59,6 +59,13 @@ setup(
         "zstandard>=0.20,<1",
     ],
     extras_require={
+        # The documentation as a site: `make docs`, which installs them beside the environment of the tests.
+        "docs": [
+            "mkdocs>=1.6,<2",
+            "mkdocs-material>=9.6,<10",
+            "mkdocstrings-python>=1.16,<3",
+            "grandalf>=0.8,<0.9",
+        ],
         # ROS 2 Jazzy from the package index, where it is not installed by apt.
         "ros": [
             "ros-jazzy-rclpy>=7.1.5,<7.2",

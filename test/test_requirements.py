@@ -28,7 +28,12 @@ def asked_for() -> dict[str, list[str]]:
     return {"": list(ast.literal_eval(given["install_requires"])), **extras}
 
 
-REQUIREMENTS = sorted({text for texts in asked_for().values() for text in texts})
+OF_SITE = "docs"
+"""Extra of what makes the site; it is installed apart from the cell, with a lock of its own."""
+
+REQUIREMENTS = sorted(
+    {(OF_SITE if extra == OF_SITE else "cell", text) for extra, texts in asked_for().items() for text in texts}
+)
 
 
 def locked(path: Path) -> list[tuple[Requirement, list[str]]]:
@@ -37,8 +42,8 @@ def locked(path: Path) -> list[tuple[Requirement, list[str]]]:
     return [(Requirement(line.split(" --hash=")[0]), re.findall(r"--hash=(\S+)", line)) for line in joined.splitlines()]
 
 
-def versions(name: str, python: str, machine: str) -> list[str]:
-    """Versions of a package that are installed on such a computer."""
+def versions(name: str, python: str, machine: str, lock: str = "cell") -> list[str]:
+    """Versions of a package that a lock installs on such a computer."""
     environment = default_environment() | {
         "python_version": python,
         "python_full_version": f"{python}.0",
@@ -47,7 +52,7 @@ def versions(name: str, python: str, machine: str) -> list[str]:
     }
     return [
         next(iter(pin.specifier)).version
-        for pin, _ in locked(ROOT / "requirements" / "cell.lock")
+        for pin, _ in locked(ROOT / "requirements" / f"{lock}.lock")
         if canonicalize_name(pin.name) == canonicalize_name(name)
         and (pin.marker is None or pin.marker.evaluate({k: str(v) for k, v in environment.items()}))
     ]
@@ -68,11 +73,11 @@ def test_no_file_says_where_from(path):
     assert not re.search(r"^\s*-", path.read_text(encoding="utf-8").replace("    --hash=", ""), re.MULTILINE)
 
 
-@pytest.mark.parametrize("text", REQUIREMENTS)
-def test_the_lock_holds_what_setup_py_asks_for(text):
+@pytest.mark.parametrize(("lock", "text"), REQUIREMENTS)
+def test_the_lock_holds_what_setup_py_asks_for(lock, text):
     wanted = Requirement(text)
     for python, machine in FOR:
-        found = versions(wanted.name, python, machine)
+        found = versions(wanted.name, python, machine, lock)
         assert len(found) == 1, f"{wanted.name} for {python} on {machine}: {found}; run: make lock"
         assert wanted.specifier.contains(found[0]), f"{found[0]} is locked, {text} is asked for; run: make lock"
 
