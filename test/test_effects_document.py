@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,10 +69,22 @@ def test_the_example_moves_the_stage_as_the_exact_plant_does(case):
     assert np.abs(true).max() > 5e-8
 
 
-def test_without_the_file_it_is_unknown_with_it_explained(case, folder, tmp_path):
+SHOWN = "rotary_error_monitor diagnose BAG --twin TWIN.yaml --effects doc/examples/oil_film.py -o DIR"
+
+
+def diagnosed_as_shown(folder, out):
+    """By the command as the document has it."""
+    assert SHOWN in TEXT.splitlines()
+    bound = {"BAG": folder / "bag", "TWIN.yaml": folder / "twin.yaml", "DIR": out}
+    code = main([str(bound.get(word, word)) for word in shlex.split(SHOWN)[1:]])
+    return code, json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+
+
+def test_without_the_file_it_is_unknown_with_it_explained(case, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(DOC.parent)
     code, content = diagnosed(folder, tmp_path / "without")
     assert code == 12 and content["verdict"] == "unknown"
-    code, content = diagnosed(folder, tmp_path / "with", "--effects", str(EXAMPLE))
+    code, content = diagnosed_as_shown(folder, tmp_path / "with")
     assert code == 10
     (cause,) = content["causes"]
     assert cause["effect"] == "oil_film" and cause["probability"] > 0.9

@@ -23,7 +23,7 @@ def workspace(tmp_path_factory):
     """A colcon workspace with a copy of what git tracks or would track, built."""
     top = tmp_path_factory.mktemp("workspace")
     copy_to(top / "src" / PACKAGE)
-    colcon = [str(Path(sys.executable).with_name("colcon"))]
+    colcon = [sys.executable, "-m", "colcon"]
     kind = subprocess.run([*colcon, "list"], cwd=top, check=True, capture_output=True, text=True).stdout
     assert "(ros.ament_python)" in kind, f"colcon does not see an ament_python package: {kind}"
     built = subprocess.run([*colcon, "build"], cwd=top, capture_output=True, text=True)
@@ -46,6 +46,12 @@ def test_ament_finds_the_package_and_its_files(prefix, workspace):
     share = Path(get_package_share_directory(PACKAGE))
     for name in ("package.xml", "config/stage.yaml", "config/machines/xyzac_trt.yaml", "msg_defs/heads.yaml"):
         assert (share / name).is_file(), name
+
+
+def test_executables_begin_with_the_python_that_colcon_was_run_by(prefix):
+    """So those of a virtual environment see its packages, whoever starts them."""
+    for path in (prefix / "lib" / PACKAGE).iterdir():
+        assert path.read_text(encoding="utf-8").splitlines()[0] == f"#!{sys.executable}", path
 
 
 def test_every_node_is_an_executable(prefix):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
+from simulated_bath import LAG, write_bath
 
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.errors import InputError
@@ -20,7 +21,6 @@ from rotary_error_monitor.resources import config
 
 DOC = Path(__file__).parents[2] / "doc"
 EXAMPLE = DOC / "examples" / "bath_thermometer"
-LAG = 7.5
 
 
 @pytest.fixture
@@ -31,18 +31,8 @@ def thermometer(install):
 
 @pytest.fixture
 def recording(tmp_path):
-    """A bath that is heated and cooled, and a thermometer that follows it by Newton's law, in small steps of time."""
-    rng = np.random.default_rng(4)
-    fine = np.arange(0, 1200, 0.01)
-    bath = 40 + 8 * np.sin(2 * np.pi * fine / 300) + 3 * np.sin(2 * np.pi * fine / 71)
-    reading = np.empty_like(bath)
-    reading[0] = bath[0]
-    for i in range(len(fine) - 1):
-        reading[i + 1] = reading[i] + (bath[i] - reading[i]) * 0.01 / LAG
-    table = np.column_stack([fine, bath, reading + 0.02 * rng.normal(size=len(fine)) + 0.05])[::100]
-    file = tmp_path / "bath.csv"
-    np.savetxt(file, table, delimiter=",", header="time,bath,thermometer", comments="")
-    return file
+    """Of a bath."""
+    return write_bath(tmp_path / "bath.csv")
 
 
 @pytest.fixture
@@ -52,10 +42,17 @@ def twin(tmp_path):
     return file
 
 
-def test_it_is_diagnosed_and_its_improved_twin_has_no_gap(thermometer, recording, twin, tmp_path, capsys, caplog):
-    improved, out = tmp_path / "improved.yaml", tmp_path / "out"
-    options = ["--twin", str(twin), "-o", str(out), "--write-twin", str(improved)]
-    assert main(["diagnose", str(recording), *options]) == 10
+SHOWN = "rotary_error_monitor diagnose bath.csv --twin twin.yaml --write-twin improved.yaml -o DIR"
+
+
+def test_it_is_diagnosed_and_its_improved_twin_has_no_gap(
+    thermometer, recording, twin, tmp_path, capsys, caplog, monkeypatch
+):
+    """By the command as the document has it."""
+    monkeypatch.chdir(tmp_path)
+    improved, out = tmp_path / "improved.yaml", tmp_path / "DIR"
+    assert SHOWN in (DOC / "kinds.md").read_text(encoding="utf-8").splitlines()
+    assert main(shlex.split(SHOWN)[1:]) == 10
     assert "Explained by thermometer lags behind the bath, thermometer_lag (constant" in capsys.readouterr().out
     assert "entry point 'thermometer' of bath_thermometer: bath_thermometer.kind:ThermometerKind runs as code" in (
         caplog.text

@@ -1,0 +1,177 @@
+"""Each command that a page of doc/ shows is run: here, in the test named beside it, or it has a reason not to be."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commissioning.bags import written
+from world.newly_built import build
+
+from rotary_error_monitor.cli import main
+from rotary_error_monitor.gap.loading import known_kinds
+from rotary_error_monitor.testing import Cell
+
+ROOT = Path(__file__).parents[2]
+DOC = ROOT / "doc"
+
+PAGES_ELSEWHERE = {
+    "calibration": "test/calibration/test_tutorial.py",
+    "tutorial_mount": "test/test_tutorials.py",
+    "tutorial_quadrature": "test/test_tutorials.py",
+}
+"""Pages of which another test runs every block."""
+
+COMMISSION = "rotary_error_monitor commission BAG --stage nominal.yaml -o stage.yaml"
+KIND_OF_ONES_OWN = "pip install ./doc/examples/bath_thermometer"
+MONITOR = "ros2 run rotary_error_monitor gap_monitor --ros-args -p effects:=doc/examples/oil_film.py"
+WIRE = "rotary_error_monitor wire"
+HERE = {COMMISSION, KIND_OF_ONES_OWN, MONITOR, WIRE}
+
+WHEEL, COLCON = "test/distribution/test_distribution.py", "test/test_package.py"
+ELSEWHERE = {
+    "rotary_error_monitor diagnose BAG --twin TWIN.yaml --effects doc/examples/oil_film.py -o DIR": (
+        "test/test_effects_document.py",
+        "--effects doc/examples/oil_film.py -o DIR",
+    ),
+    "rotary_error_monitor diagnose bath.csv --twin twin.yaml --write-twin improved.yaml -o DIR": (
+        "test/kinds/test_own_kind.py",
+        "--write-twin improved.yaml -o DIR",
+    ),
+    "make setup": (".ci/run", "make test"),  # which does that first
+    "make lint": (".ci/run", "make test"),
+    "make test": (".ci/run", "make test"),
+    ".venv/bin/rotary_error_monitor --help": (WHEEL, 'PACKAGE, "--help"'),
+    "python3 -m venv venv": (WHEEL, "venv.create("),
+    "venv/bin/rotary_error_monitor wire": (WHEEL, 'PACKAGE, "wire"'),
+    "venv/bin/python -m colcon build": (COLCON, '"-m", "colcon"'),
+    "ros2 run rotary_error_monitor rotary_error_monitor wire": (COLCON, 'PACKAGE / PACKAGE), "wire"'),
+    "build/release/bin/python -m build": (WHEEL, '"build_sdist"'),
+    "ros2 run rotary_error_monitor encoder_head --ros-args -p head:=a -p source:=udp -p udp.port:=5005": (
+        "test/sources/test_devices.py",
+        "udp.port",
+    ),
+}
+"""Commands by the test that does what they do, with words that stand there."""
+
+_NETWORK = "fetches hundreds of MB; test/distribution installs the same wheel beside libraries that are there"
+_APT = "needs ROS from apt and its network"
+NOT_RUN = {
+    "make docs": "fetches what builds the site; test/website holds its pages",
+    ".venv/bin/python -m pytest -q test/metrology": "tests within a test",
+    "venv/bin/python -m pip install '.[ros]'": _NETWORK,
+    "sudo apt-get install pipx": "changes the computer",
+    "pipx install '.[ros]'": _NETWORK,
+    "source /opt/ros/jazzy/setup.bash": _APT,
+    "rosdep install --from-paths src --ignore-src -y": _APT,
+    "python3 -m venv --system-site-packages venv && touch venv/COLCON_IGNORE": _APT,
+    "venv/bin/python -m pip install 'rosbags>=0.11.8,<0.12' 'mcap>=1.5,<2'": _NETWORK,
+    "source install/setup.bash": "what follows is started by its path, as ros2 run does",
+    "python3 -m pip wheel --wheel-dir wheels '.[ros]'": _NETWORK,
+    "venv/bin/python -m pip install --no-index --find-links wheels 'rotary_error_monitor[ros]'": _NETWORK,
+    "python3 -m venv build/release": "as python3 -m venv venv",
+    "build/release/bin/python -m pip install build": "fetches build; test/distribution calls the hooks that it calls",
+}
+"""The one list of commands that no test runs."""
+
+
+def shown() -> list[tuple[str, str]]:
+    """Page and command of each line of an sh block, without comments."""
+    found = []
+    for path in sorted(DOC.glob("*.md")):
+        for block in re.findall(r"```(?:sh|bash|console)\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL):
+            lines = (line.split(" #")[0].strip() for line in block.splitlines())
+            found += [(path.stem, line) for line in lines if line and not line.startswith("#")]
+    return found
+
+
+SHOWN = shown()
+
+
+def test_each_command_is_run_or_says_why_not():
+    lists = (HERE, set(ELSEWHERE), set(NOT_RUN))
+    for page, command in SHOWN:
+        if page not in PAGES_ELSEWHERE:
+            places = sum(command in each for each in lists)
+            assert places == 1, f"doc/{page}.md: {command}: run it here, or name it in ELSEWHERE or NOT_RUN"
+    known = set().union(*lists)
+    assert known - {command for page, command in SHOWN if page not in PAGES_ELSEWHERE} == set(), "no page shows it"
+
+
+@pytest.mark.parametrize("page", sorted(PAGES_ELSEWHERE))
+def test_a_page_that_another_test_runs_is_named_there(page):
+    text = (ROOT / PAGES_ELSEWHERE[page]).read_text(encoding="utf-8")
+    assert (re.search(rf"\b{page}\b", text) and r"```sh" in text) or "```(sh|text)" in text
+
+
+@pytest.mark.parametrize("command", sorted(ELSEWHERE))
+def test_another_test_does_what_a_command_does(command):
+    file, words = ELSEWHERE[command]
+    assert words in (ROOT / file).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("command", sorted({command for _, command in SHOWN if command.startswith("make ")}))
+def test_the_makefile_knows_the_target(command):
+    assert subprocess.run(["make", "-n", *command.split()[1:]], cwd=ROOT, capture_output=True).returncode == 0
+
+
+def test_requirements_are_those_of_setup_py():
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    asked = [word for command in NOT_RUN if "pip install" in command for word in shlex.split(command) if "<" in word]
+    assert asked
+    assert all(f'"{requirement}"' in setup for requirement in asked)
+
+
+def run(command: str, bound: dict[str, Path] | None = None) -> int:
+    """Exit code of a command of the package; words such as BAG stand for files."""
+    name, *words = shlex.split(command)
+    assert name == "rotary_error_monitor"
+    return main([str((bound or {}).get(word, word)) for word in words])
+
+
+@pytest.fixture
+def checkout_copy(tmp_path, monkeypatch):
+    """Folder in which to work as in a checkout, without leaving anything in this one."""
+    shutil.copytree(DOC / "examples", tmp_path / "doc" / "examples")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_contract_is_printed(capsys):
+    assert run(WIRE) == 0
+    assert capsys.readouterr().out.startswith("| topic |")
+
+
+def test_a_new_stage_is_commissioned(checkout_copy):
+    """How often it is right over many stages: test/commissioning/test_rates.py."""
+    bag, _ = written(build(5, count=5, even=False, swap=False, known_tilt=True, duration=24.0), checkout_copy)
+    assert run(COMMISSION, {"BAG": bag}) == 0
+    assert (checkout_copy / "stage.yaml").is_file()
+
+
+def test_a_kind_of_ones_own_is_installed(checkout_copy, monkeypatch):
+    """It is diagnosed in test/kinds/test_own_kind.py."""
+    site = checkout_copy / "site"
+    how = ["--quiet", "--no-deps", "--no-index", "--no-build-isolation", "--target", str(site)]
+    subprocess.run([sys.executable, "-m", *shlex.split(KIND_OF_ONES_OWN), *how], check=True)
+    assert "thermometer" not in known_kinds()
+    monkeypatch.syspath_prepend(str(site))
+    try:
+        assert "thermometer" in known_kinds()
+    finally:
+        for name in [name for name in sys.modules if name.partition(".")[0] == "bath_thermometer"]:
+            monkeypatch.delitem(sys.modules, name)
+
+
+def test_a_monitor_runs_with_an_effect_of_ones_own(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    executable, *arguments = shlex.split(MONITOR)[3:]
+    with Cell() as cell:
+        process = cell.start(executable, executable, ros_args=[word for word in arguments if word != "--ros-args"])
+        cell.wait_for_status(f"{executable}: state", "active", 40.0)
+        assert process.stop() == 0
