@@ -22,6 +22,7 @@ PACKAGE = ROOT / "rotary_error_monitor"
 TOP = ("README.md", "SECURITY.md", "QUALITY_DECLARATION.md")
 LINK = re.compile(r"(\]\()([^)\s#]*)(#[^)\s]*)?(\))")
 _CHANGES = "CHANGELOG.rst", "CHANGELOG.md"
+_FENCED = re.compile(r"(^```.*?^```)", re.DOTALL | re.MULTILINE)
 
 
 class Staging:
@@ -90,7 +91,9 @@ class Staging:
 
 def nested(text: str) -> str:
     """Markdown whose nested lists are indented by four, as the site's reader of Markdown asks."""
-    return re.sub(r"^ {2,3}(?=- )", "    ", text, flags=re.MULTILINE)
+    parts = _FENCED.split(text)  # every other one is code, which stays as it is
+    parts[::2] = [re.sub(r"^ {2,3}(?=- )", "    ", part, flags=re.MULTILINE) for part in parts[::2]]
+    return "".join(parts)
 
 
 def changes_text() -> str:

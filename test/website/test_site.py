@@ -134,6 +134,15 @@ def test_every_link_and_anchor_is_there(pages):
     assert checked > 300
 
 
+def test_code_stays_as_it_is_written(pages):
+    count = 0
+    for path in sorted((ROOT / "doc").glob("*.md")):
+        blocks = re.findall(r"```.*?```", path.read_text(encoding="utf-8"), re.DOTALL)
+        assert blocks == re.findall(r"```.*?```", text(pages, f"doc/{path.name}"), re.DOTALL)
+        count += len(blocks)
+    assert count > 30
+
+
 def test_flowcharts_can_be_drawn():
     blocks = [
         block
