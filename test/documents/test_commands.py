@@ -72,7 +72,7 @@ NOT_RUN = {
     "python3 -m venv --system-site-packages venv && touch venv/COLCON_IGNORE": _APT,
     "venv/bin/python -m pip install 'rosbags>=0.11.8,<0.12' 'mcap>=1.5,<2'": _NETWORK,
     "source install/setup.bash": "what follows is started by its path, as ros2 run does",
-    "python3 -m pip wheel --wheel-dir wheels '.[ros]'": _NETWORK,
+    "venv/bin/python -m pip wheel --wheel-dir wheels '.[ros]'": _NETWORK,
     "venv/bin/python -m pip install --no-index --find-links wheels 'rotary_error_monitor[ros]'": _NETWORK,
     "python3 -m venv build/release": "as python3 -m venv venv",
     "build/release/bin/python -m pip install build": "fetches build; test/distribution calls the hooks that it calls",
