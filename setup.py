@@ -20,6 +20,7 @@ NODES = [
     "recorder",
     "gap_monitor",
     "visualization",
+    "metrics",
     "linuxcnc_bridge",
     "stage_follower",
 ]
@@ -66,6 +67,8 @@ setup(
             "mkdocstrings-python>=1.16,<3",
             "grandalf>=0.8,<0.9",
         ],
+        # The node `metrics`, for Prometheus.
+        "metrics": ["prometheus-client>=0.20,<1"],
         # ROS 2 Jazzy from the package index, where it is not installed by apt.
         "ros": [
             "ros-jazzy-rclpy>=7.1.5,<7.2",

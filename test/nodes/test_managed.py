@@ -21,6 +21,7 @@ from rotary_error_monitor.nodes.linuxcnc_bridge import LinuxcncBridge
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.metrics import Metrics
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
 from rotary_error_monitor.nodes.visualization import Visualization
@@ -145,6 +146,7 @@ NODES = [
     (Recorder, "recorder"),
     (GapMonitor, "gap_monitor"),
     (Visualization, "visualization"),
+    (Metrics, "metrics"),
 ]
 
 

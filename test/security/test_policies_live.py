@@ -19,6 +19,7 @@ from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.linuxcnc_bridge import LinuxcncBridge
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.lvdt import Lvdt
+from rotary_error_monitor.nodes.metrics import Metrics
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
 from rotary_error_monitor.nodes.stage_command import StageCommand
@@ -44,6 +45,7 @@ NODES = {
     "recorder": (Recorder, {}),
     "gap_monitor": (GapMonitor, {}),
     "visualization": (Visualization, {}),
+    "metrics": (Metrics, {}),
     "linuxcnc_bridge": (LinuxcncBridge, MACHINE),
     "stage_follower": (StageFollower, {}),
     "stage_command": (StageCommand, MOCK),
