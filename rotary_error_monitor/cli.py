@@ -27,6 +27,7 @@ COMMANDS = (
     "recover",
     "calibrate",
     "commission",
+    "analyse",
     "diagnose",
     "effects",
     "gap-benchmark",

@@ -6,7 +6,9 @@ device, a recording, a packed nothing of gigabytes) costs no more than a right o
 
 from __future__ import annotations
 
+import contextlib
 import io
+import os
 import stat
 import zlib
 from collections.abc import Iterable, Iterator
@@ -71,6 +73,26 @@ def _is_same(one: Path, other: Path) -> bool:
         return one.samefile(other)
     except OSError:
         return False
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all: what stood there before stays until the new content is on the disk.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
+        with contextlib.suppress(OSError, ValueError):
+            temporary.unlink()
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{path}: cannot be written ({why}); give a file in a folder that exists") from error
 
 
 def lines_of(text: str) -> Iterator[str]:

@@ -108,10 +108,13 @@ def test_diagnose_works_as_shown(command, tmp_path):
 )
 def test_the_command_line_works_as_shown(command, bag, tmp_path, monkeypatch, capsys):
     out = tmp_path / "out.npz"
-    words = [{"BAG": str(bag), "OUT.npz": str(out)}.get(word, word) for word in shlex.split(command)[1:]]
+    page = tmp_path / "page.html"
+    files = {"BAG": str(bag), "OUT.npz": str(out), "PAGE.html": str(page)}
+    words = [files.get(word, word) for word in shlex.split(command)[1:]]
     monkeypatch.chdir(ROOT)
     assert main(words) == 0
     assert capsys.readouterr().out
+    assert page.is_file() == (str(page) in words)
     if str(out) in words:
         with np.load(out) as found:
             verified = 2 * len(found["stamp_ns"]) // 3

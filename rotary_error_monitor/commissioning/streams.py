@@ -138,6 +138,8 @@ def _noise(times: Times, values: Array, period: float, scatter: float, is_angle:
         usual = float(np.quantile(np.abs(speed), 0.9))
         change = 2 * np.abs(fitted[:, 2, 0]) / (WINDOW * period)
         chosen = (np.abs(speed) > MOVING * usual) & (change < STEADY * usual)
+        if not chosen.any():
+            return None
         variance, speed = variance[chosen], speed[chosen]
         kept = variance < RAGGED * np.median(variance)
         variance, speed = variance[kept], speed[kept]

@@ -117,7 +117,7 @@ class Publication:
         self._bits = bits
         others = (AUTOCOLLIMATOR, COMMAND, *stage.sensors)
         self._heads = sum(bit for name, bit in bits.items() if name not in others)
-        self._assembly = _assembly_variance(stage)
+        self._assembly = AssemblyVariance.of(stage)
         # The smallest fault that shows is the internal reliability of geodesy (Baarda 1968): without redundancy a step
         # of one head shows only where no bearing makes it within a window. Its distribution is taken as rectangular,
         # as an unknown within bounds is (JCGM 100:2008, 4.3.7).
@@ -187,9 +187,9 @@ class Publication:
         # a head that is off shows as rotation as well as displacement where no other contradicts it
         head = np.where(redundancy == 0, unproven, 0.0)
         # Of a vector that turns with the rotor, each component has half of the square.
-        radial = self._assembly["radial"] + 0.5 * believed.unresolved**2
+        radial = self._assembly.radial + 0.5 * believed.unresolved**2
         radial += unproven
-        tilt = self._assembly["tilt"] + 0.5 * believed.unresolved_tilt**2
+        tilt = self._assembly.tilt + 0.5 * believed.unresolved_tilt**2
         tilt += np.where(believed.has("unverified_tilt"), self._unproven["tilt"], 0.0)
         for bit, name, added in (
             (0, "var_exc", step + radial),
@@ -203,16 +203,44 @@ class Publication:
             rows[:, COLUMN[name]] += np.where(bits >> bit & 1 == 1, added, 0.0)
 
 
-def _assembly_variance(stage: StageDescription) -> dict[str, float]:
+@dataclass(frozen=True)
+class AssemblyVariance:
     """Variance that the stated uncertainty of what is taken off adds to a component, m² and rad².
 
     A vector that turns with the rotor adds that of one of its components at each angle; so does each order.
+
+    Attributes:
+        eccentricity, graduation: of the ring, to the radial error motion.
+        mirror, flatness: of the mirror, to the tilt.
     """
-    stated, encoder = stage.uncertainty, stage.encoder or ABSENT
-    graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(encoder.graduation))
-    flatness = stated.get("mirror.flatness", 0.0) * math.sqrt(len(stage.mirror.flatness))
-    radial = stated.get("encoder.eccentricity", 0.0) ** 2 + 0.5 * (encoder.disc_radius * graduation) ** 2
-    return {"radial": radial, "tilt": stated.get("mirror.tilt", 0.0) ** 2 + flatness**2}
+
+    eccentricity: float
+    graduation: float
+    mirror: float
+    flatness: float
+
+    @staticmethod
+    def of(stage: StageDescription) -> AssemblyVariance:
+        """As a stage's description states it."""
+        stated, encoder = stage.uncertainty, stage.encoder or ABSENT
+        graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(encoder.graduation))
+        flatness = stated.get("mirror.flatness", 0.0) * math.sqrt(len(stage.mirror.flatness))
+        return AssemblyVariance(
+            stated.get("encoder.eccentricity", 0.0) ** 2,
+            0.5 * (encoder.disc_radius * graduation) ** 2,
+            stated.get("mirror.tilt", 0.0) ** 2,
+            flatness**2,
+        )
+
+    @property
+    def radial(self) -> float:
+        """To the radial error motion, all in all."""
+        return self.eccentricity + self.graduation
+
+    @property
+    def tilt(self) -> float:
+        """To the tilt, all in all."""
+        return self.mirror + self.flatness
 
 
 def redundancy_of(layout: HeadLayout | None) -> int:

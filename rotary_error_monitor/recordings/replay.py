@@ -124,6 +124,8 @@ def _replay_described(
         nothing,
         np.zeros(len(ticks), np.int64),
         np.zeros(len(ticks), np.int64),
+        np.zeros((len(ticks), 2)),
+        np.ones(len(ticks)),
         collected.offsets_at(ticks),
         tuple(collected.corrections),
         EstimatorStatus(),

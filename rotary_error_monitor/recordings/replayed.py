@@ -44,6 +44,9 @@ class Replay:
         covariance: (n, 6, 6) of it, NaN in rows and columns that are not observable.
         streams: (n,) bit mask of the input streams that were used.
         doubts: (n,) bit mask of what was not believed, bits as in `DOUBTS` of the pipeline's belief.
+        unresolved: (n, 2) root mean square of a vector that turns with the rotor, of which it is not told whether it
+            is error motion: radial (m) and tilt (rad); part of the covariance.
+        head_scale: (n,) by which standard deviations from the heads were multiplied.
         tool_offset: (n, 6) x y z a b c in m and rad, NaN where the compensation held; None without a machine.
         corrections: at the correction period; empty without a machine.
         status: counts of the estimator.
@@ -62,6 +65,8 @@ class Replay:
     covariance: NDArray[np.float64]
     streams: NDArray[np.int64]
     doubts: NDArray[np.int64]
+    unresolved: NDArray[np.float64]
+    head_scale: NDArray[np.float64]
     tool_offset: NDArray[np.float64] | None
     corrections: tuple[Correction, ...]
     status: EstimatorStatus
@@ -249,6 +254,8 @@ class Collected:
             np.where(both, covariance, np.nan),
             self._integers("streams"),
             self._integers("doubts"),
+            _joined([block.columns(("unresolved", "unresolved_tilt")) for block in self.motion], np.empty((0, 2))),
+            _joined([block.column("head_scale") for block in self.motion], np.empty(0)),
             self.offsets_at(stamps) if with_machine else None,
             tuple(self.corrections),
             status,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import html
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause
@@ -12,20 +11,12 @@ from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.gap.verdict import Verdict
+from rotary_error_monitor.report.page import bullets, image, table, terms, verdict, whole_page
 from rotary_error_monitor.report.painter import Painter
 from rotary_error_monitor.report.picture import picture_of
 
-_STYLE = """
-body { font: 16px/1.45 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
-h1 { font-size: 1.25rem; } h2 { font-size: 1.05rem; margin-top: 2rem; }
-.verdict { font-size: 1.15rem; padding: .8rem 1rem; border-left: .4rem solid #444; background: #f4f4f4; }
-.no_gap { border-color: #2a7f3f; } .explained { border-color: #1f5fa8; }
-.partly_explained { border-color: #b8860b; } .unknown { border-color: #a3312a; }
-.wide { overflow-x: auto; } table { border-collapse: collapse; }
-td, th { padding: .25rem .7rem; text-align: left; vertical-align: top; border-bottom: 1px solid #ddd; }
-td { overflow-wrap: break-word; } dt { font-weight: 600; } dd { margin: 0 0 .4rem 1.2rem; } img { max-width: 100%; }
-@media print { body { margin: 0; max-width: none; font-size: 11pt; } h2, tr, img, li { break-inside: avoid; } }
-"""
+_STYLE = """.no_gap { border-color: #2a7f3f; } .explained { border-color: #1f5fa8; }
+.partly_explained { border-color: #b8860b; } .unknown { border-color: #a3312a; }"""
 
 _TERMS = {
     "gap": "measured minus predicted, as a root mean square in standard deviations of the noise that the twin states; "
@@ -69,11 +60,10 @@ def write_report(
 
 def page(diagnosis: Diagnosis, picture: bytes, title: str, about: Mapping[str, str]) -> str:
     """The whole page; the picture is in it, nothing is loaded from elsewhere."""
-    image = base64.b64encode(picture).decode("ascii")
     sections = [
-        f"<p class='verdict {diagnosis.verdict.value}'>{html.escape(verdict_sentence(diagnosis))}</p>",
+        verdict(diagnosis.verdict.value, verdict_sentence(diagnosis)),
         _about(about),
-        f"<img alt='gap, where it lies, ranking, residuals' src='data:image/png;base64,{image}'>",
+        image(picture, "gap, where it lies, ranking, residuals"),
         _gap(diagnosis),
         _causes(diagnosis),
         _steps(diagnosis),
@@ -82,26 +72,13 @@ def page(diagnosis: Diagnosis, picture: bytes, title: str, about: Mapping[str, s
         _ranking(diagnosis),
         _next(diagnosis),
         _notes(diagnosis),
-        _terms(),
+        terms(_TERMS),
     ]
-    return (
-        "<!doctype html><html lang='en'><meta charset='utf-8'>"
-        "<meta name='viewport' content='width=device-width, initial-scale=1'>"
-        f"<title>Diagnosis: {html.escape(title)}</title><style>{_STYLE}</style>"
-        f"<h1>{html.escape(title)}</h1>{''.join(sections)}</html>\n"
-    )
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    def cells(row: Sequence[str], tag: str) -> str:
-        return "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row)
-
-    lines = [*([cells(head, "th")] if head else []), *(cells(row, "td") for row in rows)]
-    return f"<div class='wide'><table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table></div>"
+    return whole_page("Diagnosis", title, _STYLE, sections)
 
 
 def _about(about: Mapping[str, str]) -> str:
-    return _table((), list(about.items())) if about else ""
+    return table((), list(about.items())) if about else ""
 
 
 def _gap(diagnosis: Diagnosis) -> str:
@@ -115,13 +92,13 @@ def _gap(diagnosis: Diagnosis) -> str:
         head += ["after", "shrink (95 % interval)"]
         row += [f"{gap.after:.4g}", f"{gap.shrink:.1%} ({low:.1%} to {high:.1%})"]
     head, row = [*head, "noise floor"], [*row, f"{gap.noise_floor:.4g}"]
-    return "<h2>How far, in standard deviations of the noise</h2>" + _table(head, [row])
+    return "<h2>How far, in standard deviations of the noise</h2>" + table(head, [row])
 
 
 def _causes(diagnosis: Diagnosis) -> str:
     rows = [row for found in diagnosis.causes for row in _rows_of(found)]
     head = ["effect", "where", "probability", "parameter", "value", "what to do about it", "source"]
-    return "<h2>Causes added to the model</h2>" + _table(head, rows) + _departures(diagnosis) if rows else ""
+    return "<h2>Causes added to the model</h2>" + table(head, rows) + _departures(diagnosis) if rows else ""
 
 
 def _rows_of(found: FoundCause) -> Iterator[list[str]]:
@@ -146,13 +123,13 @@ def _departures(diagnosis: Diagnosis) -> str:
         for row in found.departures
     ]
     head = ["effect", "where", "departs from its textbook form", "share of the effect, rms"]
-    return "<h2>How they depart</h2>" + _table(head, rows) if rows else ""
+    return "<h2>How they depart</h2>" + table(head, rows) if rows else ""
 
 
 def _steps(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict is not Verdict.UNKNOWN:
         return ""
-    return "<h2>What to do next</h2>" + _list(_STEPS_OF_UNKNOWN)
+    return "<h2>What to do next</h2>" + bullets(_STEPS_OF_UNKNOWN)
 
 
 def _where(diagnosis: Diagnosis) -> str:
@@ -162,12 +139,12 @@ def _where(diagnosis: Diagnosis) -> str:
         gap, noise = (f"{factor * size:.4g} {unit}".strip() for size in (share.gap_rms, share.noise_rms))
         rows.append([share.channel, f"{share.share:.1%}", gap, noise, share.pattern])
     head = ["channel", "share", "gap, rms", "noise, rms", "depends on"]
-    return "<h2>Where</h2>" + (_table(head, rows) if rows else "<p>Nothing exceeds the noise.</p>")
+    return "<h2>Where</h2>" + (table(head, rows) if rows else "<p>Nothing exceeds the noise.</p>")
 
 
 def _figures(diagnosis: Diagnosis) -> str:
     rows = [_figure(name, value) for name, value in diagnosis.figures.items()]
-    return "<h2>Figures</h2>" + _table(["figure", "value"], rows) if rows else ""
+    return "<h2>Figures</h2>" + table(["figure", "value"], rows) if rows else ""
 
 
 def _figure(name: str, value: float) -> list[str]:
@@ -181,7 +158,7 @@ def _figure(name: str, value: float) -> list[str]:
 
 def _ranking(diagnosis: Diagnosis) -> str:
     rows = [[r.effect, r.location, f"{r.probability:.1%}", f"{r.held_out_gap:.4g}"] for r in diagnosis.ranking]
-    return "<h2>Which</h2>" + _table(["effect", "where", "probability", "gap with it, held out"], rows)
+    return "<h2>Which</h2>" + table(["effect", "where", "probability", "gap with it, held out"], rows)
 
 
 def _next(diagnosis: Diagnosis) -> str:
@@ -199,14 +176,4 @@ def _next(diagnosis: Diagnosis) -> str:
 def _notes(diagnosis: Diagnosis) -> str:
     left = [f"{finding.channel}: {finding.pattern}" for finding in diagnosis.remainder]
     parts = [("What remains", left), ("Notes", diagnosis.remarks)]
-    return "".join(f"<h2>{title}</h2>{_list(items)}" for title, items in parts if items)
-
-
-def _list(items: Sequence[str]) -> str:
-    return "<ul>" + "".join(f"<li>{html.escape(item)}</li>" for item in items) + "</ul>"
-
-
-def _terms() -> str:
-    return (
-        "<h2>What the words mean</h2><dl>" + "".join(f"<dt>{t}</dt><dd>{m}</dd>" for t, m in _TERMS.items()) + "</dl>"
-    )
+    return "".join(f"<h2>{title}</h2>{bullets(items)}" for title, items in parts if items)

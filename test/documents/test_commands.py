@@ -21,6 +21,10 @@ ROOT = Path(__file__).parents[2]
 DOC = ROOT / "doc"
 
 PAGES_ELSEWHERE = {
+    (
+        "rotary_error_monitor analyse BAG --twin STAGE.yaml --height 0 60 "
+        "--limits radial_synchronous_um=2 tilt_total_urad=50 -o PAGE.html"
+    ): ("test/recordings/test_analyse_command.py", '"analyse", str(bag), "--height", "0", "60"'),
     "calibration": "test/calibration/test_tutorial.py",
     "tutorial_mount": "test/test_tutorials.py",
     "tutorial_quadrature": "test/test_tutorials.py",

@@ -1,0 +1,262 @@
+"""Error motion values of one sensitive direction, each with its uncertainty (ISO 230-7:2015, 3.5; ASME B89.3.4).
+
+A profile P_n(a) is the error motion in turn n at angle a. Its mean over the turns is the synchronous error motion, and
+
+- total: largest minus smallest of all P_n(a);
+- synchronous: largest minus smallest of the mean;
+- asynchronous: the largest, over the angles, of the largest minus the smallest P_n(a) at one angle;
+- fundamental: twice the amplitude of the mean's once-per-turn component; residual synchronous: what is left of the
+  mean without it, largest minus smallest. Where the once-per-turn component is a matter of setting up (eccentricity:
+  radial motion, and all rotating sensitive directions), it is taken off every value, by the least-squares centre.
+
+Each is a maximum of something noisy, and so too large on average. As the noise grows by a known part the value grows;
+from that it is extrapolated to none (simulation extrapolation, Cook and Stefanski 1994, linear in the standard
+deviation). What is simulated is Gaussian with the spectrum over the orders that the turns show against their mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from rotary_error_monitor.metrology.turns import TurnProfiles
+
+Array = NDArray[np.float64]
+
+COVERAGE = 2.0
+"""Coverage factor of the expanded uncertainty: 95 % of a normal distribution (JCGM 100:2008, 6.2.2)."""
+
+TOTAL, SYNCHRONOUS, ASYNCHRONOUS = "total", "synchronous", "asynchronous"
+FUNDAMENTAL, RESIDUAL = "fundamental", "residual_synchronous"
+
+DRAWS = 100
+"""Simulated recordings: a standard uncertainty by so many is known to 7 %."""
+
+REPEATS = 10
+"""How often each of them is corrected: what so few leave of chance is taken off."""
+
+_FROM_TWICE = 1 / (math.sqrt(2) - 1)
+"""Growth of a value from a noise to its double variance, times this: from no noise to that noise."""
+
+_GENERATOR = 230_7
+"""Seed: the same recording gives the same figures."""
+
+
+@dataclass(frozen=True)
+class SignalNoise:
+    """What the estimate says of the uncertainty of a signal; standard deviations, in its unit.
+
+    Attributes:
+        random: of one sample by itself, as the estimate's covariance has it.
+        shape: of what is the same in each turn and no once-per-turn component, such as what is left of a graduation.
+        turning: at one angle, of a once-per-turn component, such as an eccentricity that is not told.
+    """
+
+    random: float
+    shape: float = 0.0
+    turning: float = 0.0
+
+
+@dataclass(frozen=True)
+class Value:
+    """An error motion value.
+
+    Attributes:
+        value: best estimate, in the signal's unit: as measured, less what noise adds.
+        measured: by the definition, noise and all.
+        uncertainty: standard uncertainty; times `COVERAGE` it spans 95 %.
+    """
+
+    value: float
+    measured: float
+    uncertainty: float
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty."""
+        return COVERAGE * self.uncertainty
+
+
+def sensitive_direction(radial: Array, theta: Array) -> Array:
+    """(m,) radial motion (m, 2) along a direction that turns with the rotor (rotating sensitive direction)."""
+    return np.asarray(radial[:, 0] * np.cos(theta) + radial[:, 1] * np.sin(theta))
+
+
+def estimate_values(
+    turns: TurnProfiles, signal: int, noise: SignalNoise, *, keeps_fundamental: bool
+) -> Mapping[str, Value]:
+    """Error motion values by name; those that need a second turn only where there is one, none without a whole one.
+
+    Args:
+        turns: profiles of whole turns.
+        signal: number of the signal among them.
+        noise: of the signal, by the covariance of the estimate.
+        keeps_fundamental: whether the once-per-turn component is error motion (axial, face, tilt in a fixed direction),
+            not a matter of setting up.
+    """
+    profiles = turns.profiles[:, :, signal]
+    if len(profiles) == 0:
+        return {}
+    spectrum = TurnSpectrum.of(profiles, turns, noise.random)
+    factor = float(stdtrit(spectrum.degrees, 0.975)) / COVERAGE
+    of_turns = _Simulation(profiles, spectrum.noise, spectrum.between, 0)
+    # what is of the mean alone is simulated as of one turn with its noise: so small that corrections can be repeated
+    mean, count = profiles.mean(axis=0, keepdims=True), len(profiles)
+    of_mean = _Simulation(mean, spectrum.noise / count, spectrum.between / count, REPEATS)
+    found = {}
+    for name, define in _definitions(keeps_fundamental, several=count > 1).items():
+        simulation = of_turns if name in (TOTAL, ASYNCHRONOUS) else of_mean
+        systematic = _systematic(name, noise, spectrum.unseen, keeps_fundamental)
+        found[name] = simulation.value(define, factor, systematic)
+    # the total holds the others, whatever is taken off each of them for its noise
+    least = max(found[name].value for name in (SYNCHRONOUS, ASYNCHRONOUS) if name in found)
+    found[TOTAL] = replace(found[TOTAL], value=min(max(found[TOTAL].value, least), found[TOTAL].measured))
+    return found
+
+
+def _definitions(keeps_fundamental: bool, several: bool) -> dict[str, Callable[[Array], Array]]:
+    """Values of profiles (…, n, k) by their names."""
+
+    def ready(profiles: Array) -> Array:
+        return profiles if keeps_fundamental else profiles - _once(profiles.mean(axis=-2))[..., None, :]
+
+    found: dict[str, Callable[[Array], Array]] = {
+        TOTAL: lambda profiles: np.ptp(ready(profiles), axis=(-2, -1)),
+        SYNCHRONOUS: lambda profiles: np.ptp(ready(profiles).mean(axis=-2), axis=-1),
+    }
+    if several:
+        found[ASYNCHRONOUS] = lambda profiles: np.ptp(profiles, axis=-2).max(axis=-1)
+    if keeps_fundamental:
+        found[FUNDAMENTAL] = lambda profiles: np.ptp(_once(profiles.mean(axis=-2)), axis=-1)
+        found[RESIDUAL] = lambda profiles: np.ptp(profiles.mean(axis=-2) - _once(profiles.mean(axis=-2)), axis=-1)
+    return found
+
+
+def _once(profile: Array) -> Array:
+    """Once-per-turn component of profiles (…, k)."""
+    waves = _waves(profile.shape[-1])
+    return np.asarray((profile @ waves.T) @ waves * (2 / profile.shape[-1]))
+
+
+def _waves(count: int) -> Array:
+    angle = np.arange(count) * (2 * math.pi / count)
+    return np.stack([np.cos(angle), np.sin(angle)])
+
+
+def _systematic(name: str, noise: SignalNoise, unseen: float, keeps_fundamental: bool) -> float:
+    """Standard uncertainty that no further turn makes smaller; `unseen` may be of any order.
+
+    Two points of the profile differ by √2 of the deviation at one; twice an amplitude by twice that.
+    """
+    turning = noise.turning if keeps_fundamental else 0.0
+    if name == ASYNCHRONOUS:  # what is the same in each turn cancels
+        return 0.0
+    if name == FUNDAMENTAL:
+        return 2.0 * math.hypot(turning, unseen)
+    return math.sqrt(2.0) * math.hypot(noise.shape, unseen, 0.0 if name == RESIDUAL else turning)
+
+
+class _Simulation:
+    """Recordings as this one might have been: with once more the noise of its readings, and of other turns."""
+
+    def __init__(self, profiles: Array, noise: Array, between: Array, repeats: int) -> None:
+        """Simulation of (n, k) profiles with variances (l,) of their orders.
+
+        Args:
+            profiles: as measured.
+            noise: of the readings.
+            between: of one turn beside another.
+            repeats: how often each simulated recording is corrected in turn, to see how the correction scatters.
+        """
+        generator = np.random.default_rng(_GENERATOR)
+        shape = (DRAWS, *profiles.shape)
+        self._profiles = profiles
+        self._louder = profiles + _drawn(noise, shape, generator)
+        self._others = profiles.mean(axis=0) + _drawn(between, shape, generator)
+        self._more = [_drawn(noise, shape, generator) for _ in range(repeats)]
+
+    def value(self, define: Callable[[Array], Array], factor: float, systematic: float) -> Value:
+        """Value by its definition; `factor` goes with the scatter, for turns are few."""
+        measured = float(define(self._profiles))
+        louder = define(self._louder)
+        correction = min(max(_FROM_TWICE * float(louder.mean() - measured), 0.0), measured)
+        drawn = _FROM_TWICE * float(louder.std()) / math.sqrt(DRAWS)
+        # the correction may be wrong by as much as itself: rectangular (JCGM 100:2008, 4.3.7)
+        parts = (factor * self._scatter(define), correction / math.sqrt(3), drawn, systematic)
+        return Value(measured - correction, measured, math.hypot(*parts))
+
+    def _scatter(self, define: Callable[[Array], Array]) -> float:
+        """Standard deviation of the value, corrected where that is repeated, less that of so few repetitions."""
+        values = define(self._others)
+        if not self._more:
+            return float(values.std())
+        louder = np.stack([define(self._others + more) for more in self._more])
+        corrected = values + _FROM_TWICE * (values - louder.mean(axis=0))
+        of_few = _FROM_TWICE**2 * float(louder.var(axis=0, ddof=1).mean()) / len(louder)
+        return math.sqrt(max(float(corrected.var()) - of_few, float(values.var())))
+
+
+@dataclass(frozen=True)
+class TurnSpectrum:
+    """How turns scatter about their mean, by order from 0 on.
+
+    Attributes:
+        between: (l,) variance of the complex amplitude of each order from turn to turn, of filtered profiles.
+        noise: (l,) the part of it that is noise of the readings.
+        unseen: standard deviation at one angle of what the covariance says beyond the noise that the turns show: it is
+            the same in each turn, such as the form of a face that a probe looks at.
+        degrees: degrees of freedom that the turns give.
+    """
+
+    between: Array
+    noise: Array
+    unseen: float
+    degrees: float
+
+    @staticmethod
+    def of(profiles: Array, turns: TurnProfiles, random: float) -> TurnSpectrum:
+        """Spectrum of (n, k) profiles whose samples have a noise of standard deviation `random`.
+
+        Between turns there is never less than the estimate's covariance says. The noise is what the turns show in the
+        upper half of the orders, where no bearing reaches: readings of sensors that are slower than the estimates are
+        not independent from one estimate to the next, so that their variance alone does not tell it.
+        """
+        through = turns.transmission**2
+        stated = random**2 / turns.samples * through
+        count = len(profiles)
+        freedom = max(count - 1, 1)
+        rest = profiles - (profiles.mean(axis=0) if count > 1 else 0.0)
+        upper = slice(turns.cut_off // 2, turns.cut_off + 1)
+        # of a tone between two orders a turn holds no whole waves: what leaks from it into the upper half is faded out
+        cut = np.stack([np.roll(row, -edge) for row, edge in zip(rest, turns.edges, strict=True)])
+        faded = _powers(cut * np.sqrt(8 / 3) * np.hanning(rest.shape[1]))[upper] / through[upper]
+        level = float(faded.mean()) / freedom
+        noise = level * through
+        unseen = math.sqrt(max(random**2 - level * turns.samples, 0.0))
+        shown = _powers(rest) / freedom
+        if count < 2:  # what would be another in the next turn is not told
+            return TurnSpectrum(np.maximum(stated, noise), noise, unseen, float(upper.stop - upper.start))
+        lacking = max(0.0, 1.0 - float(shown.sum() / max(stated.sum(), np.finfo(float).tiny)))
+        between = shown + lacking * stated
+        total = float((between**2).sum())
+        # each order has two amplitudes; those of a narrow band alone tell little (Welch and Satterthwaite)
+        orders = float(between.sum()) ** 2 / total if total > 0 else 1.0
+        return TurnSpectrum(between, noise, unseen, 2 * freedom * orders)
+
+
+def _powers(profiles: Array) -> Array:
+    """(l,) squares of the complex amplitudes of each order of profiles (n, k), summed over these."""
+    return np.asarray((np.abs(np.fft.rfft(profiles, axis=1) / profiles.shape[1]) ** 2).sum(axis=0))
+
+
+def _drawn(spectrum: Array, shape: tuple[int, ...], generator: np.random.Generator) -> Array:
+    """Profiles of a shape (…, k) of Gaussian noise with the variance of its complex amplitudes (l,) given."""
+    parts = generator.standard_normal((*shape[:-1], len(spectrum), 2))
+    waves = (parts[..., 0] + 1j * parts[..., 1]) * np.sqrt(spectrum / 2)
+    waves[..., 0] = parts[..., 0, 0] * math.sqrt(spectrum[0])
+    return np.asarray(np.fft.irfft(waves, shape[-1], axis=-1) * shape[-1])

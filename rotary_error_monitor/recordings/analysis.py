@@ -1,0 +1,241 @@
+"""How good a stage is, from files to files: a bag in, its error motion values and page out."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor import __version__
+from rotary_error_monitor.analysis.changes import Change, changes_between
+from rotary_error_monitor.analysis.comparison import Stay, compare_stays
+from rotary_error_monitor.analysis.course import estimate_drifts
+from rotary_error_monitor.analysis.health import fall_outs
+from rotary_error_monitor.analysis.motion import SegmentFigures, analyse_motion
+from rotary_error_monitor.analysis.positions import estimate_stops
+from rotary_error_monitor.analysis.result import Analysis, Figure, ToolOffset, as_mapping, figures_of
+from rotary_error_monitor.analysis.signals import Estimates, default_heights
+from rotary_error_monitor.analysis.verdict import judge
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
+from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
+from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.wire import wire_of
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import check_outputs, exists, write_whole
+from rotary_error_monitor.metrology.turns import MOST_WAVES, TURN
+from rotary_error_monitor.pipeline.belief import DOUBTS
+from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, COMMAND
+from rotary_error_monitor.pipeline.observability import rotation_is_lacking
+from rotary_error_monitor.recordings.diagnosis import recorded_span
+from rotary_error_monitor.recordings.replay import replay_bag
+from rotary_error_monitor.recordings.replayed import Replay
+from rotary_error_monitor.recordings.stream_health import FORCE, LVDT, RecordedStreams, read_streams
+from rotary_error_monitor.report.analysis import page
+from rotary_error_monitor.resources import config
+
+_UNPROVEN = sum(1 << DOUBTS.index(name) for name in ("unverified", "unverified_tilt"))
+
+PUSHED = 1.0
+"""Force on the shaft from which it is said that values hold what it does, N."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of a recording.
+
+    Attributes:
+        limits: of the error motion values; none, and there is no verdict.
+        heights: above the ring, m; none, and they are those of ring, LVDT and probes.
+        most_waves: cut-off of the filter over the angle, waves a turn, at most.
+    """
+
+    limits: ErrorMotionLimits = field(default_factory=ErrorMotionLimits)
+    heights: Sequence[float] = ()
+    most_waves: int = MOST_WAVES
+
+
+@dataclass(frozen=True)
+class FileAnalysis:
+    """What is analysed, and where the results go.
+
+    Attributes:
+        recording: bag.
+        stage_file: YAML with a section `stage`; None for the embedded one.
+        machine: YAML, or name of a machine that ships; None for the stage alone.
+        question: what is asked.
+        outputs: file of each format (`html`, `json`, `csv`, `png`).
+        against: another bag of the same stage, with which it is compared; None for none.
+    """
+
+    recording: Path
+    stage_file: Path | None
+    machine: str | None
+    question: Question
+    outputs: Mapping[str, Path]
+    against: Path | None = None
+
+    def run(self) -> tuple[Analysis, tuple[Change, ...] | None]:
+        """Analyse, and write the results: each whole, or what stood there stays. Changes where there is another bag.
+
+        Raises:
+            InputError: as `analyse_bag`, or a result cannot be written.
+        """
+        read = [self.recording, self.against, self.stage_file or config("stage.yaml")]
+        machine = load_machine(self.machine) if self.machine else None
+        check_outputs(self.outputs.values(), [*read, machine_path(self.machine) if self.machine else None])
+        for path in self.outputs.values():
+            if not exists(path.parent):
+                raise InputError(f"{path}: cannot be written (no folder {path.parent}); give a file in one that exists")
+        stage = load_stage(self.stage_file)
+        analysis = analyse_bag(self.recording, stage, machine, self.question)
+        changes = None
+        if self.against is not None:
+            other = analyse_bag(self.against, stage, machine, self.question)
+            changes = tuple(changes_between(list(figures_of(other)), list(figures_of(analysis))))
+        for suffix, content in list(self._contents(analysis, changes)):
+            write_whole(self.outputs[suffix], content)
+        return analysis, changes
+
+    def _contents(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> Iterator[tuple[str, bytes]]:
+        about = self._about()
+        if "json" in self.outputs:
+            since = {} if changes is None else {"changes": [asdict(each) | {"told": each.is_told} for each in changes]}
+            text = json.dumps(as_mapping(analysis, about) | since, indent=1, allow_nan=False)
+            yield "json", f"{text}\n".encode()
+        if "csv" in self.outputs:
+            yield "csv", _table(analysis).encode()
+        if {"html", "png"} & set(self.outputs):
+            # what draws takes long to load
+            from rotary_error_monitor.report.analysis_figure import draw, joined
+
+            pictures = draw(analysis)
+            if "html" in self.outputs:
+                title = "/".join(self.recording.resolve().parts[-2:])
+                yield "html", page(analysis, pictures, title, about, changes).encode()
+            if "png" in self.outputs:
+                yield "png", joined(pictures)
+
+    def _about(self) -> dict[str, str]:
+        """What was analysed, when it was recorded, and by what this was made."""
+        return {
+            "recording": str(self.recording),
+            "recorded": recorded_span(self.recording),
+            "stage": str(self.stage_file or config("stage.yaml")),
+            **({"machine": self.machine} if self.machine else {}),
+            **({"compared with": str(self.against)} if self.against else {}),
+            "made by": f"rotary_error_monitor {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        }
+
+
+def _table(analysis: Analysis) -> str:
+    """Every figure as CSV, a row each."""
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, [each.name for each in fields(Figure)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(figure) for figure in figures_of(analysis))
+    return buffer.getvalue()
+
+
+def estimates_of(replay: Replay) -> Estimates:
+    """What an analysis takes of a replay."""
+    return Estimates(
+        replay.stamp_ns,
+        replay.theta,
+        replay.error_motion,
+        replay.covariance,
+        replay.unresolved,
+        replay.head_scale,
+        np.asarray(replay.doubts & _UNPROVEN == 0),
+    )
+
+
+def analyse_bag(
+    bag: Path | str,
+    stage: StageDescription,
+    machine: MachineDescription | None = None,
+    question: Question | None = None,
+) -> Analysis:
+    """Analyse the recording of a stage; its error motion is that of a replay, which is that of the live run.
+
+    Raises:
+        InputError: there is no such bag, it lacks what tells the rotation, or the machine does not have this stage.
+    """
+    question = question or Question()
+    if machine is not None and machine.monitored is None:
+        raise InputError("the machine has no monitored axis; give one that the stage is part of, or none")
+    replay = replay_bag(bag, stage, machine)
+    if len(replay.stamp_ns) < 2:
+        raise InputError(f"{bag}: no estimate: {rotation_is_lacking(stage)}")
+    estimates = estimates_of(replay)
+    streams = read_streams(BagReader(bag), wire_of(stage), stage)
+    names = [*(f"head_{letter}" for letter in stage.azimuths), AUTOCOLLIMATOR, COMMAND, *stage.sensors]
+    rate = min((streams.rates[name] for name in names if name in streams.rates and name != COMMAND), default=math.inf)
+    heights = question.heights or default_heights(stage)
+    segments = analyse_motion(estimates, stage, heights, question.most_waves, rate)
+    acting = streams.acting(stage)
+    temperatures = {name.partition(",")[0]: each for name, each in acting.items() if name.endswith("°C")}
+    outcome, judged = judge(segments, question.limits)
+    period_ns = int(np.diff(replay.stamp_ns).min())
+    bits = {name: 1 << place for place, name in enumerate(names)}
+    return Analysis(
+        outcome,
+        judged,
+        segments,
+        estimate_drifts(segments, temperatures),
+        estimate_stops(replay.stamp_ns, replay.theta, replay.error_motion[:, 5]),
+        _stays(replay, stage, streams),
+        _tool_offset(replay),
+        tuple(streams.health),
+        fall_outs(replay.stamp_ns, replay.streams, bits, period_ns),
+        acting,
+        (int(replay.stamp_ns[0]), int(replay.stamp_ns[-1])),
+        period_ns * 1e-9,
+        (*_remarks(streams), *_too_short(replay, segments), *replay.remarks),
+    )
+
+
+def _stays(replay: Replay, stage: StageDescription, streams: RecordedStreams) -> tuple[Stay, ...]:
+    if stage.lvdt is None or LVDT not in streams.streams:
+        return ()
+    samples = streams.streams[LVDT]
+    return compare_stays(replay.stamp_ns, replay.motion, stage.lvdt, samples.times_ns, samples.values)
+
+
+def _tool_offset(replay: Replay) -> ToolOffset | None:
+    if replay.tool_offset is None:
+        return None
+    before = replay.tool_offset[np.isfinite(replay.tool_offset).all(axis=1), :3]
+    after = [each.report.remaining[:3] for each in replay.corrections if each.report is not None]
+    if not len(before) or not after:
+        return None
+    sizes = [np.linalg.norm(np.asarray(rows), axis=1) for rows in (before, after)]
+    return ToolOffset(*(float(figure) for size in sizes for figure in (_rms(size), size.max())))
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _too_short(replay: Replay, segments: Sequence[SegmentFigures]) -> list[str]:
+    turned = float(np.ptp(replay.theta)) / TURN
+    return [] if segments else [f"the rotor turned {turned:.2g} turns: no whole one, so no error motion value is told"]
+
+
+def _remarks(streams: RecordedStreams) -> list[str]:
+    force = streams.streams.get(FORCE)
+    most = 0.0 if force is None else float(np.hypot(force.values[:, 0], force.values[:, 1]).max())
+    if most < PUSHED:
+        return []
+    return [
+        f"a force of up to {most:.3g} N acted on the shaft: what it did is part of the error motion, and of its total "
+        "and asynchronous values most of all; record without it to judge the stage alone"
+    ]
