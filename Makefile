@@ -43,13 +43,13 @@ run-linuxcnc: setup ## a five-axis program on a headless LinuxCNC, with and with
 # What computes beside them gets what they leave.
 ON_TIME := $(shell chrt --rr 1 true 2>/dev/null && echo chrt --rr 1)
 BESIDE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
-LIVE := $(addprefix test/,faults/clock faults/live linuxcnc_controller linuxcnc_demonstration mock_cell network nodes security\
-	supervision testing)
+LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live linuxcnc_controller linuxcnc_demonstration mock_cell \
+	network nodes security supervision testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py \
 	description/test_configurations.py $(addprefix faults/test_,calibrated.py common_zero.py gaps.py late_heads.py listed_sensors.py \
 	machine_faults.py page.py recordings.py tilt_sensors.py without_heads.py zero.py) \
-	$(addprefix pipeline/test_,estimation.py reversals.py))
+	$(addprefix pipeline/test_,estimation.py reversals.py) recordings/test_cells.py)
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py probes.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \

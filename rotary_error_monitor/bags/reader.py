@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.bag_files import ENCODING, BagFiles, TopicContent
 from rotary_error_monitor.bags.listing import count_remarks
+from rotary_error_monitor.bags.naming import ROOT, THE_ONLY_CELL, NamedFiles, Naming
 from rotary_error_monitor.bags.recorded_files import RawMessage
 from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
@@ -31,33 +32,34 @@ class BagReader:
 
     Attributes:
         path: the bag.
-        topics: type and number of messages by topic.
+        topics: type and number of messages by topic, those of its cell by their names in the wire contract.
         damage: None for a bag that is whole, else what is wrong with it and how much of it can be read.
         remarks: what a reader of the bag should be told: the damage, what `metadata.yaml` says that is not so, and
             what its recorder noted.
 
     Raises:
-        InputError: there is no bag, or nothing in it can be read.
+        InputError: there is no bag, nothing in it can be read, or it holds several cells and `naming` names none.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, naming: Naming = THE_ONLY_CELL) -> None:
         self.path = Path(path)
         if not exists(self.path):
             raise InputError(f"{excerpt(self.path)}: no such bag; give the folder of a rosbag2 bag, or an mcap file")
-        self._source = BagFiles(self.path)
+        self._files = BagFiles(self.path)
+        self._source = NamedFiles(self._files, naming, self.path)
         self.topics: Mapping[str, TopicContent] = self._source.topics
-        self.damage = self._source.damage and one_line(self._source.damage)
+        self.damage = self._files.damage and one_line(self._files.damage)
         self.remarks = tuple(self._remarks())
         self._indexed: tuple[tuple[str, ...], _Index] | None = None
 
     def _remarks(self) -> Iterator[str]:
         if self.damage:
             yield self.damage
-        metadata = self._source.metadata
+        metadata = self._files.metadata
         if metadata.counts and not self.damage:  # else nobody expects that the counts fit
-            for remark in count_remarks(metadata, {name: topic.count for name, topic in self.topics.items()}):
+            for remark in count_remarks(metadata, {name: topic.count for name, topic in self._files.topics.items()}):
                 yield f"{self.path}: {one_line(remark)}"
-        yield from map(one_line, self._source.remarks)
+        yield from map(one_line, self._files.remarks)
         for name, text in metadata.notes.items():
             yield f"{self.path}: {excerpt(name)}: {excerpt(text)}"
 
@@ -71,7 +73,10 @@ class BagReader:
         if missing:
             have = ", ".join(name for name, topic in self.topics.items() if topic.count) or "no message at all"
             damage = f"; {self.damage}" if self.damage else ""
-            raise InputError(f"{self.path}: no message on {', '.join(missing)}; the bag has {one_line(have)}{damage}")
+            cell = "" if self._source.cell == ROOT else f" in cell {one_line(self._source.cell)}"
+            raise InputError(
+                f"{self.path}: no message on {', '.join(missing)}{cell}; the bag has {one_line(have)}{damage}"
+            )
 
     def messages(self, names: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Messages of some topics, by default all, as bytes in the order of their recording.

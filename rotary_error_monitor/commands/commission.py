@@ -1,4 +1,4 @@
-"""`rotary_error_monitor commission`: from a recording of a newly built stage to its stage file."""
+"""`rotary_error_monitor commission`: from a newly built stage, or a recording of it, to its stage file."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 
 from rotary_error_monitor.calibration.yaml_document import changing
+from rotary_error_monitor.commands.live_commissioning import add_live, record_live
+from rotary_error_monitor.commands.values import add_naming, naming_of
 from rotary_error_monitor.commissioning.report import commissioning_text
 from rotary_error_monitor.commissioning.stage_file import commission_stage, write_stage
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
 
 NOT_SETTLED = 10
@@ -20,12 +23,17 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "commission",
         help="find out what a newly built stage is like, and write its stage file",
-        description="Record a stage with the recorder while it turns at least once each way, slowly. What was plugged, "
-        "mounted or set otherwise than the data sheets say is named and put right in the stage file.",
+        description="Record a stage with the recorder while it turns at least once each way, slowly, or have a running "
+        "cell recorded with --live, which says when that is enough. What was plugged, mounted or set otherwise than "
+        "the data sheets say is named and put right in the stage file.",
         epilog="exit codes: 0 STAGE.yaml is written and nothing is left wrong; 10 something is wrong that no stage "
         "file puts right (not written without --force); 2 wrong input",
     )
-    parser.add_argument("bag", type=Path, metavar="BAG")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("bag", type=Path, nargs="?", metavar="BAG")
+    source.add_argument("--live", action="store_true", help="record a running cell, which keeps the recording")
+    add_live(parser)
+    add_naming(parser)
     parser.add_argument("--stage", type=Path, required=True, metavar="NOMINAL.yaml", help="what the data sheets say")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="STAGE.yaml")
     parser.add_argument("--date", type=date.fromisoformat, help="day of the commissioning (default: today)")
@@ -35,14 +43,23 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Commission, print, write, and give the exit code."""
-    check_outputs([arguments.output], [arguments.bag])
+    check_outputs([arguments.output], [arguments.bag, arguments.topics])
+    naming = naming_of(arguments)
+    if arguments.live and naming.is_given:
+        raise InputError("--cell and --topics are of bags; with --live give --namespace")
+    bag = record_live(arguments) if arguments.live else arguments.bag
     with changing(arguments.output):
-        stage, result = commission_stage(arguments.bag, arguments.stage)
+        try:
+            stage, result = commission_stage(bag, arguments.stage, naming)
+        except InputError as error:
+            raise InputError(f"{error} (the recording stays in {bag})" if arguments.live else str(error)) from error
         print(commissioning_text(stage, result))
         if not (result.settled or arguments.force):
             print("not written: put right what is wrong and record again; --force writes it all the same")
             return NOT_SETTLED
         day = arguments.date or datetime.now(UTC).date()
-        write_stage(stage, result, arguments.bag, arguments.stage, arguments.output, day)
-    print(f"written to {arguments.output}; next: rotary_error_monitor check {arguments.bag} --stage {arguments.output}")
+        write_stage(stage, result, bag, arguments.stage, arguments.output, day)
+    cell = f" --cell {arguments.cell}" if arguments.cell else ""
+    cell += f" --topics {arguments.topics}" if arguments.topics else ""
+    print(f"written to {arguments.output}; next: rotary_error_monitor check {bag} --stage {arguments.output}{cell}")
     return 0 if result.settled else NOT_SETTLED

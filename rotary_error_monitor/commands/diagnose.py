@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from rotary_error_monitor.commands.values import add_effect_files
+from rotary_error_monitor.commands.values import add_effect_files, add_naming, naming_of
 from rotary_error_monitor.errors import InputError, one_line
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.report.painter import Painter
@@ -34,6 +34,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder for the results")
     add_effect_files(parser)
+    add_naming(parser)
     parser.add_argument(
         "--false-alarms",
         type=float,
@@ -82,6 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.most_causes,
             arguments.most_rate,
             arguments.write_twin,
+            naming_of(arguments),
         ).run(painter, progress)
     print(verdict_sentence(diagnosis))
     for remark in diagnosis.remarks:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rotary_error_monitor.commands.values import add_naming, naming_of
 from rotary_error_monitor.description.machine import load_machine, machine_path
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError, one_line
@@ -35,6 +36,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--twin", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
     parser.add_argument("--machine", help="machine YAML, or the name of one that ships, such as xyzac_trt")
+    add_naming(parser)
     parser.add_argument("--period-ms", type=float, default=1.0, help="distance of estimates where the bag tells none")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz")
     parser.set_defaults(run=run)
@@ -50,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     stage = load_stage(arguments.twin)
     machine = load_machine(arguments.machine) if arguments.machine else None
     settings = EstimatorSettings(period_ns=round(arguments.period_ms * 1e6))
-    result = replay_bag(arguments.bag, stage, machine, settings)
+    result = replay_bag(arguments.bag, stage, machine, settings, naming=naming_of(arguments))
     for remark in result.remarks:
         print(f"note: {one_line(remark)}", file=sys.stderr)
     if len(result.stamp_ns) == 0:

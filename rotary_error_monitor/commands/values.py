@@ -6,6 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
+from rotary_error_monitor.bags.naming import Naming, read_naming
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 
@@ -42,6 +43,28 @@ def flatness_um(text: str) -> float | None:
         return not_negative(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is no number, and not 'unknown'") from None
+
+
+def add_naming(parser: argparse.ArgumentParser) -> None:
+    """Describe the arguments that say which cell of a bag is meant, and how the bag calls its topics."""
+    parser.add_argument(
+        "--cell", metavar="/NAMESPACE", help="which cell of a bag that holds several, / for that without a namespace"
+    )
+    parser.add_argument(
+        "--topics",
+        type=Path,
+        metavar="MAP.yaml",
+        help="lines `topic of the wire contract: topic in the bag`, for those of other names",
+    )
+
+
+def naming_of(arguments: argparse.Namespace) -> Naming:
+    """What these arguments say.
+
+    Raises:
+        InputError: the file of topics is wrong.
+    """
+    return read_naming(arguments.cell, arguments.topics)
 
 
 def limits_of(words: list[str], machine: MachineDescription) -> dict[str, tuple[float, float]]:

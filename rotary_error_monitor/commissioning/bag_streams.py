@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.commissioning.command import COMMAND
 from rotary_error_monitor.commissioning.commission import AUTOCOLLIMATOR, FORCE
@@ -14,14 +15,14 @@ from rotary_error_monitor.description.wire import wire_of
 LVDT = "lvdt"
 
 
-def read_streams(path: Path | str, stage: StageDescription) -> Recorded:
+def read_streams(path: Path | str, stage: StageDescription, naming: Naming = THE_ONLY_CELL) -> Recorded:
     """Raw streams of all instruments that a stage describes, and of command and force where they are there.
 
     Raises:
         InputError: the bag cannot be read, or a head has no samples in it.
     """
     wire = wire_of(stage)
-    reader = BagReader(path)
+    reader = BagReader(path, naming)
     heads = [f"head_{letter}" for letter in stage.azimuths]
     described = [
         *([AUTOCOLLIMATOR] if stage.autocollimator is not None else []),

@@ -14,6 +14,7 @@ from rotary_error_monitor.commissioning.found import Found, FoundTilt, Shown
 from rotary_error_monitor.commissioning.layouts import Layout, Weighed
 from rotary_error_monitor.commissioning.streams import Recorded, StreamFigures
 from rotary_error_monitor.commissioning.units import RADIAN, Unit
+from rotary_error_monitor.description.angle_units import ANGLE_UNITS
 from rotary_error_monitor.description.stage import StageDescription
 
 SIGMAS = 4.0
@@ -111,17 +112,23 @@ def _units(shown: Shown, tilt_unit: Unit | None) -> Iterator[Finding]:
             continue
         words = unit.words if unit is not None else f"{shown.angles.factor[name]:.4g} times the angle"
         text = f"command is in {words}" if name == COMMAND and unit is not None else f"{spoken(name)} reads {words}"
-        yield Finding(text, settled=False, advice=_unit_advice(name))
+        yield Finding(text, settled=False, advice=_unit_advice(name, unit))
     if tilt_unit is not None:
-        yield Finding(f"autocollimator reads {tilt_unit.words}", settled=False, advice=_unit_advice("autocollimator"))
+        advice = _unit_advice("autocollimator", tilt_unit)
+        yield Finding(f"autocollimator reads {tilt_unit.words}", settled=False, advice=advice)
 
 
-def _unit_advice(name: str) -> str:
+def _unit_advice(name: str, unit: Unit | None) -> str:
     """No setting of the stage file changes a unit: it is the driver's, or the device's."""
+    source = "vector3" if name == "autocollimator" else "joint_state"
+    node = {COMMAND: "stage_command"}.get(name, name.replace("head_", "encoder_head_"))
+    here = ""
+    if unit is not None and unit.name in ANGLE_UNITS:
+        here = f", or {node} (of source {source}) to `{source}: {{unit: {unit.name}}}`"
     if name == "autocollimator":
-        return "set its driver to rad (of source iio: iio.sensitivity), or convert in the device's class"
+        return f"set its driver to rad{here} (of source iio: iio.sensitivity), or convert in the device's class"
     counts = "" if name == COMMAND else " (of source counter: lines_per_revolution and counts_per_line)"
-    return f"set its driver to rad{counts}, or convert in the device's class (doc/devices.md)"
+    return f"set its driver to rad{here}{counts}, or convert in the device's class (doc/devices.md)"
 
 
 def _streams(stage: StageDescription, figures: Mapping[str, StreamFigures]) -> Iterator[Finding]:

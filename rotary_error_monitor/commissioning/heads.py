@@ -70,6 +70,17 @@ def angles_of(stage: StageDescription, streams: Mapping[str, Stream]) -> Angles:
     Raises:
         InputError: the stage stands still, moves too little, or one way only; a stream does not follow the others.
     """
+    angles = in_radians(stage, streams)
+    _check_motion(motion_of(*next(iter(angles.streams.values()))))
+    return angles
+
+
+def in_radians(stage: StageDescription, streams: Mapping[str, Stream]) -> Angles:
+    """The same of a stage that moves, however far.
+
+    Raises:
+        InputError: the stage stands still, or a stream does not follow the others.
+    """
     units = angle_units(stage.ring.resolution)
     carried: dict[str, tuple[NDArray[np.int64], Array]] = {}
     by_wrap: dict[str, Unit] = {}
@@ -96,9 +107,7 @@ def angles_of(stage: StageDescription, streams: Mapping[str, Stream]) -> Angles:
     else:
         known = [(names.index(name), unit) for name, unit in by_wrap.items()]
         choices = [each for each in choices if all(each[1][i] == unit for i, unit in known)] or choices
-    angles = _likeliest(stage, carried, names, ratio, choices)
-    _check_motion(angles.streams[first])
-    return replace(angles, wraps=tuple(by_wrap))
+    return replace(_likeliest(stage, carried, names, ratio, choices), wraps=tuple(by_wrap))
 
 
 def _likeliest(
@@ -166,8 +175,17 @@ def _letters(
     return {name.removeprefix("head_"): stream for name, stream in heads.items()}
 
 
-def _check_motion(stream: tuple[NDArray[np.int64], Array]) -> None:
-    times, values = stream
+@dataclass(frozen=True)
+class Motion:
+    """How far a stage moved: what it `covered`, and the sums of its turns `forth` and `back`, rad."""
+
+    covered: float
+    forth: float
+    back: float
+
+
+def motion_of(times: NDArray[np.int64], values: Array) -> Motion:
+    """Motion by times (n,) ns and continuous angles (n, 1)."""
     angle = values[:, 0]
     seconds = (times - times[0]) * 1e-9
     grid = np.arange(0.0, seconds[-1], 0.05)
@@ -176,15 +194,19 @@ def _check_motion(stream: tuple[NDArray[np.int64], Array]) -> None:
     usual = float(np.quantile(np.abs(steps), 0.9))
     forth = float(steps[steps > SLOW * usual].sum())
     back = float(-steps[steps < -SLOW * usual].sum())
-    covered = float(np.ptp(angle))
-    if covered < TURN:
+    return Motion(float(np.ptp(angle)), forth, back)
+
+
+def _check_motion(motion: Motion) -> None:
+    if motion.covered < TURN:
         raise InputError(
-            f"the stage moves over {np.degrees(covered):.1f}° only; record a whole turn (360°) or more each way, slowly"
+            f"the stage moves over {np.degrees(motion.covered):.1f}° only; record a whole turn (360°) or more each "
+            "way, slowly"
         )
-    if min(forth, back) < TURN:
+    if min(motion.forth, motion.back) < TURN:
         raise InputError(
-            f"the stage turns {np.degrees(forth):.0f}° one way and {np.degrees(back):.0f}° the other; record at least "
-            "a turn (360°) each way: one direction alone does not tell a delay from a zero"
+            f"the stage turns {np.degrees(motion.forth):.0f}° one way and {np.degrees(motion.back):.0f}° the other; "
+            "record at least a turn (360°) each way: one direction alone does not tell a delay from a zero"
         )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.commissioning.bag_streams import read_streams
@@ -28,7 +29,9 @@ DIGITS = 2
 """Digits of a standard uncertainty that a value is written to."""
 
 
-def commission_stage(bag: Path, stage_file: Path) -> tuple[StageDescription, Commissioning]:
+def commission_stage(
+    bag: Path, stage_file: Path, naming: Naming = THE_ONLY_CELL
+) -> tuple[StageDescription, Commissioning]:
     """The stage as a file describes it, and what a bag says of it.
 
     Raises:
@@ -38,7 +41,7 @@ def commission_stage(bag: Path, stage_file: Path) -> tuple[StageDescription, Com
     stage = load_stage(stage_file)
     if stage.encoder is None:
         raise InputError(f"{stage_file}: the stage has no section 'encoder'; expected read heads to be commissioned")
-    recorded = read_streams(bag, stage)
+    recorded = read_streams(bag, stage, naming)
     try:
         return stage, commission(stage, stated_in(stage_file), recorded)
     except InputError as error:
@@ -100,7 +103,7 @@ def _set_ring(document: YamlDocument, stage: StageDescription, result: Commissio
         before = stage.response(f"head_{letter}")
         place = ("encoder", "heads", letter)
         # with more digits than they are sure of: eccentricity and azimuths belong together
-        _set(document, "encoder", (*place, "azimuth"), number(head.azimuth.value))
+        _set(document, "encoder", (*place, "azimuth"), number(_within_a_turn(head.azimuth.value)))
         yield f"{letter}.azimuth_uncertainty", head.azimuth.std
         _set(document, "encoder", (*place, "zero"), rounded(head.zero))
         yield f"{letter}.zero_uncertainty", head.zero.std
@@ -124,6 +127,11 @@ def _set_ring(document: YamlDocument, stage: StageDescription, result: Commissio
         _set(document, "encoder", ("encoder", "noise"), number(noise))
     azimuth = max(head.azimuth.std for head in found.heads.values())
     _set(document, "encoder", ("uncertainty", "encoder.azimuth"), number(azimuth))
+
+
+def _within_a_turn(azimuth: float) -> float:
+    """The azimuth where a stage file may state it: of a head that is described at 360° it may be found beyond."""
+    return azimuth if abs(azimuth) < 2 * math.pi else math.remainder(azimuth, 2 * math.pi)
 
 
 def _order(row: dict[str, Any]) -> int:

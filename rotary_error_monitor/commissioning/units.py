@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.angle_units import ANGLE_UNITS
+
 Array = NDArray[np.float64]
 
 CLOSE = 0.02
@@ -24,7 +26,11 @@ STEP = 0.02
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of an angle: `size` is the reading that one radian gives, `words` complete "it reads …"."""
+    """A unit of an angle: `size` is the reading that one radian gives, `words` complete "it reads …".
+
+    Attributes:
+        name: of those in `ANGLE_UNITS` as a parameter of a source calls it.
+    """
 
     name: str
     size: float
@@ -33,18 +39,22 @@ class Unit:
 
 RADIAN = Unit("rad", 1.0, "radians")
 
+_WORDS = {
+    "rad": RADIAN.words,
+    "deg": "degrees",
+    "turn": "turns",
+    "gon": "gon",
+    "mrad": "mrad",
+    "urad": "µrad",
+    "arcmin": "arc minutes",
+    "arcsec": "arc seconds",
+}
+
 
 def angle_units(resolution: float) -> tuple[Unit, ...]:
     """The units in which drivers tell angles, the right one first; `resolution` is one count in rad."""
     return (
-        RADIAN,
-        Unit("deg", 180 / math.pi, "degrees"),
-        Unit("turn", 0.5 / math.pi, "turns"),
-        Unit("gon", 200 / math.pi, "gon"),
-        Unit("mrad", 1e3, "mrad"),
-        Unit("µrad", 1e6, "µrad"),
-        Unit("arcmin", 10800 / math.pi, "arc minutes"),
-        Unit("arcsec", 648000 / math.pi, "arc seconds"),
+        *(Unit(name, size, _WORDS[name]) for name, size in ANGLE_UNITS.items()),
         Unit("count", 1 / resolution, "counts"),
         *(
             Unit(f"{factor:g} rad", factor, f"{factor:g} times the angle, as with a wrong number of counts per line")
@@ -55,7 +65,7 @@ def angle_units(resolution: float) -> tuple[Unit, ...]:
 
 def tilt_units() -> tuple[Unit, ...]:
     """The units in which drivers of autocollimators tell tilts, the right one first."""
-    return tuple(unit for unit in angle_units(1.0) if unit.name in ("rad", "deg", "mrad", "µrad", "arcmin", "arcsec"))
+    return tuple(unit for unit in angle_units(1.0) if unit.name in ("rad", "deg", "mrad", "urad", "arcmin", "arcsec"))
 
 
 def closest(size: float, units: Iterable[Unit]) -> Unit | None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
 from functools import cache
 
-from rotary_error_monitor.description.wire import HEAD, SENSOR, Wire, load_wire
+from rotary_error_monitor.description.wire import HEAD, SENSOR, Topic, Wire, load_wire
 from rotary_error_monitor.errors import InputError
 
 
@@ -38,6 +40,51 @@ def samples_topic(stream: str) -> str:
             if found and stream.startswith(beginning):
                 return name.replace(several, stream.removeprefix(beginning))
     raise InputError(f"the wire contract has no samples of '{stream}'; it has those of {', '.join(sorted(names))}")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a topic stands.
+
+    Attributes:
+        topic: of the contract, as in a table, with `{head}` and `{sensor}` in its name.
+        namespace: of its cell, such as `/left`; empty for none.
+        name: in the contract, such as `/stage/head_a/samples`.
+    """
+
+    topic: Topic
+    namespace: str
+    name: str
+
+
+def contract_topics() -> tuple[Topic, ...]:
+    """All topics of the contract that belong to a cell, as in a table."""
+    return tuple(topic for topic in _contract() if not topic.is_everyones)
+
+
+def contract_topic(name: str) -> Topic | None:
+    """The contract's topic of a name, of whatever head or sensor, as in a table; None where it is none of a cell."""
+    place = place_of(name)
+    return place.topic if place is not None and not place.namespace else None
+
+
+def place_of(name: str) -> Place | None:
+    """Namespace and topic of a name such as `/left/stage/head_a/samples`; None where it is no topic of a cell."""
+    for topic, pattern in _patterns():
+        found = pattern.fullmatch(name)
+        if found is not None:
+            return Place(topic, found[1], found[2])
+    return None
+
+
+@cache
+def _patterns() -> tuple[tuple[Topic, re.Pattern[str]], ...]:
+    """Of each topic of a cell what matches its names: namespace, and name in the contract."""
+    made = []
+    for topic in contract_topics():
+        one = re.escape(topic.name).replace(re.escape(HEAD), "[a-z][a-z0-9]*").replace(re.escape(SENSOR), r"\w+")
+        made.append((topic, re.compile(rf"((?:/\w+)*)({one})", re.ASCII)))
+    return tuple(made)
 
 
 @cache

@@ -42,6 +42,11 @@ class Topic(Channel):
         """Columns of its sample blocks after `t`; none where its messages are no sample blocks."""
         return tuple(field.name for field in self.fields) if self.is_sample_block else ()
 
+    @property
+    def is_everyones(self) -> bool:
+        """Whether all machines share it, whatever their namespaces."""
+        return self.key in _EVERYONES
+
     def field(self, name: str) -> Field:
         """The field or column of that name.
 
@@ -107,9 +112,7 @@ class Wire:
     def within(self, namespace: str) -> Wire:
         """The contract of a cell in a namespace, such as `/left`; what all machines share stays where it is."""
         prefix = namespace.rstrip("/")
-        return Wire(
-            tuple(topic if topic.key in _EVERYONES else replace(topic, name=prefix + topic.name) for topic in self)
-        )
+        return Wire(tuple(topic if topic.is_everyones else replace(topic, name=prefix + topic.name) for topic in self))
 
     def published_by(self, node: str) -> tuple[Topic, ...]:
         """Topics that a node publishes, by the name of its executable."""

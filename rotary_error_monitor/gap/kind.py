@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
+from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
@@ -34,6 +35,7 @@ class TwinFile(Generic[Thing, Own]):
         description: as the kind reads it.
         effects: the effects known in this run, of its kind.
         known: effects that the twin already has besides its parameters.
+        naming: which cell of a bag is held against it, and how the bag calls its topics.
     """
 
     path: Path
@@ -42,6 +44,7 @@ class TwinFile(Generic[Thing, Own]):
     description: Thing
     effects: tuple[Own, ...]
     known: tuple[Cause, ...] = ()
+    naming: Naming = THE_ONLY_CELL
 
 
 class Kind(ABC, Generic[Thing, Own, Posed]):
@@ -99,13 +102,13 @@ AnyKind = Kind[Any, Any, Any]
 
 
 @contextmanager
-def opened_bag(path: Path) -> Iterator[BagReader]:
+def opened_bag(path: Path, naming: Naming = THE_ONLY_CELL) -> Iterator[BagReader]:
     """A bag; what is found wrong with what it holds is told with its remarks, such as that its end is missing.
 
     Raises:
         InputError: it cannot be read.
     """
-    reader = BagReader(path)
+    reader = BagReader(path, naming)
     try:
         yield reader
     except InputError as error:

@@ -20,6 +20,7 @@ from rotary_error_monitor.bags.extra_topics import extra_topics
 from rotary_error_monitor.bags.part import Recordable
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
 from rotary_error_monitor.description.settings import Setting
+from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, RateMeter, simulated_topics
@@ -135,8 +136,8 @@ class Recorder(ManagedNode):
         Raises:
             InputError: the parameter names a topic that is recorded anyway, or is no list of topics.
         """
-        names = (topic.name for topic in self.contract.read_by(NAME))
-        heard: dict[str, Recordable] = dict(zip(names, self.wire.read_by(NAME), strict=True))
+        pairs = zip(self.contract.read_by(NAME), self.wire.read_by(NAME), strict=True)
+        heard: dict[str, Recordable] = {topic.name: here for topic, here in pairs if self.is_wanted(topic)}
         try:
             for topic in extra_topics(self.setting("extra_topics")):
                 name = self.resolve_topic_name(topic.name)
@@ -147,6 +148,18 @@ class Recorder(ManagedNode):
         except InputError as error:
             raise InputError(f"parameter 'extra_topics': {error}") from None
         return heard
+
+    def is_wanted(self, topic: Topic) -> bool:
+        """Whether a topic of the contract is recorded."""
+        return True
+
+    def note(self, topic: str, data: bytes) -> None:
+        """Take note of a message that was recorded, by the topic's name in the bag."""
+
+    @property
+    def stopped(self) -> str | None:
+        """Why recording ended by itself; None while it goes on."""
+        return None if self._bag is None else self._bag.stopped
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to record; what was published while the node was inactive is not lost but not wanted."""
@@ -227,6 +240,7 @@ class Recorder(ManagedNode):
                     self._lost[topic] = self._lost.get(topic, 0) + lost
             self._guard(lambda: bag.write(topic, data, received_ns, sequence=number or 0))
             self._waited = max(self._waited, (self.now_ns() - received_ns) / NANOSECONDS)
+            self.note(topic, data)
             if tells_origin:
                 self._note_simulated(data)
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import yaml
 
 from rotary_error_monitor import __version__
+from rotary_error_monitor.bags.listing import SUFFIXES
 from rotary_error_monitor.bags.metadata import read_metadata
+from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, diagnose
@@ -37,6 +39,7 @@ class FileDiagnosis:
         most_causes: effects combined at most.
         most_rate: samples a second (Hz) that are used of one sensor, for kinds that sample in time.
         improved: file for the twin with the causes added; None writes none.
+        naming: which cell of a bag it is, and how the bag calls its topics.
     """
 
     recording: Path
@@ -47,6 +50,7 @@ class FileDiagnosis:
     most_causes: int = MOST_CAUSES
     most_rate: float = MOST_RATE
     improved: Path | None = None
+    naming: Naming = THE_ONLY_CELL
 
     def run(self, painter: Painter | None, progress: Callable[[str], None]) -> Diagnosis:
         """Diagnose, and write the results.
@@ -61,7 +65,11 @@ class FileDiagnosis:
         progress("reading")
         results = [self.output / f"diagnosis.{suffix}" for suffix in ("json", "html", "png")]
         check_outputs([*results, self.improved], [self.recording, self.twin, *self.effects])
-        twin = load_twin(self.twin, self.effects)
+        if self.naming.is_given and self.recording.is_file() and not self.recording.name.endswith(SUFFIXES):
+            raise InputError(
+                f"{self.recording}: no bag, so that it has no cells or topics; leave --cell and --topics out"
+            )
+        twin = replace(load_twin(self.twin, self.effects), naming=self.naming)
         problem = load_problem(self.recording, twin, self.most_rate)
         diagnosis = diagnose(problem, self.false_alarms, self.most_causes, progress)
         progress("writing")

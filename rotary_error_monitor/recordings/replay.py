@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import JointState, Temperature
 from rotary_error_monitor.description.machine import MachineDescription
@@ -40,6 +41,7 @@ def replay_bag(
     machine: MachineDescription | None = None,
     settings: EstimatorSettings | None = None,
     compensation_settings: CompensationSettings | None = None,
+    naming: Naming = THE_ONLY_CELL,
 ) -> Replay:
     """Run estimator and, with a machine, compensation over a bag.
 
@@ -50,7 +52,7 @@ def replay_bag(
         InputError: there is no such bag, it lacks what `input_topics` needs (or joint states, with a machine;
             nothing but these, where it has no monitored axis). Messages that are broken are left out, and said.
     """
-    reader = BagReader(bag)
+    reader = BagReader(bag, naming)
     wire = wire_of(stage)
     if machine is not None and machine.monitored is None:
         return _replay_described(reader, wire, machine, compensation_settings)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import wire_of
@@ -69,13 +70,13 @@ class StageCheck:
         return self.verified >= 1.0
 
 
-def check_stage(bag: Path | str, stage: StageDescription) -> StageCheck:
+def check_stage(bag: Path | str, stage: StageDescription, naming: Naming = THE_ONLY_CELL) -> StageCheck:
     """Hold a recording against the description of its stage.
 
     Raises:
         InputError: there is no such bag, it lacks what tells the rotation, or nothing can be estimated from it.
     """
-    reader = BagReader(bag)
+    reader = BagReader(bag, naming)
     # Sensors that the stage lists are of use, not needed.
     found = input_topics(reader, wire_of(stage), stage)
     inputs = {topic: name for topic, name in found.items() if name not in stage.sensors or topic in reader.topics}

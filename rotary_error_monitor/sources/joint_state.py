@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from rotary_error_monitor.description.angle_units import ANGLE_UNITS
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -18,11 +19,17 @@ from rotary_error_monitor.sources.unwrapping import unwrap_angle
 _SETTINGS = (
     Setting("joint_state.topic", "joint_states", "topic of the third-party driver"),
     Setting("joint_state.joint", "", "name of the joint in its messages; empty for their only one"),
+    Setting(
+        "joint_state.unit",
+        "rad",
+        "unit of its positions and velocities, which the message's definition has in rad",
+        choices=tuple(ANGLE_UNITS),
+    ),
 )
 
 
 class JointStateDriver(Device):
-    """Position of one joint, rad."""
+    """Position of one joint, in rad unless its driver tells another unit."""
 
     name = "joint_state"
     meaning = "a driver that publishes sensor_msgs/JointState"
@@ -31,17 +38,17 @@ class JointStateDriver(Device):
 
     def open(self, instrument: Instrument) -> ContinuousAngle:
         """Source of the joint's angles."""
-        joint = instrument.setting("joint_state.joint")
+        joint, radian = _read_settings(instrument)
         return ContinuousAngle(
             instrument.fields,
             instrument.setting("joint_state.topic"),
             "sensor_msgs/msg/JointState",
-            lambda message: (joint_position(message, joint),),
+            lambda message: (joint_position(message, joint) / radian,),
         )
 
 
 class CommandDriver(Device):
-    """Commanded position of one joint, rad, with its speed, rad/s."""
+    """Commanded position of one joint with its speed, in rad and rad/s unless its controller tells another unit."""
 
     name = "joint_state"
     meaning = "a controller that publishes sensor_msgs/JointState"
@@ -50,13 +57,18 @@ class CommandDriver(Device):
 
     def open(self, instrument: Instrument) -> CommandedAngle:
         """Source of the joint's angles and speeds."""
-        joint = instrument.setting("joint_state.joint")
+        joint, radian = _read_settings(instrument)
         return CommandedAngle(
             instrument.fields,
             instrument.setting("joint_state.topic"),
             "sensor_msgs/msg/JointState",
-            lambda message: (joint_position(message, joint), joint_velocity(message, joint)),
+            lambda message: (joint_position(message, joint) / radian, joint_velocity(message, joint) / radian),
         )
+
+
+def _read_settings(instrument: Instrument) -> tuple[str, float]:
+    """Name of the joint, and what one radian reads."""
+    return instrument.setting("joint_state.joint"), ANGLE_UNITS[instrument.setting("joint_state.unit")]
 
 
 class ContinuousAngle(Heard):

@@ -21,10 +21,6 @@ ROOT = Path(__file__).parents[2]
 DOC = ROOT / "doc"
 
 PAGES_ELSEWHERE = {
-    (
-        "rotary_error_monitor analyse BAG --twin STAGE.yaml --height 0 60 "
-        "--limits radial_synchronous_um=2 tilt_total_urad=50 -o PAGE.html"
-    ): ("test/recordings/test_analyse_command.py", '"analyse", str(bag), "--height", "0", "60"'),
     "calibration": "test/calibration/test_tutorial.py",
     "tutorial_mount": "test/test_tutorials.py",
     "tutorial_quadrature": "test/test_tutorials.py",
@@ -37,8 +33,13 @@ MONITOR = "ros2 run rotary_error_monitor gap_monitor --ros-args -p effects:=doc/
 WIRE = "rotary_error_monitor wire"
 HERE = {COMMISSION, KIND_OF_ONES_OWN, MONITOR, WIRE}
 
+LIVE = "test/commissioning/test_live.py"
 WHEEL, COLCON = "test/distribution/test_distribution.py", "test/test_package.py"
 ELSEWHERE = {
+    (
+        "rotary_error_monitor analyse BAG --twin STAGE.yaml --height 0 60 "
+        "--limits radial_synchronous_um=2 tilt_total_urad=50 -o PAGE.html"
+    ): ("test/recordings/test_analyse_command.py", '"analyse", str(bag), "--height", "0", "60"'),
     "rotary_error_monitor diagnose BAG --twin TWIN.yaml --effects doc/examples/oil_film.py -o DIR": (
         "test/test_effects_document.py",
         "--effects doc/examples/oil_film.py -o DIR",
@@ -47,6 +48,9 @@ ELSEWHERE = {
         "test/kinds/test_own_kind.py",
         "--write-twin improved.yaml -o DIR",
     ),
+    "cp config/real_cell.yaml cell.yaml": (LIVE, 'COPY = "cp config'),
+    "rotary_error_monitor up cell.yaml": (LIVE, "place.type(UP"),
+    "rotary_error_monitor commission --live --stage nominal.yaml -o stage.yaml": (LIVE, "place.type(COMMISSION"),
     "make setup": (".ci/run", "make test"),  # which does that first
     "make lint": (".ci/run", "make test"),
     "make test": (".ci/run", "make test"),

@@ -56,6 +56,9 @@ def build(
     duration: float = 40.0,
     known_tilt: bool = False,
     pushed: bool = False,
+    reversed_heads: int | None = None,
+    axes: tuple[float, float] | None = None,
+    tilt: float | None = None,
     **options: Any,
 ) -> NewlyBuilt:
     """A stage drawn from the seed, turned both ways.
@@ -69,16 +72,24 @@ def build(
         duration: s.
         known_tilt: whether the file states the spindle's tilt error motion, with its uncertainty.
         pushed: whether a force that is recorded pushes at a shaft whose compliance in tilt is described.
+        reversed_heads: how many heads count the other way; drawn where it is None.
+        axes: gain and roll (rad) of the autocollimator; drawn where it is None.
+        tilt: root mean square of the spindle's tilt error motion per axis, rad; drawn where it is None.
         options: of the recording.
     """
     rng = np.random.default_rng([seed, 20261127])
     count = int(rng.integers(3, 7)) if count is None else count
     even = bool(rng.integers(0, 2)) if even is None else even
     swap = bool(rng.integers(0, 2)) if swap is None else swap
-    nominal, spindle = _nominal(rng, count, even)
+    nominal, spindle = _nominal(rng, count, even, tilt)
     letters = list(nominal["encoder"]["heads"])
     swapped = tuple(sorted(rng.choice(letters, 2, replace=False).tolist())) if swap else ()
     true = _as_built(rng, nominal, spindle, swapped)
+    if reversed_heads is not None:
+        for place, letter in enumerate(rng.permutation(letters).tolist()):
+            true["encoder"]["heads"][letter]["sign"] = -1 if place < reversed_heads else 1
+    if axes is not None:
+        true["autocollimator"]["gain"], true["autocollimator"]["roll"] = axes
     if sign:
         nominal["command"] = {"sign": true["command"]["sign"]}
     if known_tilt:
@@ -103,7 +114,7 @@ def build(
     return NewlyBuilt(nominal, true, answered(made, true), swapped, chosen["noise"])
 
 
-def _nominal(rng: np.random.Generator, count: int, even: bool) -> tuple[Section, Section]:
+def _nominal(rng: np.random.Generator, count: int, even: bool, size: float | None) -> tuple[Section, Section]:
     """Section of the data sheets, and the spindle that the stage has."""
     azimuths = 2.0 * np.pi * np.arange(count) / count
     if not even:  # by gaps of which no two are alike, and no sequence is its own mirror image
@@ -118,6 +129,7 @@ def _nominal(rng: np.random.Generator, count: int, even: bool) -> tuple[Section,
         "heads": {"abcdef"[i]: {"azimuth": float(azimuth % (2.0 * np.pi))} for i, azimuth in enumerate(azimuths)},
     }
     radial, tilt = drawn_log(rng, 1e-7, 1.5e-6), drawn_log(rng, 2e-6, 1e-5)
+    tilt = tilt if size is None else size
     spindle = {"radial": _waves(rng, radial, (1, 2, 3, 5)), "tilt": _waves(rng, tilt, (1, 2, 3))}
     nominal = {
         "encoder": encoder,

@@ -33,7 +33,7 @@ class MachineKind(Kind[MachineDescription, MachineEffect, MachineProblem]):
         self, recording: Path, twin: TwinFile[MachineDescription, MachineEffect], most_rate: float
     ) -> MachineProblem:
         """A bag of joint states and the tool's probe, with temperature where it is recorded."""
-        with opened_bag(recording) as reader:
+        with opened_bag(recording, twin.naming) as reader:
             needed = pose_topics()
             reader.check_topics(needed[:2])
             names = [name for name in needed if name in reader.topics]

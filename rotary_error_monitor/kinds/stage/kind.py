@@ -41,7 +41,7 @@ class StageKind(Kind[StageDescription, StageEffect, "StageProblem"]):
         # The libraries of a stage's signals take a second to load, which who only looks at a twin need not wait for.
         from rotary_error_monitor.kinds.stage.stretches import stage_problem
 
-        with opened_bag(recording) as reader:
+        with opened_bag(recording, twin.naming) as reader:
             letters, without = sorted(twin.description.azimuths), absent_kinds(twin.description)
             listed = tuple(twin.description.listed)
             streams = streams_with(letters, without, listed)

@@ -1,0 +1,120 @@
+"""How far a stage that is being commissioned has turned, while it turns."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.commissioning.command import COMMAND
+from rotary_error_monitor.commissioning.heads import TURN, in_radians, motion_of
+from rotary_error_monitor.commissioning.streams import Stream
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+
+ENOUGH = TURN + math.radians(10.0)
+"""Rotation each way that is asked for, rad: a whole turn, and what a hand or a ramp loses at both ends of it."""
+
+REST = 3.0
+"""Time, s, in which a stage that has turned enough stands before that is taken for the end: hands take a new hold."""
+
+STILL = math.radians(0.5)
+"""Angle, rad, within which a stage that stands may move: at the slowest speed of use, a turn in five minutes, it is
+left behind in half a second."""
+
+LONG = 2.0
+"""Times what is enough after which a stage need not stand: a controller may go on for ever."""
+
+MOST = 4096
+"""Samples of a stream that are kept: where there are more, every other one goes."""
+
+SPACING_NS = NANOSECONDS // 50
+"""Least time between two samples that are kept, ns: that between the values of which speeds are made."""
+
+
+@dataclass(frozen=True)
+class Travel:
+    """How far a stage has turned, as far as its heads tell, rad: `forth` and `back`, and whether it stands."""
+
+    forth: float = 0.0
+    back: float = 0.0
+    stands: bool = True
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether that does: each way a turn and a bit, after which the stage stands, or goes on for long.
+
+        The stage shall stand because nothing is known of units yet: degrees that pass for radians look like many turns,
+        but who was asked for one turn stops after one.
+        """
+        least = min(self.forth, self.back)
+        return least >= (ENOUGH if self.stands else LONG * ENOUGH)
+
+
+class TravelWatch:
+    """Keeps some of the samples of heads and command as they come, and says how far the stage has turned.
+
+    Blocks may come on one thread while another one asks.
+    """
+
+    def __init__(self, stage: StageDescription) -> None:
+        """Watch a stage with these heads."""
+        self._stage = stage
+        self._lock = threading.Lock()
+        self._kept = {name: _Kept() for name in (*(f"head_{letter}" for letter in stage.azimuths), COMMAND)}
+
+    def note(self, stream: str, block: SampleBlock) -> None:
+        """Take note of a block of a stream; of others than heads and command nothing is kept."""
+        if stream in self._kept:
+            with self._lock:
+                self._kept[stream].add(block)
+
+    def travel(self) -> Travel:
+        """How far the stage has turned each way; not at all where its heads do not tell that it moves."""
+        streams = dict(self._streams())
+        if not streams or not all(f"head_{letter}" in streams for letter in self._stage.azimuths):
+            return Travel()
+        try:
+            angles = in_radians(self._stage, streams)
+        except InputError:  # what is wrong is said of the whole recording, when it is one
+            return Travel()
+        times, values = next(iter(angles.streams.values()))
+        motion = motion_of(times, values)
+        last = values[times > times[-1] - round(REST * NANOSECONDS)]
+        stands = bool(times[-1] - times[0] > REST * NANOSECONDS and np.ptp(last) < STILL)
+        return Travel(motion.forth, motion.back, stands)
+
+    def _streams(self) -> Iterator[tuple[str, Stream]]:
+        with self._lock:
+            kept = {name: each.copy() for name, each in self._kept.items()}
+        for name, (times, values) in kept.items():
+            if len(times) > 1:
+                yield name, Stream(np.array(times, np.int64), np.array(values, np.float64))
+
+
+class _Kept:
+    """Some samples of one stream: the last of a block, at least a spacing apart."""
+
+    def __init__(self) -> None:
+        self._times: list[int] = []
+        self._values: list[NDArray[np.float64]] = []
+        self._spacing_ns = SPACING_NS
+
+    def add(self, block: SampleBlock) -> None:
+        time = int(block.times_ns[-1])
+        value = block.rows[-1, 1:]
+        if (self._times and time < self._times[-1] + self._spacing_ns) or not np.isfinite(value).all():
+            return
+        self._times.append(time)
+        self._values.append(value.copy())
+        if len(self._times) > MOST:
+            self._spacing_ns *= 2
+            self._times, self._values = self._times[::2], self._values[::2]
+
+    def copy(self) -> tuple[list[int], list[NDArray[np.float64]]]:
+        return self._times[:], self._values[:]
