@@ -98,7 +98,7 @@ class TravelWatch:
 
 
 class _Kept:
-    """Some samples of one stream: the last of a block, at least a spacing apart."""
+    """Some samples of one stream: the first in each slot of time that has one."""
 
     def __init__(self) -> None:
         self._times: list[int] = []
@@ -106,12 +106,14 @@ class _Kept:
         self._spacing_ns = SPACING_NS
 
     def add(self, block: SampleBlock) -> None:
-        time = int(block.times_ns[-1])
-        value = block.rows[-1, 1:]
-        if (self._times and time < self._times[-1] + self._spacing_ns) or not np.isfinite(value).all():
-            return
-        self._times.append(time)
-        self._values.append(value.copy())
+        times = block.times_ns
+        before = self._times[-1] // self._spacing_ns if self._times else -1
+        # slots go up: what comes out of order, or is not finite, makes no new one
+        for i in np.flatnonzero(np.diff(np.maximum.accumulate(times // self._spacing_ns), prepend=before) > 0):
+            value = block.rows[i, 1:]
+            if np.isfinite(value).all() and (not self._times or times[i] > self._times[-1]):
+                self._times.append(int(times[i]))
+                self._values.append(value.copy())
         if len(self._times) > MOST:
             self._spacing_ns *= 2
             self._times, self._values = self._times[::2], self._values[::2]

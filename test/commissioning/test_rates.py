@@ -112,3 +112,30 @@ def test_roll_and_gain_are_told_by_a_force_on_a_known_shaft(seed: int) -> None:
     truth = own["gain"] * np.exp(1j * own["roll"])
     assert abs(tilt.axes.response / truth - 1) < 4 * tilt.axes.std
     assert tilt.axes_told == (tilt.axes.std <= 0.02)
+
+
+def test_one_sample_a_message_with_stamps_that_scatter_tells_as_much() -> None:
+    """As drivers publish: stamped by the computer that hears them, counting from wherever they were switched on."""
+    wrong, off = {}, {}
+    for seed in range(300, 320):
+        rng = np.random.default_rng([seed, 1])
+        built = build(
+            seed,
+            count=int(rng.integers(4, 7)),
+            even=False,
+            duration=DURATION,
+            rounding="round",
+            block_period=2e-3,
+            uneven_blocks=False,
+            rates={head_topic(letter): 250.0 for letter in "abcdef"},
+            stamp_jitter=float(10 ** rng.uniform(-6, -4.3)),
+        )
+        assert all(len(block.rows) == 1 for block in built.recording.blocks[head_topic("a")])
+        found = judge(built)
+        named = set(found.named) - of_the_autocollimator(found.named)
+        if (found.told and named != found.expected) or not found.listed or found.falsely_loud:
+            wrong[seed] = named ^ found.expected, found.falsely_loud
+        off |= {(seed, name): value for name, value in found.off.items()}
+    assert not wrong
+    far = {key: value for key, value in off.items() if abs(value) > 3}
+    assert len(off) > 100 and len(far) <= 0.02 * len(off), far
