@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import AngularHarmonic, Autocollimator, Encoder, Mirror
+from rotary_error_monitor.description.stage import AngularHarmonic, Autocollimator, Encoder, Mirror, Spindle
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
 
 COMPONENTS = ("exc", "eyc", "ezc", "eac", "ebc", "ecc")
@@ -65,6 +65,15 @@ def remove_eccentricity(
 def remove_mirror(tilt: NDArray[np.float64], theta: NDArray[np.float64], mirror: Mirror) -> NDArray[np.float64]:
     """(m, 2) tilt error motion: the mirror's tilt less its assembly tilt and flatness (Lou et al. 2019, Equation 6)."""
     return tilt - rotate(mirror.tilt, theta) - planar_sum(mirror.flatness, theta)
+
+
+def described_error_motion(spindle: Spindle, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m, 6) error motion (m, rad) that a spindle's description has at rotations `theta` (m,), rad."""
+    motion = np.zeros((len(theta), len(COMPONENTS)))
+    motion[:, :2] = planar_sum(spindle.radial, theta)
+    motion[:, 2] = angular_sum(spindle.axial, theta)
+    motion[:, 3:5] = planar_sum(spindle.tilt, theta)
+    return motion
 
 
 def radial_error_motion_at(components: NDArray[np.float64], height: float) -> NDArray[np.float64]:

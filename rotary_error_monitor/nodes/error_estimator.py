@@ -278,7 +278,7 @@ class ErrorEstimator(ManagedNode):
             "tilt_uncertainty_scale": belief.verdict.tilt_scale,
             "sensor_conflict": self._estimator.sensor_conflict,
             "sensors_without_redundancy": ", ".join(unchecked_sensors(self.stage)) or "none",
-            "rotation": "by the heads" if self.stage.azimuths else "by the command, which nothing checks",
+            "rotation": "by the heads" if self.stage.azimuths else "by the command, which no sensor checks",
             "command_delay_ms": belief.command.delay * 1e3,
             "verified": belief.verified,
             "unresolved_radial_um": belief.verdict.unresolved * 1e6,

@@ -304,6 +304,8 @@ class Belief:
         self.heads.judge(window, there)
         if {*self.streams.doubted, *self.heads.doubted}.difference(before) & {*self._head_names}:
             self._retract(window.number)
+        elif self._commanded:
+            self._judge_by_command(window)
         elif not (self.heads.contradiction or self.heads.contradicting):
             self.ring.judge(window)
             self.tilt.judge(window)
@@ -312,6 +314,15 @@ class Belief:
         doubting = [name for name, judge in self._judges_of_the_rotation() if judge.doubt]
         self._began = {name: self._began.get(name, window.number) for name in doubting}
         self.verdict = self._conclude()
+
+    def _judge_by_command(self, window: Window) -> None:
+        """Without heads the tilt is judged at the command's rotation: not while that is doubted, nor just before."""
+        believed = not self.command.doubt
+        self.command.judge(window)
+        if not self.command.doubt:
+            self.tilt.judge(window)
+        elif believed:
+            self.tilt.retract(doubt=self._began.get("tilt", window.number) >= window.number - LONG)
 
     def _judges_of_the_rotation(self) -> Iterator[tuple[str, RingBelief | TiltBelief | CommandBelief]]:
         yield from (("ring", self.ring), ("tilt", self.tilt), ("command", self.command))

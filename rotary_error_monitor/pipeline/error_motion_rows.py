@@ -13,6 +13,7 @@ from rotary_error_monitor.metrology import error_motion as motion
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, RingPose, estimate_ring_pose
 from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.pipeline import evidence
+from rotary_error_monitor.pipeline.standing_rotor import RotorReadings
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.resampling import Resampled
 
@@ -74,6 +75,7 @@ class Ticks:
         parity: (m, h) contradiction of the heads, rad.
         disagreement: (m,) of the heads, in standard deviations.
         layout: of the heads that were used; None where these do not tell the rotation.
+        readings: (m, P) what the instruments read, of a stage without heads; else (m, 0).
     """
 
     rows: NDArray[np.float64]
@@ -81,6 +83,7 @@ class Ticks:
     parity: NDArray[np.float64]
     disagreement: NDArray[np.float64]
     layout: HeadLayout | None
+    readings: NDArray[np.float64]
 
 
 class RowMaker:
@@ -91,7 +94,13 @@ class RowMaker:
         self._stage = stage
         self._heads = dict(heads)
         self._period = period
+        self._readings = None if self._heads else RotorReadings(stage)
         self._layouts: dict[tuple[float, ...], HeadLayout] = {}
+
+    @property
+    def readings(self) -> int:
+        """Number P of readings that `make` gives beside the rows."""
+        return self._readings.count if self._readings else 0
 
     def layout(self, heads: tuple[str, ...]) -> HeadLayout | None:
         """Layout of some heads; None for fewer than two."""
@@ -121,7 +130,7 @@ class RowMaker:
         rows, seen = np.zeros((count, len(COLUMNS))), np.zeros((count, len(evidence.COLUMNS)))
         parity, disagreement = np.zeros((count, len(self._heads))), np.zeros(count)
         if not self._heads and COMMAND in there:
-            self._put_commanded(rows, seen, sampled[COMMAND].values[:, 0])
+            self._put_commanded(rows, seen, sampled[COMMAND].values)
             if AUTOCOLLIMATOR in there:
                 self._put_tilt(rows, seen, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
         heads = tuple(name for name in self._heads if name in used)
@@ -141,7 +150,8 @@ class RowMaker:
         whole = ring if everyone == heads else self._ring(everyone, sampled)[1]
         if whole is not None:
             seen[:, evidence.INDEX["agreement"]] = whole.disagreement**2
-        return Ticks(rows, seen, parity, disagreement, layout)
+        readings = self._readings.read(sampled, there, count) if self._readings else np.empty((count, 0))
+        return Ticks(rows, seen, parity, disagreement, layout, readings)
 
     def _ring(
         self, heads: tuple[str, ...], sampled: Mapping[str, Resampled]
@@ -189,7 +199,8 @@ class RowMaker:
     @staticmethod
     def _put_commanded(rows: NDArray[np.float64], seen: NDArray[np.float64], command: NDArray[np.float64]) -> None:
         """The rotation of a stage without heads; how far it is from the command is not observable."""
-        rows[:, COLUMN["theta"]] = seen[:, evidence.INDEX["theta"]] = command
+        rows[:, COLUMN["theta"]] = seen[:, evidence.INDEX["theta"]] = command[:, 0]
+        seen[:, evidence.INDEX["velocity"]] = command[:, 1]
         seen[:, evidence.INDEX["commanded"]] = 1.0
 
     def _radial_variance(self, layout: HeadLayout, ring: RingPose) -> NDArray[np.float64]:

@@ -342,11 +342,7 @@ class Estimator:
         seen = evidence.values[:done, [EVIDENCE["heads"], EVIDENCE["commanded"]]].max(axis=1) > 0.0
         if self._listed is not None:
             known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
-            said = {
-                place: (decision.sensor_scale, decision.sensor_conflict)
-                for place, decision in decided.items()
-                if place < done
-            }
+            said = {at: (each.sensor_scale, each.sensor_conflict) for at, each in decided.items() if at < done}
             rows = self._listed.complete(first, rows, publish & seen, known, rates, said, evidence.values[:done])
         if self._repetition is None:
             self.status.unobservable += int((~seen).sum())
@@ -371,19 +367,19 @@ class Estimator:
         count = len(there)
         rows, values = np.zeros((count, len(COLUMNS))), np.zeros((count, len(EVIDENCE)))
         parity, disagreement = np.zeros((count, len(self._heads))), np.zeros(count)
-        redundancy = np.zeros(count, np.int64)
+        redundancy, readings = np.zeros(count, np.int64), np.zeros((count, self._rows.readings))
         for both in set(zip(there.tolist(), used.tolist(), strict=True)):
             chosen = np.flatnonzero((there == both[0]) & (used == both[1]))
             part = sampled if len(chosen) == count else {name: each.at(chosen) for name, each in sampled.items()}
             made = self._rows.make(part, self._names(both[0]), self._names(both[1]), rates)
             rows[chosen], values[chosen] = made.rows, made.evidence
-            parity[chosen], disagreement[chosen] = made.parity, made.disagreement
+            parity[chosen], readings[chosen], disagreement[chosen] = made.parity, made.readings, made.disagreement
             redundancy[chosen] = redundancy_of(made.layout)
             if made.layout is not None:
                 self.status.unseen_orders = self._unseen_orders(made.layout)
         return (
             rows,
-            Evidence(first + np.arange(count), values, parity, there & self._judged_bits),
+            Evidence(first + np.arange(count), values, parity, there & self._judged_bits, readings),
             disagreement,
             redundancy,
         )

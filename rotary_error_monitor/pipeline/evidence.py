@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,7 @@ COLUMNS = (
     "tilt_surplus_y",
     "tilt_variance",  # rad²
     "commanded",  # whether the command alone tells the rotation, of a stage without heads
+    "velocity",  # of the command that does, rad/s
 )
 INDEX = {name: place for place, name in enumerate(COLUMNS)}
 
@@ -66,25 +67,25 @@ class Evidence:
         values: (m, k) one column for each name in `COLUMNS`.
         parity: (m, h) contradiction of the heads that are there, in their order, rad; zero where there is none.
         available: (m,) bit mask of the streams that are there.
+        readings: (m, P) what the instruments read, where the command alone tells the rotation.
     """
 
     ticks: NDArray[np.int64]
     values: Array
     parity: Array
     available: NDArray[np.int64]
+    readings: Array
 
     def part(self, chosen: slice) -> Evidence:
         """The same of some of the ticks."""
-        return Evidence(self.ticks[chosen], self.values[chosen], self.parity[chosen], self.available[chosen])
+        return Evidence(*(each[chosen] for each in self._arrays()))
 
     def followed_by(self, other: Evidence) -> Evidence:
         """Both, one after the other."""
-        return Evidence(
-            np.concatenate([self.ticks, other.ticks]),
-            np.concatenate([self.values, other.values]),
-            np.concatenate([self.parity, other.parity]),
-            np.concatenate([self.available, other.available]),
-        )
+        return Evidence(*(np.concatenate(pair) for pair in zip(self._arrays(), other._arrays(), strict=True)))
+
+    def _arrays(self) -> tuple[Any, ...]:
+        return tuple(vars(self).values())
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,7 @@ class Window:
         parity: (h,) mean of the contradiction, rad.
         available: streams that were there all the time, as a bit mask.
         steady: whether the same streams were there all the time.
+        readings: (P,) mean of what the instruments read, as in `Evidence`.
     """
 
     number: int
@@ -110,6 +112,7 @@ class Window:
     parity: Array
     available: int
     steady: bool
+    readings: Array = field(default_factory=lambda: np.empty(0))
 
     def __getitem__(self, name: str) -> float:
         return self.mean[INDEX[name]]
@@ -152,7 +155,10 @@ class WindowGrid:
         values = evidence.values.reshape(count, self.ticks, len(COLUMNS))
         means = (values.sum(axis=1) / self.ticks).tolist()
         scatter = self._scatter(values[:, :, [INDEX[name] for name in SCATTERING]]).tolist()
-        parity = evidence.parity.reshape(count, self.ticks, evidence.parity.shape[1]).sum(axis=1) / self.ticks
+        parity, readings = (
+            each.reshape(count, self.ticks, each.shape[1]).sum(axis=1) / self.ticks
+            for each in (evidence.parity, evidence.readings)
+        )
         masks = evidence.available.reshape(count, self.ticks)
         steady = (masks == masks[:, :1]).all(axis=1).tolist()
         always = np.bitwise_and.reduce(masks, axis=1).tolist()
@@ -166,6 +172,7 @@ class WindowGrid:
                 parity[i],
                 always[i],
                 steady[i],
+                readings[i],
             )
             for i in range(count)
         ]

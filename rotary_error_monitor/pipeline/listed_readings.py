@@ -10,8 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion, reading_variance
-from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
+from rotary_error_monitor.metrology.error_motion import (
+    COMPONENTS,
+    ErrorMotion,
+    described_error_motion,
+    reading_variance,
+)
 from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE
 from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.error_motion_rows import COLUMN
@@ -146,7 +150,7 @@ class ListedReadings:
             there: (m, p) which readings can be used.
             sampled: each stream at the ticks.
         """
-        described = self._described(motion.theta)
+        described = described_error_motion(self._spindle, motion.theta)
         expected = np.where(motion.observable, motion.components, described)
         raw, reading, noise = self._read(motion.theta, sampled)
         turned = self._turned(motion.theta, rows[:, COLUMN["lag"]])
@@ -206,14 +210,6 @@ class ListedReadings:
         for place in range(len(COMPONENTS)):
             total += _summed(covariance[:, place], self.sensitivity) * self.sensitivity[:, place]
         return total
-
-    def _described(self, theta: Array) -> Array:
-        """(m, 6) error motion as the description has it."""
-        motion = np.zeros((len(theta), len(COMPONENTS)))
-        motion[:, :2] = planar_sum(self._spindle.radial, theta)
-        motion[:, 2] = angular_sum(self._spindle.axial, theta)
-        motion[:, 3:5] = planar_sum(self._spindle.tilt, theta)
-        return motion
 
 
 def _noise_of(evidence: Array) -> Array:

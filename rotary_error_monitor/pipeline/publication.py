@@ -114,7 +114,7 @@ class Publication:
         """Publication for `stage`, with the `bits` of its streams."""
         encoder = stage.encoder or ABSENT
         self._radius, self._most = encoder.disc_radius, stage.limits.radial
-        self._bits = bits
+        self._bits, self._commanded = bits, stage.encoder is None
         others = (AUTOCOLLIMATOR, COMMAND, *stage.sensors)
         self._heads = sum(bit for name, bit in bits.items() if name not in others)
         self._assembly = AssemblyVariance.of(stage)
@@ -166,6 +166,7 @@ class Publication:
         for name in ("doubts", *_UNCERTAIN):
             rows[:, COLUMN[name]] = getattr(believed, name)
         agree = (disagreement <= believed.most) & near & ~doubts["heads"]
+        agree &= ~(command & self._commanded)  # without heads all is of the rotation that the command tells
         return np.asarray(agree & np.isfinite(rows).all(axis=1))
 
     def _raise_uncertainty(

@@ -19,6 +19,9 @@ the one that is described."""
 STEADY = 0.25
 """Part of the largest following error by which rotation and command may come apart within a window."""
 
+STANDS = 1e-3
+"""Part of the way that it should have gone by which a command has gone at most if it stands."""
+
 ACCELERATION = 100.0
 """Angular acceleration, rad/s², that direct drives of rotary tables reach."""
 
@@ -310,7 +313,7 @@ class CommandBelief:
         """A command that stands while the rotor turns."""
         command = (window["theta"] - window["ecc"]) - (last["theta"] - last["ecc"])
         turned = window["theta"] - last["theta"]
-        if abs(command) > 1e-3 * abs(turned) or abs(turned) < 6.0 * self._noise:
+        if abs(command) > STANDS * abs(turned) or abs(turned) < 6.0 * self._noise:
             self._still = 0.0
             return ""
         self._still += abs(turned)

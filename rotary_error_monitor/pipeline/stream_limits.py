@@ -27,7 +27,8 @@ def stream_limits(stage: StageDescription) -> dict[str, tuple[tuple[str, ...], S
         largest = stage.response(AUTOCOLLIMATOR).largest(2.0 * instrument.range)
         tilts = SampleLimits(largest, noise=math.hypot(instrument.noise, instrument.resolution))
         found[AUTOCOLLIMATOR] = ("tilt_x", "tilt_y"), tilts
-    found[COMMAND] = ("angle",), angles
+    # where the command is the rotation, its fields are held against one another
+    found[COMMAND] = ("angle",) if encoder else ("angle", "velocity"), angles
     for name, sensor in stage.sensors.items():
         step = math.hypot(sensor.noise, sensor.resolution)
         found[name] = listed_kind(sensor).fields, SampleLimits(2.0 * sensor.range, noise=step)

@@ -140,7 +140,7 @@ class Admission:
         """Take further whole turns out of all that comes."""
         self._turns += turns
         if self._last is not None:
-            self._last = self._last - TURN * turns
+            self._last = _turned_by(self._last, turns)
 
     def _in_order(self, times: NDArray[np.int64], values: NDArray[np.float64], until_ns: int) -> Samples:
         """Samples that are finite, within range, not in the future and in order after all that came before.
@@ -176,7 +176,7 @@ class Admission:
         limits = self.limits
         if math.isinf(limits.speed):
             return values, None
-        turned = values - TURN * self._turns if self._turns else values
+        turned = _turned_by(values, self._turns) if self._turns else values
         last, since = self._last, self._newest_ns
         steps = np.diff(turned[:, 0], prepend=turned[0, 0] if last is None else last[0])
         passed = np.diff(times, prepend=times[0] if since is None else since) * 1e-9
@@ -343,6 +343,13 @@ class ArrivalCheck:
     def was_set_back(self, newest_ns: int | None, arrival_ns: int) -> bool:
         """Whether what was believed before is in the future now: the clock was set back."""
         return newest_ns is not None and newest_ns - arrival_ns > self.ahead_ns
+
+
+def _turned_by(values: NDArray[np.float64], turns: int) -> NDArray[np.float64]:
+    """Values (..., k) whose angle, the first of k, has had whole turns taken out."""
+    turned = values.copy()
+    turned[..., 0] -= TURN * turns
+    return turned
 
 
 def _rising(times: NDArray[np.int64]) -> NDArray[np.bool_]:

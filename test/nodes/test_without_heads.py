@@ -56,7 +56,7 @@ def test_error_motion_and_corrections_from_three_probes(headless, settings, stag
     headless.wait_until(lambda: len(estimates) > 10 and len(corrections) > 10, "estimates and corrections", 60)
     headless.forget_status("error_estimator: estimate")
     headless.wait_for_status("error_estimator: estimate", "complete")
-    assert "by the command, which nothing checks" in headless.figures("error_estimator: estimate")["rotation"]
+    assert "by the command, which no sensor checks" in headless.figures("error_estimator: estimate")["rotation"]
     headless.wait_for_status("compensation: correction", "angular positioning from the description: nothing is heard")
     headless.wait_for_status("gap_monitor: /stage/radial_probe_one/samples", "alive")
     assert not any("head" in topic.key for topic in headless.wire)
