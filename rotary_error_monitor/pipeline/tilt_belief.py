@@ -8,11 +8,9 @@ from collections import deque
 from rotary_error_monitor.description.stage import Autocollimator, StageDescription
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, departure
+from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import Reach, Window
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
-
-SURE = 1e-9
-"""Probability of a run of equal readings by chance from which the signal counts as stuck."""
 
 SIGMAS = 6.0
 """Standard deviations that noise does not reach in years."""
@@ -257,18 +255,3 @@ def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
 
 
 _MISREAD = "it does not fit its description"
-
-
-def run_by_chance(noise: float, resolution: float, components: int = 1) -> float:
-    """Readings of all components in a row that chance makes equal less often than `SURE`, at most a million.
-
-    A reading repeats where the noise stays within half a step, at best with `erf(resolution / (2 sqrt(2) noise))`.
-    """
-    if resolution == 0.0:
-        return 2.0 if noise > 0.0 else 1e6
-    if noise == 0.0:
-        return 1e6
-    equal = math.erf(resolution / (2.0 * math.sqrt(2.0) * noise)) ** components
-    if equal == 0.0:  # a step that is next to none
-        return 2.0
-    return min(1e6, 1.0 + math.log(SURE) / math.log(equal)) if equal < 1.0 else 1e6
