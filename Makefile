@@ -48,7 +48,7 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py \
 	description/test_configurations.py $(addprefix faults/test_,calibrated.py common_zero.py gaps.py late_heads.py listed_sensors.py \
-	machine_faults.py page.py recordings.py tilt_sensors.py without_heads.py zero.py) \
+	machine_faults.py page.py recordings.py stuck_command.py tilt_sensors.py without_heads.py zero.py) \
 	$(addprefix pipeline/test_,estimation.py reversals.py) recordings/test_cells.py)
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py probes.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
@@ -56,7 +56,7 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.p
 	commissioning/test_rates.py $(addprefix gap/test_,bounds.py cases.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py play.py \
-	slow_noise.py stretches.py thermometers.py tilt_sensors.py told_departures.py unknown.py without_heads.py) \
+	slow_noise.py stretches.py stuck_thermometers.py thermometers.py tilt_sensors.py told_departures.py unknown.py without_heads.py) \
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py spindle_figures.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 SENSOR_RATES := test/pipeline/test_listed_sensors.py# behind the models, which are done earlier than the others
