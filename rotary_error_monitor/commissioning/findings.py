@@ -26,6 +26,10 @@ LEAST_TURN = math.radians(1.0)
 LEAST_GAIN = 0.005
 """Departure of a gain from what is described from which it is said: a linear instrument's accuracy class."""
 
+UNSURE = 1e-3
+"""Standard uncertainty of a head's zero, rad, from which the heads do not agree: as much as an eccentricity of 0.1 mm
+makes of a reading at a radius of 0.1 m, and a thousand times what a turn each way leaves of it."""
+
 MISFIT = 1e-6
 """Probability below which the heads do not fit a ring: it costs a file, and chance must not."""
 
@@ -80,6 +84,7 @@ def findings_of(
     else:
         yield from _layout(letters, likeliest.layout)
         yield from _signs(stage, found)
+    yield from _agreement(found)
     square, count = likeliest.fit.chi_square
     if chi2.sf(square, count) < MISFIT:
         yield Finding(
@@ -162,6 +167,19 @@ def described_noise(stage: StageDescription, stream: str) -> float:
         size = abs(stage.response(stream).gain)
         return size * math.hypot(stage.autocollimator.noise, stage.autocollimator.resolution / math.sqrt(12))
     return 0.0
+
+
+def _agreement(found: Found) -> Iterator[Finding]:
+    unsure = [letter for letter, head in found.heads.items() if not head.zero.std < UNSURE]
+    if unsure:
+        worst = max(math.degrees(found.heads[letter].zero.std) for letter in unsure)
+        heads = f"head {unsure[0]}" if len(unsure) == 1 else f"heads {listed(unsure)}"
+        yield Finding(
+            f"{heads} jump against the others: zero uncertain to {worst:.2g}°",
+            settled=False,
+            advice="samples are lost while the stage moves, or a driver starts again at something else than a turn, as "
+            "in degrees: look at units and losses, turn more slowly, and record again",
+        )
 
 
 def _layout(letters: Sequence[str], layout: Layout) -> Iterator[Finding]:

@@ -13,6 +13,7 @@ from world.recording import COMMAND, Recording, head_topic
 from commissioning.bags import run, written
 from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
 from rotary_error_monitor.recordings.replay import replay_bag
+from rotary_error_monitor.signals.blocks import SampleBlock
 
 DURATION = 24.0
 """Of a recording, s: a turn each way, whatever is drawn."""
@@ -205,6 +206,30 @@ def test_a_head_that_comes_and_goes_or_stands_is_named(tmp_path: Path, capsys: p
     bag, nominal = written(built, tmp_path / "stuck", in_unit(built.recording, [topic], 0.0))
     assert run(bag, nominal, tmp_path / "stuck" / "stage.yaml") == 2
     assert "head_c: does not follow the rotation" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("unit", [1.0, 180 / np.pi])
+def test_heads_that_jump_make_no_file(
+    seed: int, unit: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As where samples were lost on a path that takes a large step for a turn."""
+    rng = np.random.default_rng(seed)
+    built = build(60 + seed, count=4, even=False, swap=False, duration=DURATION)
+    recording = in_unit(built.recording, [*built.recording.head_topics, COMMAND], unit)
+    changed = {}
+    for topic in recording.head_topics:
+        jumps = np.sort(rng.uniform(0.2, 0.8, 3)) * len(recording.blocks[topic])
+        blocks = [
+            SampleBlock(each.stamp_ns, each.names, each.rows + [0.0, 2 * np.pi * np.count_nonzero(k > jumps)])
+            for k, each in enumerate(recording.blocks[topic])
+        ]
+        changed[topic] = blocks, recording.arrivals[topic]
+    bag, nominal = written(built, tmp_path, recording.with_topics(changed))
+    assert run(bag, nominal, tmp_path / "stage.yaml") in (2, 10)
+    printed = capsys.readouterr()
+    assert "jump against the others" in printed.out or printed.err
+    assert not (tmp_path / "stage.yaml").exists()
 
 
 def test_heads_at_one_azimuth_are_refused_with_their_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
