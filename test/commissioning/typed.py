@@ -17,7 +17,7 @@ from typing import Any
 
 ENTRY = "from rotary_error_monitor.start import command; raise SystemExit(command())"
 
-RECORDINGS = 3
+RECORDINGS = 5
 """Most recordings on a busy computer until one is without losses."""
 
 
