@@ -128,7 +128,7 @@ class SensorBelief:
         self.middle, self.reach = 0.0, math.inf
         self._recent: deque[float] = deque(maxlen=SHORT)
         self._course: deque[tuple[float, float, float, float]] = deque(maxlen=LONG)
-        self._turn = TurnMemory()
+        self._turn, self._stamps = TurnMemory(), TurnMemory()
         self._gone_since: deque[tuple[float, float, float]] = deque(maxlen=SHORT)
         self._before = 0.0
         self._agreeing = self._near = 0.0
@@ -170,8 +170,11 @@ class SensorBelief:
                 self.doubt = ""
         if not self.doubt:
             self._recent.append(window.surplus)
-            if self._shifted == 0.0:
-                self._turn.put(window.theta, self._turned(window), (window.surplus, window.deviation))
+            # until all that others see of it is there, as of an autocollimator that begins late, it is another surplus
+            if self._shifted == 0.0 and window.unknown == 0.0:
+                turned = self._turned(window)
+                self._turn.put(window.theta, turned, (window.surplus, window.deviation))
+                self._stamps.put(window.theta, turned, (window.stamps, 0.0))
         self._last = window
         unseen = max(self._gone, self._moved(window), self._shifted)
         self.scale = math.sqrt(self._own_excess.factor + unseen**2 / window.own)
@@ -250,9 +253,9 @@ class SensorBelief:
         against: a slow drift adds up.
         """
         turned = self._turned(window)
-        before = self._turn.get(window.theta, turned)
+        before, stamps = self._turn.get(window.theta, turned), self._stamps.get(window.theta, turned)
         self._shifted = 0.0
-        if before is None or self._last is None or window.unknown > 0.0:
+        if before is None or stamps is None or self._last is None or window.unknown > 0.0:
             self._gone_since.clear()
             return ""
         # the same angle is found again to within one of those that are told apart
@@ -264,8 +267,8 @@ class SensorBelief:
             gone = abs(sum(each for each, _, _ in latest)) / count
             near = SIGMAS * math.sqrt(sum(each**2 for _, each, _ in latest)) / count
             near += sum(each for _, _, each in latest) / count
-            # stamps of the others may have wandered since
-            if len(latest) == count and gone > near + SIGMAS * window.stamps:
+            # stamps of the others may have wandered since, and what they make goes with the speed of either time
+            if len(latest) == count and gone > near + SIGMAS * math.hypot(window.stamps, stamps[0]):
                 size = f"{gone * 1e6:.3g} {self._unit}"
                 return f"{size} from where it was at this angle a turn ago; other sensors did not see that"
             self._shifted = gone if gone > 0.5 * near else 0.0  # less is noise

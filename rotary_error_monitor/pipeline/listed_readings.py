@@ -58,7 +58,7 @@ class ListedTicks:
         rate: (m, p) fastest change of that, per s.
         turned: (m, p) displacement by form that one standard deviation of the rotation makes, where the command alone
             tells it.
-        tilt: (m, p) of `variance` the noise of the autocollimator, in fields that see tilt alone: it comes at its rate.
+        tilt: (m, p) of `variance` the noise of the autocollimator, also by the lever of a probe: it comes at its rate.
     """
 
     theta: Array
@@ -129,7 +129,7 @@ class ListedReadings:
         air = stage.autocollimator.turbulence if stage.autocollimator else None
         # what is held against a field that sees tilt alone is the autocollimator's, not a small part of it by a lever
         alone = ~self.sensitivity[:, :3].any(axis=1, keepdims=True)
-        self._tilt = np.where(alone, self.sensitivity[:, 3:5] ** 2, 0.0)
+        self._through_air = np.where(alone, self.sensitivity[:, 3:5] ** 2, 0.0)
         self._air = air.std**2 if air else 0.0
         self._forms = np.array([sum(row.cos**2 + row.sin**2 for row in form) for form in forms])
 
@@ -160,7 +160,8 @@ class ListedReadings:
         by_noise = seen_too * _noise_of(evidence)
         noisy = _summed(by_noise, self.sensitivity**2)
         by_heads = _summed(by_noise[:, :2], self.sensitivity[:, :2] ** 2)
-        by_tilt, air = _summed(by_noise[:, 3:5], self._tilt), _summed(seen_too[:, 3:5] * self._air, self._tilt)
+        by_tilt = _summed(by_noise[:, 3:5], self.sensitivity[:, 3:5] ** 2)
+        air = _summed(seen_too[:, 3:5] * self._air, self._through_air)
         raised = np.maximum(rows[:, COLUMN["head_scale"]] ** 2 - 1.0, 0.0)
         return ListedTicks(
             motion.theta,
