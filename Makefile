@@ -47,9 +47,9 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 	network nodes security supervision testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py \
-	description/test_configurations.py $(addprefix faults/test_,calibrated.py common_zero.py gaps.py late_heads.py listed_sensors.py \
-	machine_faults.py page.py recordings.py stuck_command.py tilt_sensors.py without_heads.py zero.py) \
-	$(addprefix pipeline/test_,estimation.py reversals.py) recordings/test_cells.py)
+	description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py common_zero.py gaps.py late_heads.py \
+	listed_sensors.py machine_faults.py page.py recordings.py responses.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
+	without_heads.py zero.py) $(addprefix pipeline/test_,estimation.py listed_tilt.py reversals.py) recordings/test_cells.py)
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py probes.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \

@@ -23,10 +23,10 @@ def test_what_no_effect_describes_is_unknown(stage_problem):
     found = [
         diagnose(stage_problem(seed, "unknown", [name], duration=40.0)[0])
         for name in ("tilt_loop", "ring_scratch", "warm_crosstalk")
-        for seed in (14, 15, 16)
+        for seed in (14, 15)
     ]
     unknown = [diagnosis for diagnosis in found if diagnosis.verdict is Verdict.UNKNOWN]
-    assert len(unknown) >= 7, [diagnosis.verdict.value for diagnosis in found]
+    assert len(unknown) >= 5, [diagnosis.verdict.value for diagnosis in found]
     for diagnosis in unknown:
         assert not diagnosis.causes and diagnosis.remainder
         assert "Unknown" in verdict_sentence(diagnosis)
@@ -53,7 +53,7 @@ def test_an_effect_that_is_not_in_the_library_is_unknown(stage_problem):
     verdicts = {}
     for name in LACKING:
         without = tuple(e for e in EFFECTS if e.name != name)
-        problem, _ = stage_problem(4, "single", [name], stage_effects=without, duration=30.0)
+        problem, _ = stage_problem(4, "single", [name], stage_effects=without)
         diagnosis = diagnose(problem)
         verdicts[name] = diagnosis.verdict.value, [found.cause.key for found in diagnosis.causes]
     unknown = [name for name, (verdict, _) in verdicts.items() if verdict == "unknown"]
@@ -97,7 +97,7 @@ def test_two_effects_that_cancel_one_another_are_not_believed(stage_problem):
 
 
 def test_what_each_head_has_of_its_own_is_not_taken_for_the_rotation(stage_problem):
-    for seed in (23, 24, 25):
+    for seed in (23, 24):
         problem, truth = stage_problem(seed, "unknown", ["ring_scratch"], snr=(500.0, 600.0))
         diagnosis = diagnose(problem)
         assert diagnosis.verdict is not Verdict.EXPLAINED
