@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from rotary_error_monitor.commands.values import add_naming, naming_of
 from rotary_error_monitor.description.error_motion_limits import (
     ErrorMotionLimits,
     limits_from_file,
@@ -63,6 +64,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help=f"of {','.join(FORMATS)}: files beside one another, by the name of OUT (default: as OUT ends)",
     )
     parser.add_argument("--against", type=Path, metavar="OTHER_BAG", help="say what changed since another recording")
+    add_naming(parser)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="file, such as PAGE.html")
     parser.set_defaults(run=run)
 
@@ -80,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rotary_error_monitor.report.analysis import changes_sentence, verdict_sentence
 
     heights = sorted({height * 1e-3 for height in arguments.height})
-    question = Question(limits, heights, arguments.waves)
+    question = Question(limits, heights, arguments.waves, naming_of(arguments))
     files = FileAnalysis(arguments.bag, arguments.twin, arguments.machine, question, outputs, arguments.against)
     analysis, changes = files.run()
     print(verdict_sentence(analysis))

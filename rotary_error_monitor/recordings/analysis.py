@@ -24,6 +24,7 @@ from rotary_error_monitor.analysis.positions import estimate_stops
 from rotary_error_monitor.analysis.result import Analysis, Figure, ToolOffset, as_mapping, figures_of
 from rotary_error_monitor.analysis.signals import Estimates, default_heights
 from rotary_error_monitor.analysis.verdict import judge
+from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
@@ -56,11 +57,13 @@ class Question:
         limits: of the error motion values; none, and there is no verdict.
         heights: above the ring, m; none, and they are those of ring, LVDT and probes.
         most_waves: cut-off of the filter over the angle, waves a turn, at most.
+        naming: which cell of a bag it is, and how the bag calls its topics.
     """
 
     limits: ErrorMotionLimits = field(default_factory=ErrorMotionLimits)
     heights: Sequence[float] = ()
     most_waves: int = MOST_WAVES
+    naming: Naming = THE_ONLY_CELL
 
 
 @dataclass(frozen=True)
@@ -172,11 +175,11 @@ def analyse_bag(
     question = question or Question()
     if machine is not None and machine.monitored is None:
         raise InputError("the machine has no monitored axis; give one that the stage is part of, or none")
-    replay = replay_bag(bag, stage, machine)
+    replay = replay_bag(bag, stage, machine, naming=question.naming)
     if len(replay.stamp_ns) < 2:
         raise InputError(f"{bag}: no estimate: {rotation_is_lacking(stage)}")
     estimates = estimates_of(replay)
-    streams = read_streams(BagReader(bag), wire_of(stage), stage)
+    streams = read_streams(BagReader(bag, question.naming), wire_of(stage), stage)
     names = [*(f"head_{letter}" for letter in stage.azimuths), AUTOCOLLIMATOR, COMMAND, *stage.sensors]
     rate = min((streams.rates[name] for name in names if name in streams.rates and name != COMMAND), default=math.inf)
     heights = question.heights or default_heights(stage)

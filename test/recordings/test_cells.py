@@ -49,6 +49,7 @@ def words(command: str, bag: Path, folder: Path, k: int, output: Path, *more: st
     return {
         "replay": ["replay", str(bag), "--twin", true, "-o", str(output / "out.npz"), *more],
         "check": ["check", str(bag), "--stage", true, *more],
+        "analyse": ["analyse", str(bag), "--twin", true, "-o", str(output / "out.json"), *more],
         "diagnose": ["diagnose", str(bag), "--twin", true, "-o", str(output), "--no-report", *more],
         "commission": [
             *("commission", str(bag), "--stage", nominal, "-o", str(output / "stage.yaml"), "--force"),
@@ -62,6 +63,8 @@ def result(command: str, output: Path) -> object:
     if command == "replay":
         with np.load(output / "out.npz") as found:
             return {name: found[name].tobytes() for name in found.files if found[name].dtype != object}
+    if command == "analyse":
+        return json.loads((output / "out.json").read_text(encoding="utf-8"))["figures"]
     if command == "diagnose":
         content = json.loads((output / "diagnosis.json").read_text(encoding="utf-8"))
         return {name: each for name, each in content.items() if name != "remarks"}
@@ -72,7 +75,7 @@ def result(command: str, output: Path) -> object:
     return None
 
 
-@pytest.mark.parametrize("command", ["replay", "check", "diagnose", "commission"])
+@pytest.mark.parametrize("command", ["replay", "check", "analyse", "diagnose", "commission"])
 @pytest.mark.parametrize("how", ["cell", "name"])
 def test_a_cell_of_several_gives_what_its_own_bag_gives(
     command: str, how: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -96,7 +99,7 @@ def test_a_cell_of_several_gives_what_its_own_bag_gives(
             assert f"{more[0]} {more[1]}" in told, "the next command is as it has to be typed"
 
 
-@pytest.mark.parametrize("command", ["replay", "check", "diagnose", "commission"])
+@pytest.mark.parametrize("command", ["replay", "check", "analyse", "diagnose", "commission"])
 def test_cells_and_names_that_are_not_there_are_refused(
     command: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
