@@ -6,13 +6,16 @@ import argparse
 from datetime import UTC, date, datetime
 from pathlib import Path
 
+from rotary_error_monitor import __version__
 from rotary_error_monitor.calibration.yaml_document import changing
 from rotary_error_monitor.commands.live_commissioning import add_live, record_live
 from rotary_error_monitor.commands.values import add_naming, naming_of
+from rotary_error_monitor.commissioning.commission import Commissioning
 from rotary_error_monitor.commissioning.report import commissioning_text
 from rotary_error_monitor.commissioning.stage_file import commission_stage, write_stage
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.files import check_outputs
+from rotary_error_monitor.files import check_outputs, write_whole
 
 NOT_SETTLED = 10
 """Exit code: done, and the result is not as one would have it, as of `calibrate`, `check` and `recover`."""
@@ -36,6 +39,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     add_naming(parser)
     parser.add_argument("--stage", type=Path, required=True, metavar="NOMINAL.yaml", help="what the data sheets say")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="STAGE.yaml")
+    parser.add_argument("--page", type=Path, metavar="PAGE.html", help="the same with pictures, whatever the exit code")
     parser.add_argument("--date", type=date.fromisoformat, help="day of the commissioning (default: today)")
     parser.add_argument("--force", action="store_true", help="write the file whatever is left wrong, and what that is")
     parser.set_defaults(run=run)
@@ -43,7 +47,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Commission, print, write, and give the exit code."""
-    check_outputs([arguments.output], [arguments.bag, arguments.topics])
+    pages = [] if arguments.page is None else [arguments.page]
+    check_outputs([arguments.output, *pages], [arguments.bag, arguments.topics])
     naming = naming_of(arguments)
     if arguments.live and naming.is_given:
         raise InputError("--cell and --topics are of bags; with --live give --namespace")
@@ -54,6 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         except InputError as error:
             raise InputError(f"{error} (the recording stays in {bag})" if arguments.live else str(error)) from error
         print(commissioning_text(stage, result))
+        if arguments.page is not None:
+            _write_page(arguments.page, stage, result, bag)
         if not (result.settled or arguments.force):
             print("not written: put right what is wrong and record again; --force writes it all the same")
             return NOT_SETTLED
@@ -63,3 +70,18 @@ def run(arguments: argparse.Namespace) -> int:
     cell += f" --topics {arguments.topics}" if arguments.topics else ""
     print(f"written to {arguments.output}; next: rotary_error_monitor check {bag} --stage {arguments.output}{cell}")
     return 0 if result.settled else NOT_SETTLED
+
+
+def _write_page(path: Path, stage: StageDescription, result: Commissioning, bag: Path) -> None:
+    """The page with its pictures: whole, or what stood there stays."""
+    # what draws takes long to load
+    from rotary_error_monitor.report.commissioning import page
+    from rotary_error_monitor.report.commissioning_figure import draw
+
+    about = {
+        "recording": str(bag),
+        "made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        "by": f"commission {__version__}",
+    }
+    title = "/".join(bag.resolve().parts[-2:])
+    write_whole(path, page(stage, result, draw(stage, result), title, about).encode())

@@ -15,7 +15,7 @@ ARCSEC = 648000 / math.pi
 
 def commissioning_text(stage: StageDescription, result: Commissioning) -> str:
     """Everything: what is there, what is wrong, what was found, what the recording cannot tell."""
-    lines = ["what is there:", *_streams(stage, result)]
+    lines = ["what is there:", *(f"  {each}" for each in stream_lines(stage, result))]
     lines += [f"note: {remark}" for remark in result.remarks]
     if result.findings:
         lines.append("what is wrong:")
@@ -25,14 +25,15 @@ def commissioning_text(stage: StageDescription, result: Commissioning) -> str:
                 lines.append(f"    {finding.advice}")
     else:
         lines.append("nothing is wrong")
-    lines += ["what was found (± standard uncertainty):", *_parameters(result)]
+    lines += ["what was found (± standard uncertainty):", *(f"  {each}" for each in found_lines(result))]
     lines += ["what this recording cannot tell:", *(f"  {each}" for each in untold(stage, result))]
     return "\n".join(lines)
 
 
-def _streams(stage: StageDescription, result: Commissioning) -> Iterator[str]:
+def stream_lines(stage: StageDescription, result: Commissioning) -> Iterator[str]:
+    """What each stream is like."""
     for name, each in result.figures.items():
-        line = f"  {spoken(name)}: {each.samples} samples, {each.rate:.1f} Hz"
+        line = f"{spoken(name)}: {each.samples} samples, {each.rate:.1f} Hz"
         described = described_noise(stage, name)
         if each.noise and described > 0:
             line += f", noise {max(each.noise) * ARCSEC:.3f} arcsec (described {described * ARCSEC:.3f})"
@@ -43,26 +44,27 @@ def _streams(stage: StageDescription, result: Commissioning) -> Iterator[str]:
         yield line
 
 
-def _parameters(result: Commissioning) -> Iterator[str]:
+def found_lines(result: Commissioning) -> Iterator[str]:
+    """What was found, each with its standard uncertainty."""
     found = result.found
-    yield f"  rotation counted from {spoken(found.datum)}"
+    yield f"rotation counted from {spoken(found.datum)}"
     for letter, head in found.heads.items():
         yield (
-            f"  head {letter}: azimuth {_shown(head.azimuth, math.degrees(1), '°')}, zero "
+            f"head {letter}: azimuth {_shown(head.azimuth, math.degrees(1), '°')}, zero "
             f"{_shown(head.zero, math.degrees(1), '°')}, sign {head.sign:+d}, latency "
             f"{_shown(head.latency, 1e3, ' ms')}"
         )
     if found.command is not None:
         command = found.command
         yield (
-            f"  command: zero {_shown(command.zero, math.degrees(1), '°')}, sign {command.sign:+d}, later than the "
+            f"command: zero {_shown(command.zero, math.degrees(1), '°')}, sign {command.sign:+d}, later than the "
             f"rotation by {_shown(command.latency, 1e3, ' ms')}"
         )
     x, y = found.eccentricity
-    yield f"  eccentricity of the ring: x {_shown(x, 1e6, ' µm')}, y {_shown(y, 1e6, ' µm')}"
+    yield f"eccentricity of the ring: x {_shown(x, 1e6, ' µm')}, y {_shown(y, 1e6, ' µm')}"
     for row, std in found.graduation:
         size = Value(math.hypot(row.cos, row.sin), std)
-        yield f"  graduation order {row.order}: {_shown(size, ARCSEC, ' arcsec')}"
+        yield f"graduation order {row.order}: {_shown(size, ARCSEC, ' arcsec')}"
     if found.tilt is not None:
         yield from _tilt(found.tilt)
 
@@ -70,17 +72,17 @@ def _parameters(result: Commissioning) -> Iterator[str]:
 def _tilt(tilt: FoundTilt) -> Iterator[str]:
     x, y = tilt.zero
     yield (
-        f"  autocollimator: zero x {_shown(x, ARCSEC, ' arcsec')}, y {_shown(y, ARCSEC, ' arcsec')}, latency "
+        f"autocollimator: zero x {_shown(x, ARCSEC, ' arcsec')}, y {_shown(y, ARCSEC, ' arcsec')}, latency "
         f"{_shown(tilt.latency, 1e3, ' ms')}"
     )
     if tilt.axes is not None:
         yield (
-            f"  its gain {_shown(Value(tilt.gain, tilt.axes.std), 1, '')}, roll "
+            f"its gain {_shown(Value(tilt.gain, tilt.axes.std), 1, '')}, roll "
             f"{_shown(Value(tilt.roll, tilt.axes.std), math.degrees(1), '°')}"
             + ("" if tilt.axes_told else ", not sure enough to be written")
         )
     mirror = [Value(each, tilt.tilt_std) for each in tilt.tilt]
-    yield f"  tilt of the mirror: x {_shown(mirror[0], ARCSEC, ' arcsec')}, y {_shown(mirror[1], ARCSEC, ' arcsec')}"
+    yield f"tilt of the mirror: x {_shown(mirror[0], ARCSEC, ' arcsec')}, y {_shown(mirror[1], ARCSEC, ' arcsec')}"
 
 
 def _shown(value: Value, scale: float, unit: str) -> str:
