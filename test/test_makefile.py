@@ -1,4 +1,4 @@
-"""Every test is run by `make test`, and by one of its parts alone."""
+"""Every test is run by `make test`, by one of its parts alone, or by `make rates`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PARTS = ("test-live", "test-models", "test-others")
+PARTS = ("test-live", "test-models", "test-others", "rates")
 
 
 def is_below(path, places):

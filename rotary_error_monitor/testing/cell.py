@@ -262,7 +262,9 @@ class Cell:
         Raises:
             TimeoutError: no such status came.
         """
-        return topics.isdisjoint(self.figures(f"{recorder}: recording")["silent_topics"].split(", "))
+        # a recorder that waits for its disk says that alone
+        silent = self.figures(f"{recorder}: recording").get("silent_topics")
+        return silent is not None and topics.isdisjoint(silent.split(", "))
 
     @property
     def statuses(self) -> Mapping[str, DiagnosticStatus]:

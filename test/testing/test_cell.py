@@ -7,6 +7,7 @@ import signal
 import socket
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -146,3 +147,23 @@ def test_what_a_process_writes_is_all_there_however_often_it_is_read():
         assert process.output.splitlines() == said
     finally:
         process.close()
+
+
+def test_a_recorder_that_waits_for_its_disk_is_waited_for():
+    """It says so alone, without the topics that are silent."""
+    with Cell() as cell:
+        publisher = cell.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+        def say(**figures):
+            values = [KeyValue(key=key, value=value) for key, value in figures.items()]
+            status = DiagnosticStatus(name="recorder: recording", values=values)
+            publisher.publish(DiagnosticArray(status=[status]))
+            cell.spin_for(0.1)
+
+        cell.wait_until(lambda: publisher.get_subscription_count() > 0, "the harness to listen")
+        say(waiting_s="2.0")
+        assert not cell.recorder_hears({"/stage/head_a/samples"})
+        say(silent_topics="/stage/head_a/samples, /stage/head_b/samples")
+        assert not cell.recorder_hears({"/stage/head_a/samples"})
+        say(silent_topics="none")
+        assert cell.recorder_hears({"/stage/head_a/samples"})
