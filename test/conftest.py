@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import signal
@@ -77,7 +78,8 @@ def stage_problem():
         known = load_effects(StageEffect) if stage_effects is None else stage_effects
         return StageProblem(case.twin, recording, known), case.truth
 
-    return make
+    yield make
+    gc.collect()  # a problem and its caches refer to one another: hundreds of MB that Python counts as few objects
 
 
 @pytest.fixture
