@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +15,9 @@ from rotary_error_monitor.metrology.positioning import (
     check_standard_test,
     estimate_positioning,
 )
+from rotary_error_monitor.metrology.turns import TURN
 
 Array = NDArray[np.float64]
-TURN = 2 * math.pi
 
 LEAST_REST_NS = 200_000_000
 """Shortest stop that is one, ns; its first half is left to the drive to settle."""

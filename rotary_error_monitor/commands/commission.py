@@ -6,7 +6,6 @@ import argparse
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from rotary_error_monitor import __version__
 from rotary_error_monitor.calibration.yaml_document import changing
 from rotary_error_monitor.commands.live_commissioning import add_live, record_live
 from rotary_error_monitor.commands.values import add_naming, naming_of
@@ -60,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError(f"{error} (the recording stays in {bag})" if arguments.live else str(error)) from error
         print(commissioning_text(stage, result))
         if arguments.page is not None:
-            _write_page(arguments.page, stage, result, bag)
+            _write_page(arguments.page, stage, result, bag, arguments.stage)
         if not (result.settled or arguments.force):
             print("not written: put right what is wrong and record again; --force writes it all the same")
             return NOT_SETTLED
@@ -72,16 +71,19 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if result.settled else NOT_SETTLED
 
 
-def _write_page(path: Path, stage: StageDescription, result: Commissioning, bag: Path) -> None:
+def _write_page(path: Path, stage: StageDescription, result: Commissioning, bag: Path, stage_file: Path) -> None:
     """The page with its pictures: whole, or what stood there stays."""
     # what draws takes long to load
+    from rotary_error_monitor.recordings.diagnosis import recorded_span
     from rotary_error_monitor.report.commissioning import page
     from rotary_error_monitor.report.commissioning_figure import draw
+    from rotary_error_monitor.report.page import made_by
 
     about = {
         "recording": str(bag),
-        "made": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-        "by": f"commission {__version__}",
+        "recorded": recorded_span(bag),
+        "described by": str(stage_file),
+        "made by": made_by(),
     }
     title = "/".join(bag.resolve().parts[-2:])
     write_whole(path, page(stage, result, draw(stage, result), title, about).encode())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from rotary_error_monitor.description.angle_units import ANGLE_UNITS
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.sections import from_content, read, stated
 from rotary_error_monitor.description.yaml_files import read_yaml
@@ -19,8 +20,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "nm": ("m", 1e-9),
     "um": ("m", 1e-6),
     "nrad": ("rad", 1e-9),
-    "urad": ("rad", 1e-6),
-    "arcsec": ("rad", 4.84813681109536e-06),
+    **{name: ("rad", 1 / ANGLE_UNITS[name]) for name in ("urad", "arcsec")},
 }
 """Units of a limit on the command line: SI unit and size."""
 

@@ -24,6 +24,9 @@ TIME_COLUMN = "t"
 _EVERYONES = ("diagnostics",)
 """Keys of topics that all machines share: REP 107 puts the diagnostics of a whole system on one topic."""
 
+_RECKONED = ("error_estimator", "compensation")
+"""Publishers of what follows from the raw streams and from the descriptions."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Topic(Channel):
@@ -46,6 +49,11 @@ class Topic(Channel):
     def is_everyones(self) -> bool:
         """Whether all machines share it, whatever their namespaces."""
         return self.key in _EVERYONES
+
+    @property
+    def is_raw(self) -> bool:
+        """Whether it carries samples as an instrument, the controller or a mock of them gives them."""
+        return self.is_sample_block and not set(self.publishers) & set(_RECKONED)
 
     def field(self, name: str) -> Field:
         """The field or column of that name.

@@ -47,11 +47,12 @@ class Statuses:
 
     def note(self, message: DiagnosticArray) -> None:
         """Take note of a message of `/diagnostics`."""
+        latest = {}
         for status in message.status:
             told = {each.key: number(each.value) for each in status.values}
             figures = {key: value for key, value in told.items() if value is not None}
-            latest = _Status(self._now(), status.level[0], status.hardware_id, figures)
-            self._latest = {**self._latest, status.name: latest}  # the server's threads read it meanwhile
+            latest[status.name] = _Status(self._now(), status.level[0], status.hardware_id, figures)
+        self._latest = dict(self._fresh()) | latest  # a new one: the server's threads read meanwhile
 
     def __len__(self) -> int:
         """How many statuses are no older than they may be."""

@@ -39,9 +39,6 @@ NAME = "commission"
 _STEP = 0.1
 """Longest time, s, that nothing but ROS is looked after: signals and progress wait as long."""
 
-_RECKONED = ("error_estimator", "compensation")
-"""Who publishes what follows from the raw streams and from the description that is only being made."""
-
 _NAMESPACE = re.compile(r"(/[A-Za-z]\w*)*", re.ASCII)
 
 OfBlock = Callable[[str, SampleBlock], None]
@@ -65,7 +62,7 @@ class StreamRecorder(Recorder):
 
     def is_wanted(self, topic: Topic) -> bool:
         """Raw streams, and what their nodes say."""
-        return topic.is_everyones or is_raw(topic)
+        return topic.is_everyones or topic.is_raw
 
     def note(self, topic: str, data: bytes) -> None:
         """Count samples, and keep what nodes say of themselves."""
@@ -95,11 +92,6 @@ class StreamRecorder(Recorder):
         ]
 
 
-def is_raw(topic: Topic) -> bool:
-    """Whether a topic carries samples as an instrument or a controller gives them."""
-    return topic.is_sample_block and not set(topic.publishers) & set(_RECKONED)
-
-
 @dataclass(frozen=True)
 class Presence:
     """What there is of one stream.
@@ -125,7 +117,7 @@ class LiveCell:
     def __init__(self, node: StreamRecorder, executor: SingleThreadedExecutor) -> None:
         """A node that is recording."""
         self._node, self._executor = node, executor
-        self.raw = {here.frame: here for here in node.wire if is_raw(here)}
+        self.raw = {here.frame: here for here in node.wire if here.is_raw}
 
     def spin(self, duration: float, until: Callable[[], bool] = lambda: False) -> None:
         """Let the recording go on for a time, s, or until something is so.
@@ -143,7 +135,7 @@ class LiveCell:
 
     def counts(self) -> dict[str, int]:
         """Samples that came so far, by stream."""
-        return {topic.frame: self._node.samples[topic.name] for topic in self._node.contract if is_raw(topic)}
+        return {topic.frame: self._node.samples[topic.name] for topic in self._node.contract if topic.is_raw}
 
     def presence(self, stream: str, rate: float) -> Presence:
         """Who publishes a stream of which samples come at a rate, Hz."""

@@ -30,10 +30,15 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 
 NAME = "visualization"
 _LATE_AFTER, _STALE_AFTER = 0.5, 1.0
+"""Age, s, from which an estimate is late for a picture of now, and of the last one from which its silence is told: with
+the next diagnostics."""
+
 _LIFETIME = 2
 """s after which what is not drawn anew goes: an old picture must not look alive."""
 
 _CIRCLE = 90
+"""Corners of the drawn ring: the sides leave the circle by 0.06 % of its radius, less than a pixel of any screen."""
+
 # of Okabe and Ito (2008), told apart by people who see few colours
 _COLOURS = {
     "ring": (0.6, 0.6, 0.6),

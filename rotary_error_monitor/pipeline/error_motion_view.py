@@ -77,11 +77,13 @@ class ErrorMotionView:
 
 def magnification_of(largest: float, radius: float) -> float:
     """The largest of 1, 2, 5, 10, … by which a displacement (m) takes no more than `LARGEST_PART` of the radius (m)."""
-    if largest <= 0.0:
-        return 1.0
-    room = LARGEST_PART * radius / largest
-    decade = 10.0 ** math.floor(math.log10(room)) if room >= 1.0 else 1.0
-    return max(step * decade for step in (1.0, 2.0, 5.0) if step == 1.0 or step * decade <= room)
+    return max(1.0, rounded_down(LARGEST_PART * radius / largest)) if largest > 0.0 else 1.0
+
+
+def rounded_down(size: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above a size (> 0)."""
+    decade = 10.0 ** math.floor(math.log10(size))
+    return max(step * decade for step in (1.0, 2.0, 5.0) if step == 1.0 or step * decade <= size)
 
 
 def _flat(line: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,13 +8,11 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor import __version__
 from rotary_error_monitor.analysis.changes import Change, changes_between
 from rotary_error_monitor.analysis.comparison import Stay, compare_stays
 from rotary_error_monitor.analysis.course import estimate_drifts
@@ -41,6 +39,7 @@ from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.recordings.replayed import Replay
 from rotary_error_monitor.recordings.stream_health import FORCE, LVDT, RecordedStreams, read_streams
 from rotary_error_monitor.report.analysis import page
+from rotary_error_monitor.report.page import made_by
 from rotary_error_monitor.resources import config
 
 _UNPROVEN = sum(1 << DOUBTS.index(name) for name in ("unverified", "unverified_tilt"))
@@ -135,7 +134,7 @@ class FileAnalysis:
             "stage": str(self.stage_file or config("stage.yaml")),
             **({"machine": self.machine} if self.machine else {}),
             **({"compared with": str(self.against)} if self.against else {}),
-            "made by": f"rotary_error_monitor {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+            "made by": made_by(),
         }
 
 
@@ -179,7 +178,8 @@ def analyse_bag(
     if len(replay.stamp_ns) < 2:
         raise InputError(f"{bag}: no estimate: {rotation_is_lacking(stage)}")
     estimates = estimates_of(replay)
-    streams = read_streams(BagReader(bag, question.naming), wire_of(stage), stage)
+    wire = wire_of(stage)
+    streams = read_streams(BagReader(bag, question.naming), wire, stage)
     names = [*(f"head_{letter}" for letter in stage.azimuths), AUTOCOLLIMATOR, COMMAND, *stage.sensors]
     rate = min((streams.rates[name] for name in names if name in streams.rates and name != COMMAND), default=math.inf)
     heights = question.heights or default_heights(stage)
@@ -188,7 +188,8 @@ def analyse_bag(
     temperatures = {name.partition(",")[0]: each for name, each in acting.items() if name.endswith("°C")}
     outcome, judged = judge(segments, question.limits)
     period_ns = int(np.diff(replay.stamp_ns).min())
-    bits = {name: 1 << place for place, name in enumerate(names)}
+    used = wire.topic("error_motion_samples").field("streams")
+    bits = {name: used.mask([name]) for name in used.bits}
     return Analysis(
         outcome,
         judged,

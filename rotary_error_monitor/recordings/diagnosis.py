@@ -10,7 +10,6 @@ from pathlib import Path
 
 import yaml
 
-from rotary_error_monitor import __version__
 from rotary_error_monitor.bags.listing import SUFFIXES
 from rotary_error_monitor.bags.metadata import read_metadata
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
@@ -21,6 +20,7 @@ from rotary_error_monitor.gap.loading import AnyTwinFile, improved_twin, load_pr
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.report.diagnosis import write_report
+from rotary_error_monitor.report.page import made_by
 from rotary_error_monitor.report.painter import Painter
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.rates import MOST_RATE
@@ -99,7 +99,7 @@ class FileDiagnosis:
             **({"recorded": recorded} if recorded else {}),
             "twin": str(self.twin),
             "false alarms": f"{self.false_alarms:.2%} of recordings without a gap, at most",
-            "made by": f"rotary_error_monitor {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+            "made by": made_by(),
         }
 
 

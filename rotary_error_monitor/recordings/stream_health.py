@@ -55,7 +55,7 @@ def read_streams(reader: BagReader, wire: Wire, stage: StageDescription) -> Reco
 
     Messages that cannot be read are left out; a replay of the same bag says them.
     """
-    topics = {topic.name: topic for topic in wire if topic.is_sample_block and topic.frame and _is_measured(topic)}
+    topics = {topic.name: topic for topic in wire if topic.is_raw}
     there = [name for name in topics if name in reader.topics and reader.topics[name].count]
     blocks: dict[str, list[SampleBlock]] = {name: [] for name in there}
     late: dict[str, list[float]] = {name: [] for name in there}
@@ -78,10 +78,6 @@ def read_streams(reader: BagReader, wire: Wire, stage: StageDescription) -> Reco
             found.health.append(_health(topic, stream, blocks[name], late[name]))
             found.rates[topic.frame] = found.health[-1].rate
     return found
-
-
-def _is_measured(topic: Topic) -> bool:
-    return not any(word in topic.key for word in ("error_motion", "tool_offset"))
 
 
 def _health(topic: Topic, stream: Stream, blocks: Sequence[SampleBlock], late: Sequence[float]) -> StreamHealth:

@@ -17,13 +17,18 @@ from numpy.typing import NDArray
 from rotary_error_monitor.analysis.motion import SegmentFigures, SignalFigures
 from rotary_error_monitor.analysis.result import Analysis
 from rotary_error_monitor.analysis.signals import RADIAL, ROTATING
+from rotary_error_monitor.pipeline.error_motion_view import rounded_down
 
 POLAR, ORDERS, COURSE = "polar plots of the error motion", "order spectra", "course over time"
 
 _BLUE, _ORANGE, _GREY = "#0072b2", "#d55e00", "#999999"
 _COLOURS = (_BLUE, _ORANGE, "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _MOST_ORDERS = 30
+"""Bars that are told apart at half of the width, 4 mm each with its label; JSON has the orders above."""
+
 _COLUMNS = 2
+"""Pictures side by side: of three the text would be unreadable at 800 pixels."""
+
 _WIDTH, _POLAR, _ROW = 9.0, 4.4, 2.6
 """Width of a picture, height of a polar plot and of another one, inches: text stays readable at 800 pixels."""
 
@@ -109,18 +114,12 @@ def _draw_polar(ax: Axes, segment: SegmentFigures, signal: SignalFigures) -> Non
     ax.fill_between(angles, base + lowest, base + highest, color=_ORANGE, alpha=0.35, lw=0, label="all turns")
     ax.plot(angles, base + mean, color=_BLUE, lw=1.2, label="synchronous")
     ax.set_ylim(0, base + 1.05 * float(highest.max()))
-    step = _round(base / 3)
+    step = rounded_down(base / 3)
     ticks = base + step * np.array([-1, 0, 1])
     ax.set_yticks(ticks, [f"{value:+.3g}" if value else "0" for value in (-step, 0.0, step)], fontsize=8)
     place = "" if signal.height is None else f" at {signal.height * 1e3:g} mm"
     ax.set_title(f"{segment.name}\nradial, rotating direction{place}, µm about LSC", fontsize=9)
     ax.legend(loc="lower right", fontsize=7, bbox_to_anchor=(1.1, -0.08))
-
-
-def _round(size: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above a size."""
-    power = 10.0 ** math.floor(math.log10(size))
-    return max(factor * power for factor in (1, 2, 5) if factor * power <= size)
 
 
 def _draw_orders(ax: Axes, segment: SegmentFigures, signal: SignalFigures) -> None:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import base64
 import html
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+
+from rotary_error_monitor import __version__
 
 _STYLE = """
 body { font: 16px/1.45 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
@@ -36,6 +39,11 @@ def image(content: bytes, alt: str) -> str:
     """A PNG within the page; `alt` says what it shows."""
     encoded = base64.b64encode(content).decode("ascii")
     return f"<img alt='{html.escape(alt, quote=True)}' src='data:image/png;base64,{encoded}'>"
+
+
+def made_by() -> str:
+    """By what, and when, a page is made."""
+    return f"rotary_error_monitor {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
