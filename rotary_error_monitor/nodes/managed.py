@@ -341,6 +341,8 @@ class ManagedNode(LifecycleNode):
     def stop(self) -> None:
         """Put everything away and destroy the node; fit for any state, also after the context has ended."""
         self._close()
+        # rclpy leaves it to whoever lets go of the node last; until then the node would stay in the graph
+        self._state_machine.destroy_when_not_in_use()
         self.destroy_node()
 
     def _close(self) -> None:

@@ -167,3 +167,17 @@ def test_a_recorder_that_waits_for_its_disk_is_waited_for():
         assert not cell.recorder_hears({"/stage/head_a/samples"})
         say(silent_topics="none")
         assert cell.recorder_hears({"/stage/head_a/samples"})
+
+
+def test_what_ran_in_one_cell_is_not_in_the_next(monkeypatch):
+    """Nor while somebody holds the node still, as a test does until its end: the next cell may have the same domain."""
+    monkeypatch.setattr("random.randrange", lambda most: 41 % most)
+    domains, held = [], []
+    for _ in range(4):
+        with Cell() as cell:
+            domains.append(cell.node.context.get_domain_id())
+            cell.spin_for(1.0)
+            assert cell.node.get_node_names() == ["test_harness"]
+            held.append(cell.run(EncoderHead, "encoder_head_a", source="mock"))
+            cell.wait_for_status("encoder_head_a: state", "active")
+    assert len({*domains}) == 1 and len(held) == 4
