@@ -69,6 +69,14 @@ setup(
         ],
         # The node `metrics`, for Prometheus.
         "metrics": ["prometheus-client>=0.20,<1"],
+        # `rotary_error_monitor trend` and `diagnose` of a folder: their index, and more computers than one.
+        "trend": ["duckdb>=1.1,<3", "distributed>=2024.8"],
+        # The node `dashboard`: the cell as a live page.
+        "dashboard": ["nicegui>=3,<4"],
+        # The node `opcua_server`, for machine controls and their historians.
+        "opcua": ["asyncua>=1.1,<3"],
+        # Results as tables in notebooks.
+        "notebook": ["pandas>=2.2,<4"],
         # ROS 2 Jazzy from the package index, where it is not installed by apt.
         "ros": [
             "ros-jazzy-rclpy>=7.1.5,<7.2",
@@ -82,6 +90,9 @@ setup(
             "hypothesis>=6.100,<7",
             "pytransform3d>=3.5,<4",
             "scikit-learn>=1.5,<2",
+            "playwright>=1.45,<2",
+            "nbclient>=0.10,<1",
+            "ipykernel>=6.29,<8",
             "mypy>=1.11,<3",
             "ruff>=0.6,<1",
             "scipy-stubs>=1.14",

@@ -231,13 +231,8 @@ def _from_tree(section: TreeSection) -> MachineDescription:
 
 
 def _body(row: BodySection, axes: Mapping[str, Axis]) -> Body:
-    location_error = row.location_error
-    for letter, angle in row.squareness.items():
-        # Turning this axis about the common normal by +a brings it nearer to the other, so the angle shrinks by a.
-        normal = _cross(axes[row.axis or ""].direction, axes[letter].direction)
-        rotation = (-angle * normal[0], -angle * normal[1], -angle * normal[2])
-        location_error = location_error.plus(Displacement(rotation=rotation))
-    return Body(row.name, row.parent, Displacement(row.pose.position, row.pose.rotation), location_error, row.axis)
+    pose = Displacement(row.pose.position, row.pose.rotation)
+    return Body(row.name, row.parent, pose, row.whole_location_error(axes), row.axis)
 
 
 def _from_parameters(section: ParameterSection) -> MachineDescription:
@@ -281,7 +276,3 @@ def _named(items: Iterable[T], wanted: str, name: Callable[[T], str | None], kin
         if name(item) == wanted:
             return item
     raise InputError(f"no {kind} is called '{wanted}'; it has {', '.join(filter(None, map(name, items)))}")
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

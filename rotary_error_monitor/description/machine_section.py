@@ -17,6 +17,7 @@ from rotary_error_monitor.description.machine_limits import FASTEST, QUICKEST, M
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.quantities import (
     HALF_TURN,
+    LARGEST_TILT,
     REFERENCE_TEMPERATURE,
     Deviation,
     Displacements,
@@ -167,6 +168,10 @@ def _not_rising(travel: tuple[float, float]) -> str | None:
     return None if low < high else f"[{low}, {high}] is no travel; expected the lowest position first"
 
 
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
 def _sum(a: Vector, b: Vector) -> Vector:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
@@ -265,6 +270,10 @@ class MachineSection(Section):
                 yield ("errors", name), f"there is no axis {name[2]}; the axes are {', '.join(letters)}"
 
 
+_STAGE_AXIS = (0.0, 0.0, 1.0)
+"""Direction of a monitored axis in its stator's frame: its error motion comes as the stage sees it, whose z it is."""
+
+
 @dataclass(frozen=True)
 class PoseSection:
     """Where a body stands on its parent."""
@@ -285,6 +294,15 @@ class BodySection:
     squareness: Annotated[
         Mapping[Letter, Tilt], Expected("angle to another axis less 90 degrees in rad, by the letter of that axis")
     ] = field(default_factory=dict)
+
+    def whole_location_error(self, axes: Mapping[str, Axis]) -> Displacement:
+        """Location error with what the squareness to other axes adds to it."""
+        whole = self.location_error
+        for letter, angle in self.squareness.items():
+            # Turning this axis about the common normal by +a brings it nearer to the other, so the angle shrinks by a.
+            x, y, z = _cross(axes[self.axis or ""].direction, axes[letter].direction)
+            whole = whole.plus(Displacement(rotation=(-angle * x, -angle * y, -angle * z)))
+        return whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -350,6 +368,13 @@ def _wrong_tree(section: TreeSection) -> Iterator[tuple[Place, str]]:
                 yield place, f"there is no axis {letter}; the axes are {', '.join(axes)}"
         if row.squareness and (row.axis is None or row.axis in row.squareness):
             yield (*place, "squareness"), "expected angles from this body's own axis to other axes"
+        elif axes.keys() >= {*row.squareness}:
+            angle = max(abs(part) for part in row.whole_location_error(axes).rotation)
+            if angle > LARGEST_TILT:
+                yield (
+                    (*place, "squareness"),
+                    f"the angles and the location error add up to {angle * 1e3:.4g} mrad; expected at most 10 mrad",
+                )
         seen[row.name] = None
         moved |= {row.axis: row.name} if row.axis else {}
     for letter in axes:
@@ -361,3 +386,9 @@ def _wrong_tree(section: TreeSection) -> Iterator[tuple[Place, str]]:
     rotary = [letter for letter, axis in axes.items() if axis.kind == "rotary"]
     if section.monitored is not None and section.monitored not in rotary:
         yield ("monitored",), f"'{section.monitored}' is no rotary axis; expected {', '.join(rotary) or 'null'}"
+    elif section.monitored is not None and axes[section.monitored].direction != _STAGE_AXIS:
+        yield (
+            ("axes", section.monitored, "direction"),
+            f"{list(axes[section.monitored].direction)} is not the z of the stage that monitors this axis, so that its"
+            " error motion would be taken for another; expected [0, 0, 1], with the body turned by pose.rotation",
+        )

@@ -27,6 +27,14 @@ def _limit_settings(kind: str, unit: str, defaults: tuple[float, float, float]) 
     )
 
 
+MOUNTING = (
+    Setting(
+        "ring_height", _DEFAULTS.ring_height, "height of the monitored body's origin above the ring, m", (-10.0, 10.0)
+    ),
+    Setting("ring_azimuth", _DEFAULTS.ring_azimuth, "angle from the machine's x to the stage's x, rad", (-6.3, 6.3)),
+)
+"""How the stage stands in the machine."""
+
 SETTINGS = (
     *cell_settings("machine"),
     Setting("age_limit", 0.2, "oldest offset and correction that are published, s", (0.001, 10.0)),
@@ -87,10 +95,7 @@ SETTINGS = (
         "how far the stamps of command and joint states may be apart, s",
         (0.0, 1.0),
     ),
-    Setting(
-        "ring_height", _DEFAULTS.ring_height, "height of the monitored body's origin above the ring, m", (-10.0, 10.0)
-    ),
-    Setting("ring_azimuth", _DEFAULTS.ring_azimuth, "angle from the machine's x to the stage's x, rad", (-6.3, 6.3)),
+    *MOUNTING,
     *_limit_settings("linear", "m", _DEFAULTS.linear_limits),
     *_limit_settings("rotary", "rad", _DEFAULTS.rotary_limits),
 )

@@ -1,8 +1,9 @@
 """Error motion for RViz and Foxglove: ring, heads, orbit and tilt of the axis of rotation, magnified, as markers.
 
-ros2 run rotary_error_monitor visualization --ros-args -p stage:=my_stage.yaml
+ros2 run rotary_error_monitor visualization --ros-args -p stage:=my_stage.yaml -p machine:=my_machine.yaml
 
-The markers stand in the frame `stage`, which RViz takes as its fixed frame without any transform.
+The markers stand in the frame `stage`, which RViz takes as its fixed frame without any transform. Where tf2 is
+installed, `/tf` has the frames of stage and rotor, not magnified, and of the machine's bodies at its joint states.
 """
 
 from __future__ import annotations
@@ -15,13 +16,19 @@ import numpy as np
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.machine.frames import Frame, body_frames, rotor_frame, stage_frame
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.nodes import messages, parameters
+from rotary_error_monitor.nodes.compensation_settings import MOUNTING
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
+from rotary_error_monitor.nodes.frame_broadcaster import FrameBroadcaster
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
@@ -55,7 +62,11 @@ _UNKNOWN_RADIUS = 0.1
 class Visualization(ManagedNode):
     """Draws where the axis of rotation was at each angle of the last turn, and how it leans."""
 
-    settings = (Setting("period", 0.2, "time between two pictures, s", (0.02, 10.0)),)
+    settings = (
+        Setting("period", 0.2, "time between two pictures, s", (0.02, 10.0)),
+        *parameters.cell_settings("machine"),
+        *MOUNTING,
+    )
 
     def open(self) -> None:
         """Listen to the error motion and draw in turn."""
@@ -63,9 +74,20 @@ class Visualization(ManagedNode):
         self._view, self._drawn_ns = ErrorMotionView(self._radius), 0
         samples, self._topic = self.wire.topic("error_motion_samples"), self.wire.topic("error_motion_markers")
         self._watch = StreamWatch(samples.name, _LATE_AFTER, _STALE_AFTER, self.now_ns())
-        self._publisher = self.publish_on(self._topic)
+        self._publisher, self._frames = self.publish_on(self._topic), FrameBroadcaster(self)
+        self._motion: ErrorMotion | None = None
+        name = self.setting("machine")
+        self._machine, self._joints = load_machine(name) if name else None, dict[str, float]()
+        if self._machine is not None:
+            self.listen_to(self.wire.topic("machine_joint_states"), self._take_joints)
         self.listen_to_blocks(samples, self._take)
         self.every(self.setting("period"), self._draw)
+
+    def release(self) -> None:
+        """Publish frames no longer."""
+        frames = self.__dict__.pop("_frames", None)
+        if frames is not None:
+            frames.close()
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """What comes in; that no stage moves is no fault of a picture."""
@@ -75,10 +97,14 @@ class Visualization(ManagedNode):
     def _take(self, block: SampleBlock) -> None:
         self._watch.observe(block, self.now_ns())
         try:
-            self._view.add(error_motion_from_block(block))
+            self._motion = error_motion_from_block(block)
+            self._view.add(self._motion)
         except InputError as error:
             self._watch.refuse(str(error))
             raise
+
+    def _take_joints(self, message: JointState) -> None:
+        self._joints |= messages.joint_motion(message)[0]
 
     def _draw(self) -> None:
         newest_ns = self._watch.last_ns
@@ -88,6 +114,18 @@ class Visualization(ManagedNode):
             for number, marker in enumerate(markers):
                 marker.header, marker.id = messages.header(newest_ns, self._topic.frame), number
             self._publisher.publish(MarkerArray(markers=markers))
+            self._frames.send(newest_ns, self._standing())
+
+    def _standing(self) -> list[Frame]:
+        """Frames of the machine's bodies, the stage and its rotor, as far as they are known."""
+        frames = []
+        if self._machine is not None:
+            frames = body_frames(self._machine, self._joints)
+            stage = stage_frame(self._machine, self.setting("ring_height"), self.setting("ring_azimuth"))
+            frames += [stage] if stage is not None else []
+        if self._motion is not None:
+            frames.append(rotor_frame(float(self._motion.theta[-1]), self._motion.components[-1]))
+        return frames
 
     def _stage_markers(self) -> Iterator[Marker]:
         angle = np.linspace(0.0, 2 * np.pi, _CIRCLE + 1)

@@ -34,6 +34,9 @@ MANAGED_SERVICES = (
 )
 """What every managed node of ROS 2 Jazzy answers."""
 
+_BESIDE_CONTRACT = {"visualization": ("/tf",)}
+"""What an executable publishes beside the contract, where it is installed: tf2 sends the frames itself."""
+
 Nodes = dict[str, tuple[str, str | None]]
 """Executable of each node by its name, and letter of the head or name of the listed sensor that it speaks for."""
 
@@ -109,10 +112,11 @@ def _of_node(node: str, nodes: Nodes, wire: Wire, services: Sequence[Service], h
         """The node of a head or a listed sensor speaks for that alone."""
         return (topic.name for topic in topics if head is None or topic.head in (None, head))
 
+    managed = (_absolute(name, node) for name in MANAGED_TOPICS)
     answered = (*MANAGED_SERVICES, *(service.name for service in services if executable in service.servers))
     return Access(
         node,
-        publish=tuple(sorted({*own(wire.published_by(executable)), *(_absolute(n, node) for n in MANAGED_TOPICS)})),
+        publish=tuple(sorted({*own(wire.published_by(executable)), *_BESIDE_CONTRACT.get(executable, ()), *managed})),
         subscribe=tuple(sorted({*own(wire.read_by(executable)), *heard})),
         reply=tuple(sorted(_absolute(name, node) for name in answered)),
         request=tuple(sorted(_called_by(executable, nodes, services))),

@@ -159,12 +159,18 @@ def _mend_tree(draw: st.DrawFn, section: Any, letters: list[str]) -> None:
         squareness = row.pop("squareness", {})
         if number < len(letters):
             row["axis"] = letters[number]
-            row["squareness"] = {x: angle for x, angle in squareness.items() if x in letters and x != row["axis"]}
+            others = {x: angle for x, angle in squareness.items() if x in letters and x != row["axis"]}
+            row["squareness"] = {x: angle / (2 * len(others)) for x, angle in others.items()}
+            turned = row.get("location_error", {}).get("rotation")
+            if turned is not None:
+                turned[:] = [angle / 2 for angle in turned]  # with the angles within the limit of a location error
         names.append(row["name"])
     section["bodies"] = bodies
     section |= {"tool": draw(st.sampled_from(names)), "workpiece": draw(st.sampled_from(names))}
     rotary = [letter for letter in letters if section["axes"][letter]["kind"] == "rotary"]
     section["monitored"] = draw(st.sampled_from([None, *rotary]))
+    if section["monitored"] is not None:
+        section["axes"][section["monitored"]]["direction"] = [0.0, 0.0, 1.0]
 
 
 @MANY

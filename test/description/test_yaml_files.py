@@ -64,8 +64,8 @@ def test_what_is_read(text: str, content: Any) -> None:
         ("&x a: 1\nb: &y {c: {d: *y}}", r"here:2: \*y stands within what it names"),
         ("a: *x", "here:1: no valid YAML: found undefined alias"),
         (LAUGHS, "here:6: more than 100000 keys and values, aliases resolved"),
-        ("[" * 100_000, f"here:1: nested more than {DEEPEST} deep"),
-        ("- " * 100_000, f"here:1: nested more than {DEEPEST} deep"),
+        ("[" * 100_000, f"here:1: (nested more than {DEEPEST} deep|.*maximum nesting depth)"),  # libyaml has one too
+        ("- " * 100_000, f"here:1: (nested more than {DEEPEST} deep|.*maximum nesting depth)"),
         ("\n".join(" " * i + "a:" for i in range(2000)), f"here:{DEEPEST + 1}: nested more than {DEEPEST} deep"),
         ("[" + "a," * (MOST_NODES + 1) + "]", f"here:1: more than {MOST_NODES} keys and values"),
         ("a: 1\na: 2", "here:2: key 'a' stands twice; keep one"),

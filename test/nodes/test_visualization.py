@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import re
+import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import TransformStamped
+from rcl_interfaces.msg import Log
+from sensor_msgs.msg import JointState
 
 from rotary_error_monitor.nodes.visualization import Visualization
 from rotary_error_monitor.pipeline.error_motion_rows import COLUMN, COLUMNS
@@ -85,3 +90,45 @@ def test_a_block_that_is_no_error_motion_is_refused(cell):
         block_from_samples(np.array([time.time_ns()]), ("angle",), np.zeros((1, 1)))
     )
     cell.wait_for_status(STREAM, "messages refused")
+
+
+@pytest.fixture
+def sent(monkeypatch):
+    """What a stand-in for tf2's broadcaster is given: tf2 has no wheel."""
+    messages = []
+
+    class TransformBroadcaster:
+        def __init__(self, node):
+            self.pub_tf = node.create_publisher(TransformStamped, "tf_stand_in", 1)
+
+        def sendTransform(self, transforms):
+            messages.append({each.child_frame_id: each for each in transforms})
+
+    monkeypatch.setitem(sys.modules, "tf2_ros", SimpleNamespace(TransformBroadcaster=TransformBroadcaster))
+    return messages
+
+
+def test_frames_of_machine_stage_and_rotor_go_to_tf2_where_it_is_installed(cell, sent):
+    cell.run(Visualization, "visualization", period=0.05, machine="xyzac_trt", ring_height=0.04)
+    tell = cell.publish_on(cell.wire.topic("machine_joint_states"))
+    letters = ["X", "Y", "Z", "A", "C"]
+    tell(JointState(name=letters, position=[0.01, 0.02, 0.03, 0.0, 0.5], velocity=[0.0] * 5))
+    cell.publish_blocks(cell.wire.topic("error_motion_samples"))(turn(0b11011))
+    cell.wait_until(lambda: sent and "saddle" in sent[-1], "frames with the machine's")
+    frames = sent[-1]
+    carriers = {name: frame.header.frame_id for name, frame in frames.items()}
+    assert (carriers["stage"], carriers["rotor"], carriers["table"]) == ("trunnion", "stage", "trunnion")
+    stage, carriage, rotor = (frames[name].transform for name in ("stage", "carriage", "rotor"))
+    np.testing.assert_allclose(stage.translation.z - frames["table"].transform.translation.z, -0.04, atol=1e-15)
+    assert carriage.translation.x == 0.01
+    assert 0 < abs(rotor.translation.x) <= 1e-6 < 0.999 < np.hypot(rotor.rotation.z, rotor.rotation.w)
+
+
+def test_without_tf2_markers_come_all_the_same_and_the_log_says_so(cell):
+    said = []
+    cell.node.create_subscription(Log, "/rosout", said.append, 10)
+    cell.run(Visualization, "visualization", period=0.05, machine="xyzac_trt")
+    cell.publish_blocks(cell.wire.topic("error_motion_samples"))(turn(0b11011))
+    pictures = cell.collect(cell.wire.topic("error_motion_markers"))
+    cell.wait_until(lambda: len(pictures) > 0, "a picture")
+    cell.wait_until(lambda: any("no frames on /tf" in line.msg for line in said), "a line in the log")
