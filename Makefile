@@ -48,21 +48,22 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py \
 	description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py common_zero.py gaps.py late_heads.py \
-	machine_faults.py page.py recordings.py responses.py tilt_sensors.py \
-	without_heads.py zero.py) $(addprefix pipeline/test_,estimation.py listed_tilt.py reversals.py) recordings/test_cells.py)
+	machine_faults.py page.py recordings.py responses.py without_heads.py zero.py) \
+	$(addprefix pipeline/test_,estimation.py reversals.py) recordings/test_cells.py)
 MODEL_RATES := $(addprefix test/,blind_check analysis/test_motion.py \
 	$(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py play.py \
-	slow_noise.py stretches.py thermometers.py tilt_sensors.py without_heads.py) \
+	stretches.py tilt_sensors.py without_heads.py) \
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py spindle_figures.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 SENSOR_RATES := test/pipeline/test_listed_sensors.py# behind the models, which are done earlier than the others
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
 SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py $(addprefix faults/test_,listed_sensors.py \
-	slow_autocollimators.py stuck_command.py) $(addprefix kinds/stage/test_,stuck_thermometers.py told_departures.py unknown.py))
+	slow_autocollimators.py stuck_command.py tilt_sensors.py) pipeline/test_listed_tilt.py \
+	$(addprefix kinds/stage/test_,slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SENSOR_RATES) $(SWEEPS)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 

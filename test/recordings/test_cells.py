@@ -80,7 +80,8 @@ def result(command: str, output: Path) -> object:
 def test_a_cell_of_several_gives_what_its_own_bag_gives(
     command: str, how: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for k, cell in enumerate(CELLS if how == "cell" else CELLS[1:], start=int(how == "name")):
+    both = how == "cell" and command in ("replay", "check")  # what takes longer reads its bag as these do
+    for k, cell in enumerate(CELLS if both else CELLS[1:], start=int(not both)):
         alone, among = tmp_path / f"alone{k}", tmp_path / f"among{k}"
         for output in (alone, among):
             output.mkdir()
