@@ -49,7 +49,7 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py \
 	description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py common_zero.py gaps.py late_heads.py \
 	machine_faults.py page.py recordings.py responses.py without_heads.py zero.py) \
-	$(addprefix pipeline/test_,estimation.py reversals.py) recordings/test_cells.py)
+	$(addprefix pipeline/test_,estimation.py reversals.py uncertain_responses.py) recordings/test_cells.py)
 MODEL_RATES := $(addprefix test/,blind_check analysis/test_motion.py \
 	$(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.analysis.runs import speeds
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
-from rotary_error_monitor.metrology.error_motion import radial_covariance_at, radial_error_motion_at
+from rotary_error_monitor.metrology.error_motion import radial_covariance_at, radial_error_motion_at, remove_mirror
 from rotary_error_monitor.metrology.spindle_figures import SignalNoise, sensitive_direction
 from rotary_error_monitor.pipeline.publication import AssemblyVariance
 
@@ -125,13 +125,30 @@ def signals_of(
             shape = assembly.graduation + lever * assembly.flatness
             moved = radial_error_motion_at(motion, height)
             yield from _radial(moved, spread, theta, turning, still, shape, height)
-    for component, direction in ((3, "x"), (4, "y")):
-        if seen[component]:
-            turning = assembly.mirror + unresolved[:, 1]
-            variance = covariance[:, component, component]
-            yield Signal(TILT, direction, None, components[:, component], variance, turning, nothing, assembly.flatness)
+    yield from _tilt(components, covariance, theta, assembly.mirror + unresolved[:, 1], stage, assembly)
     if seen[2]:
         yield Signal(AXIAL, "z", None, components[:, 2], covariance[:, 2, 2], nothing, nothing, 0.0)
+
+
+def _tilt(
+    components: Array,
+    covariance: Array,
+    theta: Array,
+    turning: Array,
+    stage: StageDescription,
+    assembly: AssemblyVariance,
+) -> Iterator[Signal]:
+    """Tilt about x and y; what gain and roll are off by goes with the reading, of which the mirror's part turns."""
+    tilt = components[:, 3:5]
+    reading = tilt - remove_mirror(np.zeros_like(tilt), theta, stage.mirror)
+    zero = np.full(len(theta), assembly.zero)
+    for axis, direction in enumerate("xy"):
+        if np.isfinite(tilt[:, axis]).any():
+            read = np.nan_to_num(assembly.tilt_by_reading(reading[:, axis], reading[:, 1 - axis]))
+            own = float(np.nanmean(assembly.tilt_by_reading(tilt[:, axis], tilt[:, 1 - axis])))
+            variance = covariance[:, 3 + axis, 3 + axis]
+            lasting = turning + np.maximum(read - own, 0.0)
+            yield Signal(TILT, direction, None, tilt[:, axis], variance, lasting, zero, assembly.flatness + own)
 
 
 def _stamps_apart(

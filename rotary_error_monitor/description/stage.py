@@ -16,8 +16,8 @@ from rotary_error_monitor.description.response import IDEAL
 from rotary_error_monitor.description.response import Response as Response
 from rotary_error_monitor.description.sections import extended, from_content, load, narrowed, write
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
-from rotary_error_monitor.description.stage_section import Autocollimator as Autocollimator
 from rotary_error_monitor.description.stage_section import (
+    RESPONSES,
     AutocollimatorSection,
     CommandSection,
     EncoderSection,
@@ -28,6 +28,7 @@ from rotary_error_monitor.description.stage_section import (
     angle_rows,
     two_axis_rows,
 )
+from rotary_error_monitor.description.stage_section import Autocollimator as Autocollimator
 from rotary_error_monitor.description.stage_section import Encoder as Encoder
 from rotary_error_monitor.description.stage_section import Lvdt as Lvdt
 from rotary_error_monitor.description.stage_section import Mirror as Mirror
@@ -220,7 +221,7 @@ def _responses(section: StageSection) -> dict[str, Response]:
 
 
 def _calibrated(section: StageSection) -> dict[str, float]:
-    """Standard uncertainties of ring and mirror from their calibration; what the file states itself counts before."""
+    """Standard uncertainties from calibrations; what the file states itself counts before."""
     found = {}
     notes = section.calibration
     for part, note, vector, rows in (
@@ -231,4 +232,7 @@ def _calibrated(section: StageSection) -> dict[str, float]:
             found[f"{part}.{vector}"] = note.uncertainty
         if note is not None and f"{rows}_uncertainty" in note.figures:
             found[f"{part}.{rows}"] = note.figures[f"{rows}_uncertainty"]
+    if notes.autocollimator is not None:
+        stds = {name: notes.autocollimator.figures.get(f"{name}_uncertainty") for name in RESPONSES}
+        found |= {f"autocollimator.{name}": std for name, std in stds.items() if std is not None}
     return found

@@ -218,11 +218,12 @@ class Environment:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrations(Section):
-    """Where ring and mirror are from."""
+    """Where ring, mirror and the answers of the autocollimator are from."""
 
     is_open = True
     encoder: Calibrated | None = None
     mirror: Calibrated | None = None
+    autocollimator: Calibrated | None = None
 
 
 Uncertain = Annotated[
@@ -282,12 +283,15 @@ def _names(part: type[Any], *more: str, without: str = "") -> tuple[str, ...]:
     return (*(each.name for each in entries(part) if each.name != without), *more)
 
 
+RESPONSES = ("gain", "roll", "zero")
+"""What may be uncertain of how an instrument of two axes answers."""
+
 PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "encoder": _names(Encoder, "azimuth", "timing", without="azimuths"),
     "mirror": _names(Mirror),
-    "autocollimator": _names(Autocollimator, without="turbulence"),
+    "autocollimator": _names(Autocollimator, *RESPONSES, without="turbulence"),
     "spindle": _names(Spindle),
-    "lvdt": _names(Lvdt),
+    "lvdt": _names(Lvdt, *RESPONSES),
     "command": ("timing",),
 }
 """What the section `uncertainty` may name of each section, whether a stage has that section or not."""

@@ -145,7 +145,7 @@ class Publication:
         unsettled = (redundancy == 0) & (streams & self._heads & ~believed.settled != 0)
         believed.doubts[unsettled] |= 1 << DOUBTS.index("unverified")
         near = believed.within("radial", seen["surplus_x"], seen["surplus_y"])
-        self._raise_uncertainty(rows, disagreement, redundancy, believed)
+        self._raise_uncertainty(rows, seen, disagreement, redundancy, believed)
         doubts = {name: believed.has(name) for name in DOUBTS}
         motion = np.hypot(seen["surplus_x"] + seen["described_x"], seen["surplus_y"] + seen["described_y"])
         ring = doubts["ring"] | (motion > self._most + SIGMAS * np.sqrt(seen["radial_variance"]))
@@ -172,6 +172,7 @@ class Publication:
     def _raise_uncertainty(
         self,
         rows: NDArray[np.float64],
+        seen: Mapping[str, NDArray[np.float64]],
         disagreement: NDArray[np.float64],
         redundancy: NDArray[np.int64],
         believed: Believed,
@@ -192,11 +193,12 @@ class Publication:
         radial += unproven
         tilt = self._assembly.tilt + 0.5 * believed.unresolved_tilt**2
         tilt += np.where(believed.has("unverified_tilt"), self._unproven["tilt"], 0.0)
+        read = (seen["tilt_x"], seen["tilt_y"])
         for bit, name, added in (
             (0, "var_exc", step + radial),
             (1, "var_eyc", step + radial),
-            (3, "var_eac", tilt),
-            (4, "var_ebc", tilt),
+            (3, "var_eac", tilt + self._assembly.tilt_by_reading(*read)),
+            (4, "var_ebc", tilt + self._assembly.tilt_by_reading(*reversed(read))),
             (5, "var_ecc", (step + head) / self._radius**2 + believed.lag**2 + self._rounding),
         ):
             if name in ("var_eac", "var_ebc"):
@@ -213,12 +215,17 @@ class AssemblyVariance:
     Attributes:
         eccentricity, graduation: of the ring, to the radial error motion.
         mirror, flatness: of the mirror, to the tilt.
+        gain, roll, zero: of the autocollimator, to the tilt; the first two for each rad² of what it reads, along the
+            same axis and along the other.
     """
 
     eccentricity: float
     graduation: float
     mirror: float
     flatness: float
+    gain: float = 0.0
+    roll: float = 0.0
+    zero: float = 0.0
 
     @staticmethod
     def of(stage: StageDescription) -> AssemblyVariance:
@@ -226,11 +233,15 @@ class AssemblyVariance:
         stated, encoder = stage.uncertainty, stage.encoder or ABSENT
         graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(encoder.graduation))
         flatness = stated.get("mirror.flatness", 0.0) * math.sqrt(len(stage.mirror.flatness))
+        gain = stage.response(AUTOCOLLIMATOR).gain
         return AssemblyVariance(
             stated.get("encoder.eccentricity", 0.0) ** 2,
             0.5 * (encoder.disc_radius * graduation) ** 2,
             stated.get("mirror.tilt", 0.0) ** 2,
             flatness**2,
+            (stated.get("autocollimator.gain", 0.0) / gain) ** 2,
+            stated.get("autocollimator.roll", 0.0) ** 2,
+            (stated.get("autocollimator.zero", 0.0) / gain) ** 2,
         )
 
     @property
@@ -240,8 +251,12 @@ class AssemblyVariance:
 
     @property
     def tilt(self) -> float:
-        """To the tilt, all in all."""
-        return self.mirror + self.flatness
+        """To the tilt, all in all, beside what goes with the reading."""
+        return self.mirror + self.flatness + self.zero
+
+    def tilt_by_reading(self, along: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(m,) to the tilt about an axis, from what the autocollimator reads of it and of the other, rad."""
+        return self.gain * along**2 + self.roll * across**2
 
 
 def redundancy_of(layout: HeadLayout | None) -> int:

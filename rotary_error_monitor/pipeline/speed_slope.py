@@ -54,13 +54,17 @@ class SpeedSlope:
         rows = np.array(self._rows)
         inner = np.flatnonzero(rows[2:, 0] - rows[:-2, 0] == 2.0) + 1
         speed = (rows[inner + 1, 1] - rows[inner - 1, 1]) / (2.0 * duration)
-        slope, margin = self._regress(rows[inner, 1], np.column_stack([speed, rows[inner, 2:]]))
+        slope, margin = self._regress(rows[inner, 0], rows[inner, 1], np.column_stack([speed, rows[inner, 2:]]))
         unseen = np.where(np.abs(slope - self.value) > margin, 0.0, self.value)
         self.value = np.where(np.abs(slope) > margin, slope, unseen)
 
-    def _regress(self, theta: Array, rows: Array) -> tuple[Array, Array]:
-        """Slope (k,), and how large it can be by chance, from angles (n,) and rows (n, 1 + k) of speed and values."""
-        angles, time = theta[:, None] * self._orders, np.linspace(-1.0, 1.0, len(rows))
+    def _regress(self, number: Array, theta: Array, rows: Array) -> tuple[Array, Array]:
+        """Slope (k,), and how large it can be by chance, from rows (n, 1 + k) of speed and values.
+
+        The windows' numbers (n,) tell their times, which have gaps where samples were missing; `theta` (n,) is in rad.
+        """
+        angles, time = theta[:, None] * self._orders, number - number.mean() if len(number) else number
+        time = time / max(float(np.abs(time).max(initial=0.0)), 1.0)
         known = np.column_stack([time[:, None] ** np.arange(TREND + 1), np.cos(angles), np.sin(angles)])
         if len(rows) < 2 * known.shape[1]:
             return np.zeros_like(self.value), np.full_like(self.value, np.inf)

@@ -252,6 +252,8 @@ class StageTwin:
             ideal = effect.measured(cause.values, cause.location, _felt(cause, effect, state), ideal)
         check_finite(name, ideal, causes)
         ideal = sensor.within_range(stage, name, ideal)
+        if stage.response(name) != self.stage.response(name):  # recorded values were corrected by the twin's own
+            ideal = self.stage.response(name).corrected(stage.response(name).readings(ideal))
         return ideal[:, None] if ideal.ndim == 1 else ideal
 
 

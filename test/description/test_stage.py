@@ -63,6 +63,15 @@ def test_a_name_that_there_is_not_is_refused_with_its_line(row, told, tmp_path):
         load_stage(path)
 
 
+def test_what_a_calibration_leaves_of_the_autocollimator_counts_unless_the_file_states_it(tmp_path):
+    figures = "figures: {gain_uncertainty: 0.002, roll_uncertainty: 0.003, latency_uncertainty: 0.001}"
+    note = f"{{date: '2026-11-26', source: bag, sha256: {64 * 'a'}, {figures}}}"
+    path = described(tmp_path, "autocollimator.roll: 0.004")
+    path.write_text(f"{path.read_text()}  calibration: {{autocollimator: {note}}}\n", encoding="utf-8")
+    told = {name: std for name, std in load_stage(path).uncertainty.items() if name.startswith("autocollimator")}
+    assert told == {"autocollimator.gain": 0.002, "autocollimator.roll": 0.004}
+
+
 def test_a_name_of_no_section_is_refused_with_the_line_of_all(tmp_path):
     with pytest.raises(InputError, match=r"stage.yaml:11: stage.uncertainty: .*'rotor.mass'"):
         load_stage(described(tmp_path, "rotor.mass: 1.0"))

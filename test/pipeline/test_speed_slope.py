@@ -74,3 +74,18 @@ def test_what_was_seen_holds_at_constant_speed_and_goes_when_it_is_contradicted(
     np.testing.assert_array_equal(filled(slope, time, 1e-4 + noise).value, seen)
     slope.forget()
     np.testing.assert_array_equal(filled(slope, theta, noise).value, [0.0])
+
+
+def test_drift_shows_none_where_windows_are_missing():
+    """A slowly quickening rotor that is in what is seen as well, with a second or so without samples in between."""
+    time = PERIOD * np.arange(400)
+    drift = 3e-6 * time**2 - 1e-6 * time
+    for seed in range(200):
+        generator, slope = np.random.default_rng(seed), SpeedSlope(1000)
+        begin = generator.integers(20, 200)
+        end = begin + generator.integers(50, 150)
+        seen = drift + 3e-9 * generator.normal(size=400)
+        for number in (*range(begin), *range(end, 400)):
+            slope.add(number, float(3 * time[number] + drift[number]), float(seen[number]))
+        slope.measure(PERIOD)
+        assert slope.length == 0.0, seed

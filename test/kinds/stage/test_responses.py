@@ -44,6 +44,19 @@ def test_a_fault_is_named_as_behind_ideal_instruments(tmp_path):
     assert [found.cause.effect.name for found in diagnosis.causes] == ["mirror_wobble"]
 
 
+@pytest.mark.parametrize("stated", [{"gain": 0.01}, {"roll": 0.01}, {}], ids=["gain", "roll", "nothing"])
+def test_what_an_autocollimator_may_be_off_by_is_no_gap(stated, tmp_path):
+    """Gain by 1.5 and roll by 1.3 standard uncertainties, as a twin that states none of them would call a fault."""
+    right = RESPONSES["autocollimator"]
+    wrong = replace(right, gain=right.gain + 0.015, roll=right.roll + 0.013 * ("gain" not in stated))
+    wrong = replace(wrong, gain=right.gain) if "roll" in stated else wrong
+    bag, twin = written(tmp_path / "case", 33, known={**RESPONSES, "autocollimator": wrong})
+    content = yaml.safe_load(twin.read_text(encoding="utf-8"))
+    content["stage"]["uncertainty"] = {f"autocollimator.{name}": std for name, std in stated.items()}
+    twin.write_text(yaml.safe_dump(content), encoding="utf-8")
+    assert (diagnose(load_problem(bag, load_twin(twin))).verdict is Verdict.NO_GAP) is bool(stated)
+
+
 def test_a_head_whose_sign_is_not_described_is_told(tmp_path):
     bag, twin = written(tmp_path / "case", 31, known={**RESPONSES, "head_b": Response((-1.9,))})
     content = yaml.safe_load(twin.read_text(encoding="utf-8"))
