@@ -47,8 +47,8 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 	network nodes security supervision testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py commissioning/test_command.py \
-	commissioning/test_travel.py 	description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py common_zero.py gaps.py late_heads.py \
-	machine_faults.py page.py recordings.py responses.py without_heads.py zero.py) \
+	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py \
+	common_zero.py gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py without_heads.py zero.py) \
 	$(addprefix pipeline/test_,estimation.py reversals.py uncertain_responses.py) recordings/test_cells.py)
 MODEL_RATES := $(addprefix test/,blind_check analysis/test_motion.py \
 	$(addprefix benchmark/test_,ablation.py power.py) \
