@@ -52,11 +52,12 @@ CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_w
 	$(addprefix pipeline/test_,estimation.py reversals.py uncertain_responses.py) recordings/test_cells.py)
 MODEL_RATES := $(addprefix test/,blind_check analysis/test_motion.py \
 	$(addprefix benchmark/test_,ablation.py power.py) \
-	$(addprefix calibration/test_,axis_lines.py identification.py steps.py straightness_rates.py yaml_text.py) \
-	$(addprefix gap/test_,bounds.py cases.py) \
+	$(addprefix calibration/test_,assembly_contradictions.py axis_lines.py identification.py steps.py \
+	straightness_contradictions.py straightness_rates.py yaml_text.py) \
+	$(addprefix gap/test_,bounds.py cases.py gross_errors.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py play.py \
-	stretches.py tilt_sensors.py without_heads.py) \
+	stretches.py tilt_sensors.py without_autocollimator.py without_heads.py) \
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py spindle_figures.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 SENSOR_RATES := test/pipeline/test_listed_sensors.py# behind the models, which are done earlier than the others
