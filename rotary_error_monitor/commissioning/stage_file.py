@@ -18,8 +18,9 @@ from rotary_error_monitor.commissioning.commission import AUTOCOLLIMATOR, Commis
 from rotary_error_monitor.commissioning.findings import is_louder
 from rotary_error_monitor.commissioning.found import Stated, Value
 from rotary_error_monitor.description.provenance import Calibrated
-from rotary_error_monitor.description.sections import locate
+from rotary_error_monitor.description.sections import locate, place_in_file
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.stage_section import own_places
 from rotary_error_monitor.errors import InputError
 
 MOVED = 2.0
@@ -43,7 +44,7 @@ def commission_stage(
         raise InputError(f"{stage_file}: the stage has no section 'encoder'; expected read heads to be commissioned")
     recorded = read_streams(bag, stage, naming)
     try:
-        return stage, commission(stage, stated_in(stage_file), recorded)
+        return stage, commission(stage, stated_in(stage_file, stage.azimuths), recorded)
     except InputError as error:
         if str(error).startswith("encoder.heads"):
             place = locate(stage_file, ("stage", "encoder", "heads"))
@@ -51,10 +52,11 @@ def commission_stage(
         raise InputError(f"{bag}: {error}") from error
 
 
-def stated_in(stage_file: Path) -> Stated:
-    """What a stage file states of signs and zeros."""
+def stated_in(stage_file: Path, letters: Iterable[str]) -> Stated:
+    """What a stage file states of signs and zeros, of the heads of these letters and of the command."""
     document = YamlDocument(stage_file, "stage")
-    rows = {f"head_{letter}": row for letter, row in (document.get("encoder", "heads") or {}).items()}
+    places = {f"head_{letter}": _in_file(document, ("encoder", "heads", letter)) for letter in letters}
+    rows = {name: document.get(*place) for name, place in places.items()}
     rows["command"] = document.get("command") or {}
     return Stated(
         frozenset(name for name, row in rows.items() if "sign" in row),
@@ -107,7 +109,7 @@ def _set_ring(document: YamlDocument, stage: StageDescription, result: Commissio
         yield f"{letter}.azimuth_uncertainty", head.azimuth.std
         _set(document, "encoder", (*place, "zero"), rounded(head.zero))
         yield f"{letter}.zero_uncertainty", head.zero.std
-        if head.sign != 1 or document.get(*place, "sign") is not None:
+        if head.sign != 1 or document.get(*_in_file(document, (*place, "sign"))) is not None:
             _set(document, "encoder", (*place, "sign"), head.sign)
         _set_latency(document, "encoder", (*place, "latency"), head.latency, before.latency)
         yield f"{letter}.latency_uncertainty", head.latency.std
@@ -200,8 +202,14 @@ def _set_mirror(document: YamlDocument, result: Commissioning) -> Figures:
 
 
 def _set(document: YamlDocument, part: str, place: tuple[str, ...], value: Any) -> None:  # noqa: ANN401 (YAML content)
+    place = _in_file(document, place)
     if document.get(*place) != value:
         document.set(part, ".".join(place), place, value)
+
+
+def _in_file(document: YamlDocument, place: tuple[str, ...]) -> tuple[str, ...]:
+    """Where the file has a place of a section: in its list of sensors, if it lists what the section is of."""
+    return tuple(map(str, place_in_file(place, own_places(document.get("sensors")))))
 
 
 def _set_latency(document: YamlDocument, part: str, place: tuple[str, ...], found: Value, before: float) -> None:

@@ -32,6 +32,10 @@ class WrongError(Exception):
         super().__init__(problem)
         self.place, self.problem, self.expected, self.value = place, problem, expected, value
 
+    def at(self, place: Place) -> WrongError:
+        """The same at another place."""
+        return WrongError(place, self.problem, self.expected, self.value)
+
 
 class Section:
     """Base of sections that are more than their fields."""
@@ -50,6 +54,15 @@ class Section:
             WrongError: the content is of none.
         """
         return cls
+
+    @classmethod
+    def arranged(cls, content: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[Place, Place]]:
+        """The content with all where the fields are, and where in the file stands what was moved for that.
+
+        Raises:
+            WrongError: what would be moved is there already.
+        """
+        return content, {}
 
     def contradictions(self) -> Iterator[tuple[Place, str]]:
         """Places below the section whose values do not go together, and what would be right."""
@@ -198,16 +211,28 @@ _READERS: dict[Any, Any] = {
 
 
 def _section(kind: type[Any], value: Mapping[str, Any], place: Place, text: str) -> Any:  # noqa: ANN401 (any section)
-    if issubclass(kind, Section):
-        try:
-            kind = kind.variant(value)
-        except WrongError as error:
-            raise WrongError((*place, *error.place), error.problem, error.expected, error.value) from None
-    made = kind(**_values(kind, value, place, text))
-    if isinstance(made, Section):
+    if not issubclass(kind, Section):
+        return kind(**_values(kind, value, place, text))
+    try:
+        kind = kind.variant(value)
+        value, moved = kind.arranged(value)
+    except WrongError as error:
+        raise error.at((*place, *error.place)) from None
+    try:
+        made = kind(**_values(kind, value, place, text))
         for below, problem in made.contradictions():
             raise WrongError((*place, *below), problem)
+    except WrongError as error:
+        raise error.at((*place, *place_in_file(error.place[len(place) :], moved))) from None
     return made
+
+
+def place_in_file(place: Place, moved: Mapping[Place, Place]) -> Place:
+    """Where a place of the arranged content stands in the file, by what `Section.arranged` says was moved."""
+    for arranged, stands in moved.items():
+        if place[: len(arranged)] == arranged:
+            return (*stands, *place[len(arranged) :])
+    return place
 
 
 def _values(kind: type[Any], value: Mapping[str, Any], place: Place, text: str, partly: bool = False) -> dict[str, Any]:

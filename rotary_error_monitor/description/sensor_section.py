@@ -15,6 +15,10 @@ from rotary_error_monitor.description.quantities import Latency, Noise, Range, R
 from rotary_error_monitor.description.sections import Section, WrongError
 from rotary_error_monitor.plugins import classes_in, modules_in
 
+READ_HEAD = "read_head"
+OWN_KINDS = {READ_HEAD: ("encoder", "heads"), "autocollimator": ("autocollimator",), "lvdt": ("lvdt",)}
+"""Section of a stage's file for kinds that a file may list as well; heads stand there by their names."""
+
 Uncertainty = Annotated[float, Expected("standard uncertainty of zero and form in m or rad", 1e-10, 0.001)]
 
 
@@ -49,7 +53,7 @@ class SensorSection(Section):
     @classmethod
     def variant(cls, content: Mapping[str, Any]) -> type[Any]:
         """The kind that the content says: without it nothing else of a sensor can be judged."""
-        known, found = ", ".join(sensor_kinds()), content.get("kind")
+        known, found = ", ".join((*OWN_KINDS, *sensor_kinds())), content.get("kind")
         if found is None:
             raise WrongError((), "'kind' is a required property", f"one of {known}")
         if not isinstance(found, str) or found not in sensor_kinds():

@@ -32,8 +32,8 @@ from rotary_error_monitor.description.quantities import (
     TiltPair,
 )
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.sections import Place, Section, narrowed, stated
-from rotary_error_monitor.description.sensor_section import SensorSection
+from rotary_error_monitor.description.sections import Place, Section, WrongError, narrowed, stated
+from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SensorSection
 from rotary_error_monitor.description.stage_limits import StageLimits
 
 MOST_STREAMS = 51
@@ -231,6 +231,25 @@ Uncertain = Annotated[
 ]
 
 
+def own_places(listed: object) -> dict[Place, Place]:
+    """Where a file's list `sensors` has what has a section of its own, by the place in that section.
+
+    Raises:
+        WrongError: the list has more than one autocollimator or LVDT.
+    """
+    found: dict[Place, Place] = {}
+    for name, row in listed.items() if isinstance(listed, Mapping) else ():
+        kind = row.get("kind") if isinstance(row, Mapping) else None
+        if kind not in OWN_KINDS:
+            continue
+        place = (*OWN_KINDS[kind], name) if kind == READ_HEAD else OWN_KINDS[kind]
+        if place in found:
+            more = "a further one is of kind tilt_sensor" if kind == "autocollimator" else "a stage has one at most"
+            raise WrongError(("sensors", name), f"'{found[place][1]}' is of kind {kind} already; {more}")
+        found[place] = ("sensors", name)
+    return found
+
+
 @dataclass(frozen=True, kw_only=True)
 class StageSection(Section):
     """The section `stage`."""
@@ -261,6 +280,28 @@ class StageSection(Section):
         Calibrations,
         Expected("where ring (encoder) and mirror come from: {date, source, sha256, uncertainty, figures, history}"),
     ] = Calibrations()
+
+    @classmethod
+    def arranged(cls, content: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[Place, Place]]:
+        """Read heads, autocollimator and LVDT in sections of their own, also those that the file lists as sensors."""
+        moved = own_places(content.get("sensors"))
+        if not moved:
+            return content, moved
+        own = {stands[1] for stands in moved.values()}
+        arranged: dict[str, Any] = {
+            **content,
+            "sensors": {name: row for name, row in content["sensors"].items() if name not in own},
+        }
+        for place, stands in moved.items():
+            row = {key: value for key, value in content["sensors"][stands[1]].items() if key != "kind"}
+            above, (*outer, name) = arranged, map(str, place)
+            for step in outer:
+                above[step] = dict(above.get(step) or {})
+                above = above[step]
+            if name in above:
+                raise WrongError(stands, f"there is one in '{'.'.join((*outer, name))}' already; keep one of both")
+            above[name] = row
+        return arranged, moved
 
     def contradictions(self) -> Iterator[tuple[Place, str]]:
         """Whether the parts fit one another."""

@@ -65,6 +65,19 @@ def motion_errors(
     return sizes[0], sizes[1], float(abs(found_against[2]))
 
 
+def test_instruments_that_the_file_lists_as_sensors_are_commissioned_there(tmp_path: Path) -> None:
+    bag, nominal = written(build(7, count=4, even=False, swap=False, known_tilt=True, duration=DURATION), tmp_path)
+    assert run(bag, nominal, tmp_path / "sections.yaml") == 0
+    stage = yaml.safe_load(nominal.read_text(encoding="utf-8"))["stage"]
+    heads = {name: {"kind": "read_head", **row} for name, row in stage["encoder"].pop("heads").items()}
+    listed = {**heads, "level": {"kind": "autocollimator", **stage.pop("autocollimator")}}
+    (tmp_path / "listed_nominal.yaml").write_text(yaml.safe_dump({"stage": {**stage, "sensors": listed}}))
+    assert run(bag, tmp_path / "listed_nominal.yaml", tmp_path / "listed.yaml") == 0
+    assert load_stage(tmp_path / "listed.yaml") == load_stage(tmp_path / "sections.yaml") != load_stage(nominal)
+    left = yaml.safe_load((tmp_path / "listed.yaml").read_text(encoding="utf-8"))["stage"]
+    assert "heads" not in left["encoder"] and "autocollimator" not in left
+
+
 @pytest.mark.parametrize("seed", [3, 7, 12])
 def test_the_estimator_is_right_by_the_file_that_is_written(seed: int, tmp_path: Path) -> None:
     """Within 0.1 µm, beside the noise that the same readings leave with a file that is exactly true."""

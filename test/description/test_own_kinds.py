@@ -1,0 +1,68 @@
+"""Read heads, autocollimator and LVDT that a stage file lists beside other sensors, as it may have them in sections."""
+
+from __future__ import annotations
+
+import pytest
+import yaml
+
+from rotary_error_monitor.description.stage import load_stage, stage_mapping
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.resources import config
+
+RING = "disc_radius: 0.1, lines_per_revolution: 31488, counts_per_line: 100, noise: 3.0e-07"
+LISTED = f"""\
+stage:
+  encoder: {{{RING}}}
+  sensors:
+    a: {{kind: read_head, azimuth: 0.0, zero: 2.7}}
+    b: {{kind: read_head, azimuth: 3.141592653589793, sign: -1}}
+    c: {{kind: read_head, azimuth: 1.5707963267948966}}
+    tilt: {{kind: autocollimator, range: 4.8e-04, resolution: 4.8e-07, noise: 4.8e-07, gain: 1.02}}
+    artefact: {{kind: lvdt, height: 0.016, noise: 5.0e-08}}
+    top: {{kind: axial_probe, radius: 0.0, noise: 1.0e-08, resolution: 1.0e-09, range: 0.0001, uncertainty: 1.0e-09}}
+"""
+
+
+def load_text(folder, text):
+    path = folder / "stage.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_stage(path)
+
+
+def test_a_list_is_the_stage_that_sections_are(tmp_path):
+    content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
+    stage = content["stage"]
+    heads = {name: {"kind": "read_head", **row} for name, row in stage["encoder"].pop("heads").items()}
+    others = {name: {"kind": name, **stage.pop(name)} for name in ("autocollimator", "lvdt")}
+    stage["sensors"] = {**heads, **others}
+    found = load_text(tmp_path, yaml.safe_dump(content))
+    assert found == load_stage()
+    assert load_text(tmp_path, yaml.safe_dump({"stage": stage_mapping(found)})) == found
+
+
+def test_heads_may_stand_in_both(tmp_path):
+    whole = load_text(tmp_path, LISTED)
+    assert [*whole.azimuths] == ["a", "b", "c"] and [*whole.sensors] == ["axial_probe_top"]
+    assert (whole.response("head_a").zero, whole.response("head_b").gain) == ((2.7,), -1.0)
+    assert whole.response("autocollimator").gain == 1.02 and whole.lvdt.height == 0.016
+    mixed = LISTED.replace(RING, RING + ", heads: {d: {azimuth: 4.7}}")
+    assert {*load_text(tmp_path, mixed).azimuths} == {"a", "b", "c", "d"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "told"),
+    [
+        ("azimuth: 0.0", "azimuth: 7.0", 4, r"stage.sensors.a.azimuth: 7.0 is greater than"),
+        ("azimuth: 0.0, ", "", 4, "stage.sensors.a: 'azimuth' is a required property"),
+        ("sign: -1", "roll: 1.0", 5, "stage.sensors.b: 'roll' was unexpected"),
+        ("noise: 4.8e-07, gain", "noise: 0.5, gain", 7, "stage.sensors.tilt.noise: 0.5 is greater"),
+        (RING, RING + ", heads: {a: {azimuth: 4.7}}", 4, "stage.sensors.a: there is one in 'encoder.heads.a' already"),
+        ("kind: lvdt, height: 0.016, noise: 5.0e-08", "kind: autocollimator", 8, "'tilt' is of kind autocollimator al"),
+        ("kind: axial_probe", "kind: axial", 9, "'axial' is no kind of sensor; expected: one of read_head, autocoll"),
+        (f"  encoder: {{{RING}}}\n", "", 1, "stage.encoder: 'disc_radius' is a required property"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_line(old, new, line, told, tmp_path):
+    assert old in LISTED
+    with pytest.raises(InputError, match=rf"stage.yaml:{line}: .*{told}"):
+        load_text(tmp_path, LISTED.replace(old, new, 1))
