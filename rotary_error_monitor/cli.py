@@ -25,6 +25,7 @@ COMMANDS = (
     "replay",
     "check",
     "recover",
+    "convert",
     "calibrate",
     "commission",
     "analyse",

@@ -42,6 +42,7 @@ class Device(ABC):
         settings: parameters that a node has because of it.
         meaning: what it is for, in a few words, for who has to choose one.
         simulated: whether its samples are those of a simulation, which the node then says wherever it speaks.
+        hears: whether it opens nothing but a `Heard`, so that a bag of the driver's messages does as well.
     """
 
     name: ClassVar[str] = ""
@@ -49,6 +50,7 @@ class Device(ABC):
     settings: ClassVar[tuple[Setting, ...]] = ()
     meaning: ClassVar[str] = ""
     simulated: ClassVar[bool] = False
+    hears: ClassVar[bool] = False
 
     @abstractmethod
     def open(self, instrument: Instrument) -> Source:

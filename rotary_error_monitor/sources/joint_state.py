@@ -34,6 +34,7 @@ class JointStateDriver(Device):
     name = "joint_state"
     meaning = "a driver that publishes sensor_msgs/JointState"
     serves = ("encoder_head",)
+    hears = True
     settings = _SETTINGS
 
     def open(self, instrument: Instrument) -> ContinuousAngle:
@@ -53,6 +54,7 @@ class CommandDriver(Device):
     name = "joint_state"
     meaning = "a controller that publishes sensor_msgs/JointState"
     serves = ("stage_command",)
+    hears = True
     settings = _SETTINGS
 
     def open(self, instrument: Instrument) -> CommandedAngle:

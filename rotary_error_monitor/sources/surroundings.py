@@ -14,6 +14,7 @@ class WrenchDriver(Device):
     name = "wrench"
     meaning = "a load cell's driver that publishes geometry_msgs/WrenchStamped"
     serves = ("stage_force",)
+    hears = True
     settings = (Setting("wrench.topic", "load_cell/wrench", "topic of a third-party driver: force in N"),)
 
     def open(self, instrument: Instrument) -> Heard:
@@ -32,6 +33,7 @@ class TemperatureDriver(Device):
     name = "temperature"
     meaning = "a thermometer's driver that publishes sensor_msgs/Temperature"
     serves = ("stage_temperature", "listed_sensor")
+    hears = True
     settings = (
         Setting("temperature.topic", "thermometer/temperature", "topic of a third-party driver: temperature in °C"),
     )

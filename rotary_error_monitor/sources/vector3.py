@@ -33,6 +33,7 @@ class TiltDriver(_Vector3Driver):
 
     name = "vector3"
     serves = ("autocollimator",)
+    hears = True
     settings = (
         Setting("vector3.topic", "autocollimator/tilt", "topic of a third-party driver: rotation vector in rad"),
         Setting("vector3.unit", "rad", "unit of the components of its vectors", choices=tuple(ANGLE_UNITS)),
@@ -48,6 +49,7 @@ class DisplacementDriver(_Vector3Driver):
 
     name = "vector3"
     serves = ("lvdt",)
+    hears = True
     settings = (Setting("vector3.topic", "lvdt/displacement", "topic of a third-party driver: displacement in m"),)
 
 
@@ -56,6 +58,7 @@ class ProbeDriver(_Vector3Driver):
 
     name = "vector3"
     serves = ("listed_sensor",)
+    hears = True
     settings = (
         Setting(
             "vector3.topic",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,3 +78,29 @@ def _namespace(spaces: list[str]) -> str:
     """Namespace that the parts before a name state; what stands for any of them states none."""
     stated = [each for each in spaces if each and each not in _ANY]
     return "/" + "/".join(stated) if stated else ""
+
+
+def parameters_of(path: Path) -> dict[str, dict[str, object]]:
+    """Parameters by their dotted names, by the name of the node; what stands further down counts for more, as for rcl.
+
+    Raises:
+        InputError: as `nodes_of`, or a section holds something else than parameters.
+    """
+    nodes = [node.name for node in nodes_of(path)]
+    found: dict[str, dict[str, object]] = {name: {} for name in nodes}
+    for key, section in read_yaml(path, "a ROS parameter file").content.items():
+        given = section["ros__parameters"] or {}
+        if not isinstance(given, Mapping):
+            raise InputError(f"{path}: '{excerpt(key)}': ros__parameters is {given!r}; expected parameters by name")
+        name = key.strip("/").split("/")[-1]
+        for node in nodes if name in _ANY else [name]:
+            found[node] |= dict(_dotted(given))
+    return found
+
+
+def _dotted(given: Mapping[str, object], above: str = "") -> Iterator[tuple[str, object]]:
+    for name, value in given.items():
+        if isinstance(value, Mapping):
+            yield from _dotted(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", value

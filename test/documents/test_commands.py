@@ -21,6 +21,10 @@ ROOT = Path(__file__).parents[2]
 DOC = ROOT / "doc"
 
 PAGES_ELSEWHERE = {
+    "rotary_error_monitor convert drivers_bag --cell-file cell.yaml -o converted": (
+        "test/recordings/test_convert.py",
+        '"convert", str(recorded / storage), "--cell-file", str(recorded / "cell.yaml")',
+    ),
     "calibration": "test/calibration/test_tutorial.py",
     "tutorial_mount": "test/test_tutorials.py",
     "tutorial_quadrature": "test/test_tutorials.py",
