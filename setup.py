@@ -21,6 +21,7 @@ NODES = [
     "gap_monitor",
     "visualization",
     "metrics",
+    "opcua_server",
     "linuxcnc_bridge",
     "stage_follower",
 ]

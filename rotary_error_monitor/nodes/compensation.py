@@ -19,7 +19,7 @@ from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.machine.limits import Outcome
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.nodes.compensation_settings import SETTINGS, compensation_settings
+from rotary_error_monitor.nodes.compensation_settings import SETTINGS, compensation_settings, limit_figures
 from rotary_error_monitor.nodes.correction_output import CorrectionOutput
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
@@ -236,6 +236,7 @@ class Compensation(ManagedNode):
             "standard_uncertainty_um": "none" if math.isnan(compensator.deviation) else compensator.deviation * 1e6,
             "refused_joint_states": compensator.joints.checks.refused.total(),
             "refused_temperatures": compensator.thermometer.refused.total(),
+            **limit_figures(self),
         }
 
     def _how_far(self) -> str:

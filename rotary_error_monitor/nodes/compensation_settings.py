@@ -126,3 +126,13 @@ def compensation_settings(node: ManagedNode) -> CompensationSettings:
         linear_limits=limits("linear"),
         rotary_limits=limits("rotary"),
     )
+
+
+def limit_figures(node: ManagedNode) -> dict[str, object]:
+    """Limits of corrections, in the units that people read, as figures of a status."""
+    figures: dict[str, object] = {}
+    for kind, small, rate, scale in (("linear", "um", "mm_s", 1e3), ("rotary", "urad", "rad_s", 1.0)):
+        figures[f"{kind}_warning_{small}"] = node.setting(f"{kind}.warning") * 1e6
+        figures[f"{kind}_error_{small}"] = node.setting(f"{kind}.error") * 1e6
+        figures[f"{kind}_rate_{rate}"] = node.setting(f"{kind}.rate") * scale
+    return figures

@@ -69,7 +69,10 @@ class Access:
 
 
 def cell_accesses(
-    wire: Wire, services: Sequence[Service], listen: Mapping[str, Sequence[str]] | None = None
+    wire: Wire,
+    services: Sequence[Service],
+    listen: Mapping[str, Sequence[str]] | None = None,
+    call: Mapping[str, Sequence[str]] | None = None,
 ) -> tuple[Access, ...]:
     """Access of every node that the contract names, one for each head and listed sensor, and of the operator.
 
@@ -77,9 +80,10 @@ def cell_accesses(
         wire: topics, for the heads and listed sensors of one stage.
         services: what nodes answer beside what every managed node answers.
         listen: topics outside the contract by node, such as that of a driver that `encoder_head_a` listens to.
+        call: services by node that the contract lets a person alone call, such as `/compensation/reset`.
 
     Raises:
-        InputError: `listen` names a node that is none, or a topic that is not absolute.
+        InputError: `listen` or `call` names a node that is none, or what is not absolute.
     """
     executables = {name for topic in wire for name in (*topic.publishers, *topic.subscribers)}
     executables |= {name for service in services for name in service.servers}
@@ -90,22 +94,34 @@ def cell_accesses(
             nodes |= {f"{executable}_{head}": (executable, head) for head in heads}
         else:
             nodes[executable] = executable, None
-    extra = dict(listen or {})
-    for node, topics in extra.items():
-        if node not in nodes:
-            raise InputError(f"no node is called '{node}'; the cell has {', '.join(nodes)}")
-        for topic in topics:
-            if not topic.startswith("/"):
-                raise InputError(f"topic '{topic}' of {node} is not absolute; expected a name such as /joint_states")
-    found = [_of_node(node, nodes, wire, services, extra.get(node, ())) for node in nodes]
+    heard, called = dict(listen or {}), dict(call or {})
+    _check_granted(nodes, "topic", heard, "/joint_states")
+    _check_granted(nodes, "service", called, "/compensation/reset")
+    found = [_of_node(node, nodes, wire, services, heard.get(node, ()), called.get(node, ())) for node in nodes]
     operated = _called_by(OPERATOR, nodes, services)
     operated |= {_absolute(name, node) for node in nodes for name in MANAGED_SERVICES}
-    heard = {*wire.names, *MANAGED_TOPICS[:2], *(_absolute(MANAGED_TOPICS[2], node) for node in nodes)}
-    tools = ("/parameter_events", "/rosout"), tuple(sorted(heard)), (_TOOL_SERVICE,), tuple(sorted(operated))
+    everything = {*wire.names, *MANAGED_TOPICS[:2], *(_absolute(MANAGED_TOPICS[2], node) for node in nodes)}
+    tools = ("/parameter_events", "/rosout"), tuple(sorted(everything)), (_TOOL_SERVICE,), tuple(sorted(operated))
     return (*found, Access(OPERATOR, *tools))
 
 
-def _of_node(node: str, nodes: Nodes, wire: Wire, services: Sequence[Service], heard: Sequence[str]) -> Access:
+def _check_granted(nodes: Nodes, what: str, granted: Mapping[str, Sequence[str]], example: str) -> None:
+    for node, names in granted.items():
+        if node not in nodes:
+            raise InputError(f"no node is called '{node}'; the cell has {', '.join(nodes)}")
+        for name in names:
+            if not name.startswith("/"):
+                raise InputError(f"{what} '{name}' of {node} is not absolute; expected a name such as {example}")
+
+
+def _of_node(
+    node: str,
+    nodes: Nodes,
+    wire: Wire,
+    services: Sequence[Service],
+    heard: Sequence[str],
+    called: Sequence[str],
+) -> Access:
     executable, head = nodes[node]
 
     def own(topics: Sequence[Topic]) -> Iterator[str]:
@@ -119,7 +135,7 @@ def _of_node(node: str, nodes: Nodes, wire: Wire, services: Sequence[Service], h
         publish=tuple(sorted({*own(wire.published_by(executable)), *_BESIDE_CONTRACT.get(executable, ()), *managed})),
         subscribe=tuple(sorted({*own(wire.read_by(executable)), *heard})),
         reply=tuple(sorted(_absolute(name, node) for name in answered)),
-        request=tuple(sorted(_called_by(executable, nodes, services))),
+        request=tuple(sorted({*_called_by(executable, nodes, services), *called})),
     )
 
 

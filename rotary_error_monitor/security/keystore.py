@@ -13,7 +13,7 @@ from pathlib import Path
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.hazmat.primitives.serialization import (
     Encoding,
     NoEncryption,
@@ -75,7 +75,7 @@ def _authority(folder: Path, days: int) -> Authority:
     for path in (certificate_path, key_path):
         path.parent.mkdir(exist_ok=True)
     key_path.parent.chmod(0o700)
-    _write_key(key_path, key)
+    write_key(key_path, key)
     certificate_path.write_bytes(certificate.public_bytes(Encoding.PEM))
     for role in AUTHORITIES:
         _link(certificate_path.with_name(f"{role}.cert.pem"), certificate_path)
@@ -108,10 +108,10 @@ def _write_enclave(folder: Path, access: Access, authority: Authority, domain: i
     name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, access.enclave)])
     issuer = authority[0].subject, authority[1]
     certificate = _certificate(name, key.public_key(), issuer, days, x509.BasicConstraints(False, None))
-    _write_key(folder / "key.pem", key)
+    write_key(folder / "key.pem", key)
     (folder / "cert.pem").write_bytes(certificate.public_bytes(Encoding.PEM))
     permissions = folder / "permissions.xml"
-    permissions.write_text(permissions_xml(access, domain, *_validity(days)), encoding="utf-8")
+    permissions.write_text(permissions_xml(access, domain, *validity(days)), encoding="utf-8")
     _sign(permissions, authority)
 
 
@@ -123,7 +123,7 @@ def _certificate(
     constraints: x509.BasicConstraints,
 ) -> x509.Certificate:
     name, key = issuer
-    begin, end = _validity(days)
+    begin, end = validity(days)
     builder = x509.CertificateBuilder().subject_name(subject).issuer_name(name).public_key(public_key)
     builder = builder.serial_number(x509.random_serial_number()).not_valid_before(begin)
     builder = builder.not_valid_after(end).add_extension(constraints, critical=constraints.ca)
@@ -139,7 +139,8 @@ def _sign(document: Path, authority: Authority) -> None:
     document.with_suffix(".p7s").write_bytes(builder.sign(Encoding.SMIME, options))
 
 
-def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
+def write_key(path: Path, key: ec.EllipticCurvePrivateKey | rsa.RSAPrivateKey) -> None:
+    """Write a private key as PEM that its owner alone may read."""
     content = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _OWNER_ONLY), "wb") as file:
@@ -151,6 +152,7 @@ def _link(path: Path, target: Path) -> None:
     path.symlink_to(os.path.relpath(target, path.parent))
 
 
-def _validity(days: int) -> tuple[datetime, datetime]:
+def validity(days: int) -> tuple[datetime, datetime]:
+    """When what is valid for so many days from now begins and ends to be."""
     now = datetime.now(UTC)
     return now - _LEEWAY, now + timedelta(days=days)

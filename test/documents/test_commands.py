@@ -38,6 +38,7 @@ WIRE = "rotary_error_monitor wire"
 HERE = {COMMISSION, KIND_OF_ONES_OWN, MONITOR, WIRE}
 
 LIVE = "test/commissioning/test_live.py"
+OPCUA = "test/nodes/test_opcua_server.py"
 WHEEL, COLCON = "test/distribution/test_distribution.py", "test/test_package.py"
 ELSEWHERE = {
     (
@@ -55,6 +56,19 @@ ELSEWHERE = {
     "cp config/real_cell.yaml cell.yaml": (LIVE, 'COPY = "cp config'),
     "rotary_error_monitor up cell.yaml": (LIVE, "place.type(UP"),
     "rotary_error_monitor commission --live --stage nominal.yaml -o stage.yaml": (LIVE, "place.type(COMMISSION"),
+    "ros2 run rotary_error_monitor opcua_server --ros-args -p machine:=xyzac_trt": (OPCUA, 'cell.start("opcua_server"'),
+    "rotary_error_monitor security opcua keys --host cell.example.org": (
+        "test/security/test_opcua_certificate.py",
+        '"security", "opcua", str(folder), "--host", "cell.example.org"',
+    ),
+    "rotary_error_monitor security user users ann": (
+        "test/security/test_users.py",
+        '"security", "user", str(file), "ann"',
+    ),
+    (
+        "ros2 run rotary_error_monitor opcua_server --ros-args -p address:=0.0.0.0 -p security_policy:=Basic256Sha256 "
+        "-p certificate:=keys/certificate.pem -p private_key:=keys/key.pem -p users:=users"
+    ): (OPCUA, 'security_policy="Basic256Sha256"'),
     "make setup": (".ci/run", "make test"),  # which does that first
     "make lint": (".ci/run", "make test"),
     "make test": (".ci/run", "make test"),
@@ -72,8 +86,10 @@ ELSEWHERE = {
 """Commands by the test that does what they do, with words that stand there."""
 
 _NETWORK = "fetches hundreds of MB; test/distribution installs the same wheel beside libraries that are there"
+_INDEX = "fetches the library; the tests of the node have it"
 _APT = "needs ROS from apt and its network"
 NOT_RUN = {
+    "pip install 'rotary_error_monitor[opcua]'": _INDEX,
     "make docs": "fetches what builds the site; test/website holds its pages",
     ".venv/bin/python -m pytest -q test/metrology": "tests within a test",
     "venv/bin/python -m pip install '.[ros]'": _NETWORK,

@@ -23,6 +23,7 @@ from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.metrics import Metrics
 from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.nodes.opcua_server import OpcuaServer
 from rotary_error_monitor.nodes.recorder import Recorder
 from rotary_error_monitor.nodes.visualization import Visualization
 from rotary_error_monitor.resources import config
@@ -147,6 +148,7 @@ NODES = [
     (GapMonitor, "gap_monitor"),
     (Visualization, "visualization"),
     (Metrics, "metrics"),
+    (OpcuaServer, "opcua_server"),
 ]
 
 

@@ -72,6 +72,14 @@ def test_a_driver_is_heard_only_where_it_is_named():
     assert [node for node, access in given.items() if "/joint_states" in access.subscribe] == ["encoder_head_a"]
 
 
+def test_a_service_of_a_person_is_called_by_a_node_only_where_that_is_named():
+    given = accesses(call={"opcua_server": ["/compensation/reset"]})
+    callers = [node for node, access in given.items() if "/compensation/reset" in access.request]
+    assert callers == ["opcua_server", OPERATOR]
+    with pytest.raises(InputError, match="service 'reset' of opcua_server is not absolute"):
+        accesses(call={"opcua_server": ["reset"]})
+
+
 @pytest.mark.parametrize(
     ("listen", "why"),
     [

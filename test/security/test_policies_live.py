@@ -23,6 +23,7 @@ from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.lvdt import Lvdt
 from rotary_error_monitor.nodes.metrics import Metrics
 from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.nodes.opcua_server import OpcuaServer
 from rotary_error_monitor.nodes.recorder import Recorder
 from rotary_error_monitor.nodes.stage_command import StageCommand
 from rotary_error_monitor.nodes.stage_follower import StageFollower
@@ -48,6 +49,7 @@ NODES = {
     "gap_monitor": (GapMonitor, {}),
     "visualization": (Visualization, {"machine": "xyzac_trt"}),
     "metrics": (Metrics, {}),
+    "opcua_server": (OpcuaServer, MACHINE),
     "linuxcnc_bridge": (LinuxcncBridge, MACHINE),
     "stage_follower": (StageFollower, {}),
     "stage_command": (StageCommand, MOCK),
