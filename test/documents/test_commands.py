@@ -87,6 +87,7 @@ ELSEWHERE = {
 
 _NETWORK = "fetches hundreds of MB; test/distribution installs the same wheel beside libraries that are there"
 _INDEX = "fetches the library; the tests of the node have it"
+_TOOL = "a tool of others from apt; test/nodes/test_layouts.py holds the file that it is given against a cell"
 _APT = "needs ROS from apt and its network"
 NOT_RUN = {
     "pip install 'rotary_error_monitor[opcua]'": _INDEX,
@@ -102,6 +103,10 @@ NOT_RUN = {
     "source install/setup.bash": "what follows is started by its path, as ros2 run does",
     "venv/bin/python -m pip wheel --wheel-dir wheels '.[ros]'": _NETWORK,
     "venv/bin/python -m pip install --no-index --find-links wheels 'rotary_error_monitor[ros]'": _NETWORK,
+    "ros2 run foxglove_bridge foxglove_bridge": _TOOL,
+    "ros2 run plotjuggler plotjuggler --layout config/plotjuggler/cell.xml": _TOOL,
+    "ros2 run diagnostic_aggregator aggregator_node --ros-args --params-file config/diagnostic_aggregator.yaml": _TOOL,
+    "ros2 run rqt_robot_monitor rqt_robot_monitor": _TOOL,
     "python3 -m venv build/release": "as python3 -m venv venv",
     "build/release/bin/python -m pip install build": "fetches build; test/distribution calls the hooks that it calls",
 }
