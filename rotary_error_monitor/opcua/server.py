@@ -27,6 +27,9 @@ CELL = "cell"
 _PATIENCE = 30.0
 """Longest time for the server to stand, s: its standard address space alone takes a second of computing."""
 
+_LAST_MOMENTS = 1.0
+"""Longest time for clients to be told that the server ends, s."""
+
 _VARIANTS = {float: ua.VariantType.Double, str: ua.VariantType.String, bool: ua.VariantType.Boolean}
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 Reset = Callable[[], Awaitable[tuple[bool, str]]]
@@ -257,7 +260,8 @@ async def _close(server: Server) -> None:
     if server.iserver.time_task is not None:
         server.iserver.time_task.cancel()
         server.iserver.time_task = None
-    await server.stop()
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(server.stop(), _LAST_MOMENTS)
 
 
 def _attributes(variable: Variable) -> ua.VariableAttributes:
