@@ -1,1 +1,1 @@
-"""What is done with a recording, from files to files: replay, check of the description, diagnosis, analysis."""
+"""What is done with a recording, from files to files: replay, check, diagnosis, analysis, conversion of bags."""

@@ -21,10 +21,6 @@ ROOT = Path(__file__).parents[2]
 DOC = ROOT / "doc"
 
 PAGES_ELSEWHERE = {
-    "rotary_error_monitor convert drivers_bag --cell-file cell.yaml -o converted": (
-        "test/recordings/test_convert.py",
-        '"convert", str(recorded / storage), "--cell-file", str(recorded / "cell.yaml")',
-    ),
     "calibration": "test/calibration/test_tutorial.py",
     "tutorial_mount": "test/test_tutorials.py",
     "tutorial_quadrature": "test/test_tutorials.py",
@@ -41,6 +37,10 @@ LIVE = "test/commissioning/test_live.py"
 OPCUA = "test/nodes/test_opcua_server.py"
 WHEEL, COLCON = "test/distribution/test_distribution.py", "test/test_package.py"
 ELSEWHERE = {
+    "rotary_error_monitor convert drivers_bag --cell-file cell.yaml -o converted": (
+        "test/recordings/test_convert.py",
+        '"convert", str(recorded / storage), "--cell-file", str(recorded / "cell.yaml")',
+    ),
     (
         "rotary_error_monitor analyse BAG --twin STAGE.yaml --height 0 60 "
         "--limits radial_synchronous_um=2 tilt_total_urad=50 -o PAGE.html"
