@@ -7,11 +7,12 @@ device, a recording, a packed nothing of gigabytes) costs no more than a right o
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import stat
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from rotary_error_monitor.errors import InputError
@@ -81,18 +82,40 @@ def write_whole(path: Path, content: bytes) -> None:
     Raises:
         InputError: it cannot be written.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    write_all({path: content})
+
+
+def write_all(contents: Mapping[Path, bytes]) -> None:
+    """Write files that belong together, all of them or none: what stood there stays until all are on the disk.
+
+    A device or a pipe is written as it is, for nothing may take its place.
+
+    Raises:
+        InputError: one of them cannot be written.
+    """
+    temporaries: dict[Path, Path] = {}
+    path = next(iter(contents), Path())
     try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        for path, content in contents.items():
+            temporaries[path] = path.with_name(f".{path.name}.{os.getpid()}.part")
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            special = path.exists() and not path.is_file()
+            with (path if special else temporaries[path]).open("wb") as file:
+                file.write(content)
+                file.flush()
+                if not special:
+                    os.fsync(file.fileno())
+        for path, temporary in temporaries.items():
+            if temporary.exists():
+                temporary.replace(path)
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
-        with contextlib.suppress(OSError, ValueError):
-            temporary.unlink()
         why = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{path}: cannot be written ({why}); give a file in a folder that exists") from error
+    finally:  # also of what Ctrl-C ended
+        for temporary in temporaries.values():
+            with contextlib.suppress(OSError, ValueError):
+                temporary.unlink()
 
 
 def lines_of(text: str) -> Iterator[str]:

@@ -146,7 +146,8 @@ def _streams(stage: StageDescription, figures: Mapping[str, StreamFigures]) -> I
                 advice="look at network and load of the computer, and record again",
             )
         if is_louder(stage, name, each):
-            sizes = f"{max(each.noise):.3g} rad against {described_noise(stage, name):.3g} rad"
+            found, described = (f"{1e6 * size:.3g}" for size in (max(each.noise), described_noise(stage, name)))
+            sizes = f"{found} µrad against {described} µrad"
             yield Finding(f"{spoken(name)} is noisier than described: {sizes}", True)
 
 

@@ -44,11 +44,47 @@ def stream_lines(stage: StageDescription, result: Commissioning) -> Iterator[str
         yield line
 
 
-def found_lines(result: Commissioning) -> Iterator[str]:
-    """What was found, each with its standard uncertainty."""
+def stream_rows(stage: StageDescription, result: Commissioning) -> tuple[list[str], list[list[str]]]:
+    """What each stream is like, as a table: its head with units, and a row each."""
+    head = [
+        "stream",
+        "samples",
+        "rate, Hz",
+        "noise, arcsec",
+        "described noise, arcsec",
+        "scatter of stamps, µs",
+        "lost",
+    ]
+    rows = []
+    for name, each in result.figures.items():
+        described = described_noise(stage, name)
+        is_told = bool(each.noise) and described > 0
+        noise = [f"{max(each.noise) * ARCSEC:.3f}", f"{described * ARCSEC:.3f}"] if is_told else ["–", "–"]
+        row = [spoken(name), str(each.samples), f"{each.rate:.1f}", *noise, f"{each.jitter * 1e6:.1f}", str(each.lost)]
+        rows.append([*row, str(each.disordered)])
+    return [*head, "out of order or not finite"], rows
+
+
+def head_rows(result: Commissioning) -> tuple[list[str], list[list[str]]]:
+    """What was found of each head, as a table: its head with units, and a row each."""
+    rows = [
+        [
+            letter,
+            _shown(head.azimuth, math.degrees(1), ""),
+            _shown(head.zero, math.degrees(1), ""),
+            f"{head.sign:+d}",
+            _shown(head.latency, 1e3, ""),
+        ]
+        for letter, head in result.found.heads.items()
+    ]
+    return ["head", "azimuth, °", "zero, °", "sign", "latency, ms"], rows
+
+
+def found_lines(result: Commissioning, heads: bool = True) -> Iterator[str]:
+    """What was found, each with its standard uncertainty; `heads`: of each head too."""
     found = result.found
     yield f"rotation counted from {spoken(found.datum)}"
-    for letter, head in found.heads.items():
+    for letter, head in found.heads.items() if heads else ():
         yield (
             f"head {letter}: azimuth {_shown(head.azimuth, math.degrees(1), '°')}, zero "
             f"{_shown(head.zero, math.degrees(1), '°')}, sign {head.sign:+d}, latency "
@@ -88,7 +124,8 @@ def _tilt(tilt: FoundTilt) -> Iterator[str]:
 def _shown(value: Value, scale: float, unit: str) -> str:
     std = value.std * scale
     places = max(0, 1 - math.floor(math.log10(std))) if 0 < std < math.inf else 6
-    return f"{value.value * scale:.{places}f} ± {std:.{places}f}{unit}"
+    # + 0.0: no negative zero
+    return f"{round(value.value * scale, places) + 0.0:.{places}f} ± {std:.{places}f}{unit}"
 
 
 def untold(stage: StageDescription, result: Commissioning) -> Iterator[str]:

@@ -34,7 +34,7 @@ def quantity(estimate: Estimate, unit: str) -> str:
     power = _power(values, stds)
     alternatives = unit.split(" or ")
     if all(_PREFIXED.match(each) for each in alternatives):
-        power = max(min(_PREFIXES), min(0, 3 * (power // 3)))
+        power = _within_prefixes(power)
         unit = " or ".join(_PREFIXES[power] + each for each in alternatives)
         factor = ""
     else:
@@ -48,6 +48,33 @@ def quantity(estimate: Estimate, unit: str) -> str:
     return f"{whole}{factor} {unit}".strip()
 
 
+def shared_power(values: Sequence[float], unit: str) -> tuple[str, int]:
+    """Unit with the prefix that suits the largest of several values, and its power of ten, for a column of a table.
+
+    Args:
+        values: in the SI unit.
+        unit: SI unit, such as `m`.
+    """
+    if not values or not _PREFIXED.match(unit):
+        return unit, 0
+    power = _within_prefixes(_power(values, (0.0,)))
+    return _PREFIXES[power] + unit, power
+
+
+def number(value: float, std: float, power: int = 0) -> str:
+    """A value and its uncertainty (0 for none) over a power of ten, without unit, such as `1.72 ± 0.05`."""
+    return _part(value / 10.0**power, std / 10.0**power)
+
+
+def rounded(value: float, std: float, power: int = 0) -> str:
+    """The same without the uncertainty, which only says how many digits there are."""
+    return number(value, std, power).partition(" ±")[0]
+
+
+def _within_prefixes(power: int) -> int:
+    return max(min(_PREFIXES), min(0, 3 * (power // 3)))
+
+
 def _power(values: Sequence[float], stds: Sequence[float]) -> int:
     """Power of ten of the largest value, or where all are 0 of the largest uncertainty."""
     largest = max(map(abs, values)) or max(stds)
@@ -57,5 +84,6 @@ def _power(values: Sequence[float], stds: Sequence[float]) -> int:
 def _part(value: float, std: float) -> str:
     if not std > 0.0:
         return f"{value:.{_WITHOUT}g}"
-    decimals = max(0, _OF_UNCERTAINTY - 1 - math.floor(math.log10(std)))
-    return f"{value:.{decimals}f} ± {std:.{decimals}f}"
+    decimals = _OF_UNCERTAINTY - 1 - math.floor(math.log10(std))
+    shown = max(0, decimals)
+    return f"{round(value, decimals) + 0.0:.{shown}f} ± {round(std, decimals):.{shown}f}"

@@ -16,12 +16,26 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         left = _left(diagnosis)
         return f"Unknown: there is a gap ({gap.before:.3g} times the noise) that no known effect explains. {left}"
     causes = " and ".join(describe_cause(found) for found in diagnosis.causes)
+    said = "Explained by" if diagnosis.verdict is Verdict.EXPLAINED else "Partly explained by"
+    return f"{said} {causes}: {what_shrinks(diagnosis)}.{_spaced(what_is_left(diagnosis))}"
+
+
+def what_shrinks(diagnosis: Diagnosis) -> str:
+    """How far the gap shrinks by the causes."""
+    gap = diagnosis.gap
     textbook = "" if gap.textbook_shrink is None else f", {gap.textbook_shrink:.1%} by textbook forms alone"
-    shrink = f"the gap shrinks from {gap.before:.3g} to {gap.after:.3g} times the noise ({gap.shrink:.1%}{textbook})"
-    if diagnosis.verdict is Verdict.EXPLAINED:
-        alike = "".join(f" This recording does not tell {_told_from(group)}." for group in diagnosis.indistinguishable)
-        return f"Explained by {causes}: {shrink}.{alike}"
-    return f"Partly explained by {causes}: {shrink}. {_left(diagnosis)}"
+    return f"the gap shrinks from {gap.before:.3g} to {gap.after:.3g} times the noise ({gap.shrink:.1%}{textbook})"
+
+
+def what_is_left(diagnosis: Diagnosis) -> str:
+    """Sentences on what the causes leave, or on what else the recording does not tell from them; empty of neither."""
+    if diagnosis.verdict is not Verdict.EXPLAINED:
+        return _left(diagnosis)
+    return " ".join(f"This recording does not tell {_told_from(group)}." for group in diagnosis.indistinguishable)
+
+
+def _spaced(sentences: str) -> str:
+    return f" {sentences}" if sentences else ""
 
 
 def describe_cause(found: FoundCause) -> str:

@@ -29,7 +29,7 @@ from rotary_error_monitor.description.machine import MachineDescription, load_ma
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.files import check_outputs, exists, write_whole
+from rotary_error_monitor.files import check_outputs, exists, write_all
 from rotary_error_monitor.metrology.turns import MOST_WAVES, TURN
 from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, COMMAND
@@ -86,7 +86,7 @@ class FileAnalysis:
     against: Path | None = None
 
     def run(self) -> tuple[Analysis, tuple[Change, ...] | None]:
-        """Analyse, and write the results: each whole, or what stood there stays. Changes where there is another bag.
+        """Analyse, and write the results: all of them, or what stood there stays. Changes where there is another bag.
 
         Raises:
             InputError: as `analyse_bag`, or a result cannot be written.
@@ -103,8 +103,7 @@ class FileAnalysis:
         if self.against is not None:
             other = analyse_bag(self.against, stage, machine, self.question)
             changes = tuple(changes_between(list(figures_of(other)), list(figures_of(analysis))))
-        for suffix, content in list(self._contents(analysis, changes)):
-            write_whole(self.outputs[suffix], content)
+        write_all({self.outputs[suffix]: content for suffix, content in self._contents(analysis, changes)})
         return analysis, changes
 
     def _contents(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> Iterator[tuple[str, bytes]]:

@@ -14,12 +14,12 @@ from rotary_error_monitor.bags.listing import SUFFIXES
 from rotary_error_monitor.bags.metadata import read_metadata
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.files import check_outputs
+from rotary_error_monitor.files import check_outputs, write_all
 from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, diagnose
 from rotary_error_monitor.gap.loading import AnyTwinFile, improved_twin, load_problem, load_twin
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.problem import DiagnosableProblem
-from rotary_error_monitor.report.diagnosis import write_report
+from rotary_error_monitor.report.diagnosis import report_files
 from rotary_error_monitor.report.page import made_by
 from rotary_error_monitor.report.painter import Painter
 from rotary_error_monitor.signals.blocks import NANOSECONDS
@@ -74,22 +74,25 @@ class FileDiagnosis:
         diagnosis = diagnose(problem, self.false_alarms, self.most_causes, progress)
         progress("writing")
         try:
-            self._write(twin, problem, diagnosis, painter)
+            self.output.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{error.filename or self.output}: cannot be written: {error.strerror}") from error
+        write_all(self._contents(twin, problem, diagnosis, painter))
         return diagnosis
 
-    def _write(
+    def _contents(
         self, twin: AnyTwinFile, problem: DiagnosableProblem, diagnosis: Diagnosis, painter: Painter | None
-    ) -> None:
-        self.output.mkdir(parents=True, exist_ok=True)
+    ) -> dict[Path, bytes]:
+        """What is written where."""
         content = json.dumps(diagnosis.as_mapping(), indent=1, allow_nan=False)
-        (self.output / "diagnosis.json").write_text(content + "\n", encoding="utf-8")
+        found = {self.output / "diagnosis.json": f"{content}\n".encode()}
         if painter is not None:
             title = " beside ".join("/".join(path.resolve().parts[-2:]) for path in (self.recording, self.twin))
-            write_report(problem, diagnosis, self.output, title, painter, self._about())
+            files = report_files(problem, diagnosis, title, painter, self._about())
+            found |= {self.output / name: each for name, each in files.items()}
         if self.improved is not None and diagnosis.causes:
-            self.improved.write_text(_improved(twin, diagnosis.causes), encoding="utf-8")
+            found[self.improved] = _improved(twin, diagnosis.causes).encode()
+        return found
 
     def _about(self) -> dict[str, str]:
         """What was diagnosed, beside what, when it was recorded, and by what this was made."""

@@ -1,22 +1,45 @@
-"""The page of an analysis: verdict, polar pictures, orders, course over time, health of the streams, words."""
+"""The page of an analysis: verdict, limits, polar plots, values, orders, course over time, streams, words."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 
 from rotary_error_monitor.analysis.changes import Change
-from rotary_error_monitor.analysis.motion import SegmentFigures
+from rotary_error_monitor.analysis.motion import SegmentFigures, SignalFigures
 from rotary_error_monitor.analysis.result import Analysis, figures_of
 from rotary_error_monitor.analysis.verdict import Judged, Outcome
 from rotary_error_monitor.effects.effect import Estimate
-from rotary_error_monitor.gap.quantities import quantity
+from rotary_error_monitor.gap.quantities import number, quantity, rounded, shared_power
 from rotary_error_monitor.metrology.circles import CENTRES
 from rotary_error_monitor.metrology.spindle_figures import Value
-from rotary_error_monitor.report.page import bullets, image, table, terms, verdict, whole_page
+from rotary_error_monitor.report.drawn import Drawn
+from rotary_error_monitor.report.page import (
+    Tone,
+    about,
+    bullets,
+    images,
+    paragraph,
+    section,
+    table,
+    terms,
+    verdict,
+    whole_page,
+)
+from rotary_error_monitor.report.wording import amount, spoken
 
-_STYLE = """.within { border-color: #0072b2; } .beyond { border-color: #d55e00; }
-.open { border-color: #e69f00; } .no_limits { border-color: #666; }
-td { font-variant-numeric: tabular-nums; }"""
+_RPM = 30 / math.pi
+"""Turns a minute in a rad/s."""
+
+_BADGES = {
+    Outcome.WITHIN: (Tone.GOOD, "✓ Within limits"),
+    Outcome.BEYOND: (Tone.BAD, "✗ Beyond limits"),
+    Outcome.OPEN: (Tone.OPEN, "? Cannot be told"),
+    Outcome.NO_LIMITS: (Tone.PLAIN, "No limits given"),
+}
+
+_OUTCOMES = {Outcome.WITHIN: "✓ within", Outcome.BEYOND: "✗ beyond"}
 
 _TERMS = {
     "error motion": "displacement or tilt of the axis of rotation from its mean line while it turns (ISO 230-7:2015)",
@@ -32,11 +55,13 @@ _TERMS = {
     "spread, and of the correction for what noise adds to a largest value, which is taken off",
     "bandwidth": "what is faster is filtered: half of the amplitude is left at that many waves a turn (Gaussian, ISO "
     "16610-21)",
-    "hidden orders": "a graduation error of that order, if the ring has one that nobody calibrated, passes for radial "
-    "error motion: the heads stand so that none contradicts",
+    "hidden orders": "hatched bars: a graduation error of that order, if the ring has one that nobody calibrated, "
+    "passes for radial error motion: the heads stand so that none contradicts",
+    "jitter of stamps": "standard deviation of the timestamps from even distances",
+    "late": "time from the newest sample of a block to its arrival at the recorder",
 }
 
-_NAMES = {"residual_synchronous": "residual synchronous"}
+_CENTRES = ("MZC", "MCC", "MIC")
 
 
 def verdict_sentence(analysis: Analysis) -> str:
@@ -62,7 +87,7 @@ def _against(row: Judged) -> str:
     name = row.name.replace("_", " ")
     if row.value is None:
         return f"{name} is not told by this recording (limit {limit})"
-    return f"{name} {amount(row.value, row.unit)} against {limit} ({row.where[1]}, {row.where[0]})"
+    return f"{name} {amount(row.value, row.unit)} against {limit} ({spoken(row.where[1])}, {row.where[0]})"
 
 
 def _closest(rows: tuple[Judged, ...]) -> str:
@@ -79,54 +104,59 @@ def _largest(analysis: Analysis) -> str:
             value = signal.values["total"]
             if signal.quantity not in found or value.value > found[signal.quantity][0].value:
                 found[signal.quantity] = value, signal.unit, signal.signal, segment.name
-    parts = [f"{name} {amount(v, unit)} ({key}, {where})" for name, (v, unit, key, where) in found.items()]
+    parts = [f"{name} {amount(v, unit)} ({spoken(key)}, {where})" for name, (v, unit, key, where) in found.items()]
     return (
         f"Largest total error motion: {'; '.join(parts)}." if parts else "No whole turn: no error motion value is told."
     )
 
 
-def amount(value: Value, unit: str) -> str:
-    """Value and expanded uncertainty, such as `1.72 ± 0.05 µm`."""
-    return quantity(Estimate(value.value, value.expanded), unit)
-
-
 def page(
     analysis: Analysis,
-    pictures: Mapping[str, bytes],
+    pictures: Mapping[str, Sequence[Drawn]],
     title: str,
-    about: Mapping[str, str],
+    facts: Mapping[str, str],
     changes: Sequence[Change] | None = None,
 ) -> str:
-    """The whole page; `pictures` are PNGs by what they show, in their order; `changes` since another recording."""
+    """The whole page.
+
+    Args:
+        analysis: what is shown.
+        pictures: by what they show, as `analysis_figure.draw` gives them.
+        title: of the page.
+        facts: what was analysed, when it was recorded, and by what this was made.
+        changes: since another recording; None where there is none.
+    """
+    shown = {name: images(each) for name, each in pictures.items()}
+    values = (_segment(segment, analysis.period) for segment in analysis.segments)
     sections = [
-        verdict(analysis.outcome.value, verdict_sentence(analysis)),
-        table((), list(about.items())),
+        verdict(*_BADGES[analysis.outcome], verdict_sentence(analysis)),
         _limits(analysis),
+        section("Notes", bullets(analysis.remarks)) if analysis.remarks else "",
         "" if changes is None else _changes(changes),
-        *(image(picture, alt) for alt, picture in pictures.items()),
-        *(_segment(segment, analysis.period) for segment in analysis.segments),
+        *(section(name, shown.pop(name)) for name in list(shown)[:1]),
+        section("Error motion values ± U (k = 2)", *values),
+        *(section(name, each) for name, each in shown.items()),
         _others(analysis),
         _streams(analysis),
-        "<h2>Notes</h2>" + bullets(analysis.remarks) if analysis.remarks else "",
         terms(_TERMS),
+        about(facts),
     ]
-    return whole_page("Analysis", title, _STYLE, sections)
+    return whole_page("Analysis", title, sections)
 
 
 def _limits(analysis: Analysis) -> str:
-    if not analysis.judged:
-        return ""
     rows = [
         [
             row.name.replace("_", " "),
             quantity(Estimate(row.limit, 0.0), row.unit),
             "not told" if row.value is None else amount(row.value, row.unit),
-            {Outcome.WITHIN: "within", Outcome.BEYOND: "beyond"}.get(row.outcome, "cannot be told"),
-            f"{row.where[1]}, {row.where[0]}".strip(", "),
+            _OUTCOMES.get(row.outcome, "? cannot be told"),
+            spoken(row.where[1]) or "–",
+            row.where[0] or "–",
         ]
         for row in analysis.judged
     ]
-    return "<h2>Limits</h2>" + table(["figure", "limit", "value ± U (k = 2)", "outcome", "where"], rows)
+    return section("Limits", table(["figure", "limit", "worst value ± U (k = 2)", "outcome", "of", "at"], rows))
 
 
 def changes_sentence(changes: Sequence[Change]) -> str:
@@ -142,47 +172,60 @@ def _changes(changes: Sequence[Change]) -> str:
     shown = sorted(filter(lambda change: change.is_told, changes), key=lambda change: -change.ratio)
     rows = [
         [
-            change.name.replace("_", " ").replace(".", ": "),
-            change.segment,
+            spoken(change.name),
+            change.segment or "–",
             *(quantity(Estimate(value, 0.0), change.unit) for value in (change.before, change.after)),
             quantity(Estimate(change.after - change.before, change.expanded_uncertainty), change.unit),
         ]
         for change in shown
     ]
     head = ["figure", "segment", "before", "now", "change ± U (k = 2)"]
-    said = f"<p>{changes_sentence(changes)}</p>"
-    return "<h2>What changed</h2>" + said + (table(head, rows) if rows else "")
+    return section("What changed", paragraph(changes_sentence(changes)), table(head, rows))
 
 
 def _segment(segment: SegmentFigures, period: float) -> str:
-    names = list(dict.fromkeys(name for signal in segment.signals for name in signal.values))
-    head = ["", *(_NAMES.get(name, name) for name in names), "MZC", "MCC", "MIC", "turns"]
-    rows = []
-    for signal in segment.signals:
-        values = [amount(signal.values[n], signal.unit) if n in signal.values else "–" for n in names]
-        centres = [signal.centres.get(name) for name in ("MZC", "MCC", "MIC")]
-        about = ["–" if c is None else quantity(Estimate(c.value, 0.0), signal.unit) for c in centres]
-        rows.append([signal.signal.replace("_", " "), *values, *about, str(signal.turns)])
+    tables = [_quantity_table(list(same)) for _, same in groupby(segment.signals, key=lambda each: each.quantity)]
+    speed = f" ({abs(segment.speed) * _RPM:.4g} r/min)" if segment.steady else ""
     said = (
         f"{segment.turned:.3g} turns, {segment.samples:.0f} estimates a turn. Bandwidth {segment.cut_off} waves a "
-        f"turn, {segment.bandwidth:.3g} Hz at this speed; an estimate each {period * 1e3:.3g} ms. Values ± U (k = 2)."
+        f"turn, {segment.bandwidth:.3g} Hz at this speed; an estimate each {period * 1e3:.3g} ms."
     )
-    text = f"<p>{said}</p>" + table(head, rows) if rows else ""
-    return f"<h2>{segment.name}</h2>" + text + (bullets(segment.remarks) if segment.remarks else "")
+    return "".join(
+        [
+            f"<h3>{segment.name}{speed}</h3>",
+            *([paragraph(said), *tables] if tables else []),
+            bullets(segment.remarks) if segment.remarks else "",
+        ]
+    )
+
+
+def _quantity_table(signals: Sequence[SignalFigures]) -> str:
+    """Values of one quantity, all in one unit, which the head tells."""
+    names = list(dict.fromkeys(name for signal in signals for name in signal.values))
+    centres = [name for name in _CENTRES if any(name in signal.centres for signal in signals)]
+    unit, power = shared_power([each.value for signal in signals for each in signal.values.values()], signals[0].unit)
+    rows = []
+    for signal in signals:
+        values = [signal.values.get(name) for name in names]
+        told = ["–" if each is None else number(each.value, each.expanded, power) for each in values]
+        # as many digits as the value about the least-squares centre has: the turns scatter about any centre alike
+        digits = signal.values["synchronous"].expanded
+        about = [signal.centres.get(name) for name in centres]
+        of_centres = ["–" if each is None else rounded(each.value, digits, power) for each in about]
+        rows.append([spoken(signal.signal), *told, *of_centres, str(signal.turns)])
+    return table(["signal", *(f"{spoken(name)}, {unit}" for name in (*names, *centres)), "turns"], rows)
 
 
 def _others(analysis: Analysis) -> str:
     """Figures of the recording as a whole."""
     rows = [
-        [figure.name.replace("_", " ").replace(".", ": "), quantity(Estimate(figure.value, uncertainty), figure.unit)]
+        [spoken(figure.name), quantity(Estimate(figure.value, figure.expanded_uncertainty or 0.0), figure.unit)]
         for figure in figures_of(analysis)
         if not figure.segment
-        for uncertainty in [figure.expanded_uncertainty or 0.0]
     ]
     remarks = analysis.positioning.remarks
-    shown = table(["figure", "value ± U (k = 2)"], rows) if rows else ""
-    return (
-        "<h2>The recording as a whole</h2>" + shown + (bullets(remarks) if remarks else "") if rows or remarks else ""
+    return section(
+        "The recording as a whole", table(["figure", "value ± U (k = 2)"], rows), bullets(remarks) if remarks else ""
     )
 
 
@@ -191,17 +234,19 @@ def _streams(analysis: Analysis) -> str:
         [
             stream.topic,
             str(stream.samples),
-            f"{stream.rate:.5g} Hz",
-            f"{stream.lost}",
-            f"{stream.longest_gap * 1e3:.3g} ms",
-            f"{round(stream.jitter * 1e6, 3):.3g} µs",
+            f"{stream.rate:.5g}",
+            str(stream.lost),
+            f"{stream.longest_gap * 1e3:.3g}",
+            f"{round(stream.jitter * 1e6, 3):.3g}",
             str(stream.disordered),
-            f"{stream.latency * 1e3:.3g} ms, {stream.latency_99 * 1e3:.3g} ms",
+            *("not told" if math.isnan(late) else f"{late * 1e3:.3g}" for late in (stream.latency, stream.latency_99)),
         ]
         for stream in analysis.streams
     ]
-    head = ["stream", "samples", "rate", "lost", "longest gap", "jitter of stamps", "disordered", "late (median, 99 %)"]
-    return "<h2>Health of the streams</h2>" + table(head, rows) + _fallen_out(analysis)
+    head = ["stream", "samples", "rate, Hz", "lost", "longest gap, ms", "jitter of stamps, µs", "disordered"]
+    return section(
+        "Health of the streams", table([*head, "late, median, ms", "late, 99 %, ms"], rows), _fallen_out(analysis)
+    )
 
 
 def _fallen_out(analysis: Analysis) -> str:

@@ -1,107 +1,79 @@
-"""Pictures of an analysis: polar plots, order spectra, course over time. Colours: Okabe and Ito's, for everybody."""
+"""Pictures of an analysis: polar plots, order spectra, course over time."""
 
 from __future__ import annotations
 
-import io
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.image import imread, imsave
 from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.motion import SegmentFigures, SignalFigures
 from rotary_error_monitor.analysis.result import Analysis
 from rotary_error_monitor.analysis.signals import RADIAL, ROTATING
 from rotary_error_monitor.pipeline.error_motion_view import rounded_down
+from rotary_error_monitor.report.drawing import NARROW, WIDE, drawn, in_rows, label, new_axes, tiled
+from rotary_error_monitor.report.drawn import Drawn
+from rotary_error_monitor.report.palette import BLACK, BLUE, GREY, ORANGE, colour
+from rotary_error_monitor.report.wording import amount, spoken
 
-POLAR, ORDERS, COURSE = "polar plots of the error motion", "order spectra", "course over time"
+POLAR, ORDERS, COURSE = "Polar plots", "Orders", "Course over time"
 
-_BLUE, _ORANGE, _GREY = "#0072b2", "#d55e00", "#999999"
-_COLOURS = (_BLUE, _ORANGE, "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+_HIDDEN = "hidden orders"
+
 _MOST_ORDERS = 30
-"""Bars that are told apart at half of the width, 4 mm each with its label; JSON has the orders above."""
+"""Bars that are told apart; JSON has the orders above."""
 
-_COLUMNS = 2
-"""Pictures side by side: of three the text would be unreadable at 800 pixels."""
-
-_WIDTH, _POLAR, _ROW = 9.0, 4.4, 2.6
-"""Width of a picture, height of a polar plot and of another one, inches: text stays readable at 800 pixels."""
-
-_Pair = tuple[SegmentFigures, SignalFigures]
-_Line = tuple[NDArray[np.floating[Any]], NDArray[np.float64]]
-
-_ABOVE, _BELOW, _BESIDE = 0.65, 0.55, 0.75
-"""Room for titles and labels around axes, inches."""
+_POLAR_HEIGHT, _HEIGHT = 3.9, 2.5
+"""Of a polar plot, and of another picture, inches."""
 
 _BASE = 1.5
 """Radius of the base circle of a polar plot, in ranges of the error motion."""
 
+_LOWEST = 0.1
+"""Where the axis of a spectrum begins, in the least uncertainty: bars below tell nothing."""
 
-def draw(analysis: Analysis) -> dict[str, bytes]:
-    """PNGs by what they show; none of what there is nothing of."""
-    shown = [(segment, signal) for segment in analysis.segments for signal in segment.signals]
-    polar = [pair for pair in shown if pair[1].quantity == RADIAL and pair[1].direction == ROTATING]
-    spectra = [pair for pair in shown if pair[1].spectrum is not None]
-    pictures: dict[str, bytes] = {}
-    if polar:
-        pictures[POLAR] = _grid(polar, _draw_polar, _POLAR, polar=True)
-    if spectra:
-        pictures[ORDERS] = _grid(_one_height(spectra), _draw_orders, _ROW, polar=False)
-    if analysis.drifts:
-        pictures[COURSE] = _course(analysis)
-    return pictures
+_FEW = 100
+"""Points of a line that are told apart."""
+
+_COLUMNS = {POLAR: 3, ORDERS: 2, COURSE: 2}
+"""Pictures side by side in the one PNG of all."""
+
+_Line = tuple[NDArray[np.floating[Any]], NDArray[np.float64]]
 
 
-def joined(pictures: Mapping[str, bytes]) -> bytes:
-    """One PNG with one picture below the other; blank where there is none."""
-    parts = [np.asarray(imread(io.BytesIO(content))) for content in pictures.values()]
-    width = max((part.shape[1] for part in parts), default=1)
-    canvas = np.ones((sum(part.shape[0] for part in parts) or 1, width, 4), np.float32)
-    top = 0
-    for part in parts:
-        canvas[top : top + part.shape[0], : part.shape[1]] = part
-        top += part.shape[0]
-    buffer = io.BytesIO()
-    imsave(buffer, canvas, format="png")
-    return buffer.getvalue()
+def draw(analysis: Analysis) -> dict[str, list[Drawn]]:
+    """Pictures by what they show; none of what there is nothing of."""
+    found = {
+        POLAR: [_polar(segment, signal) for segment in analysis.segments for signal in _rotating(segment)],
+        ORDERS: [_orders(segment, signals) for segment in analysis.segments for signals in _with_spectra(segment)],
+        COURSE: list(_courses(analysis)),
+    }
+    return {name: pictures for name, pictures in found.items() if pictures}
 
 
-def _one_height(pairs: Sequence[_Pair]) -> list[_Pair]:
-    """Those of the largest height, which hold tilt as well."""
-    heights = [signal.height for _, signal in pairs if signal.height is not None]
-    return [pair for pair in pairs if pair[1].height in (None, max(heights, default=0.0))]
+def joined(pictures: Mapping[str, Sequence[Drawn]]) -> bytes:
+    """One PNG of all; blank where there is none."""
+    return tiled([row for name, each in pictures.items() for row in in_rows(each, _COLUMNS[name])])
 
 
-def _grid(pairs: Sequence[_Pair], draw_one: Callable[..., None], height: float, *, polar: bool) -> bytes:
-    rows = math.ceil(len(pairs) / _COLUMNS)
-    figure = _figure(rows, height)
-    for number, (segment, signal) in enumerate(pairs):
-        ax = figure.add_subplot(rows, _COLUMNS, number + 1, projection="polar" if polar else None)
-        draw_one(ax, segment, signal)
-    return _png(figure)
+def _rotating(segment: SegmentFigures) -> list[SignalFigures]:
+    return [each for each in segment.signals if each.quantity == RADIAL and each.direction == ROTATING]
 
 
-def _figure(rows: int, height: float) -> Figure:
-    """Figure of rows of axes with room for their labels: having it found takes longer than all else."""
-    figure = Figure(figsize=(_WIDTH, height * rows), dpi=100)
-    room = height - _ABOVE - _BELOW
-    figure.subplots_adjust(
-        left=_BESIDE / _WIDTH,
-        right=1 - 0.3 / _WIDTH,
-        top=1 - _ABOVE / (height * rows),
-        bottom=_BELOW / (height * rows),
-        hspace=(_ABOVE + _BELOW) / room,
-        wspace=0.3,
-    )
-    return figure
+def _with_spectra(segment: SegmentFigures) -> Iterator[list[SignalFigures]]:
+    """Signals of one quantity, at the largest height, which holds tilt as well."""
+    shown = [signal for signal in segment.signals if signal.spectrum is not None]
+    highest = max((signal.height for signal in shown if signal.height is not None), default=0.0)
+    there = [signal for signal in shown if signal.height in (None, highest)]
+    for _, same in groupby(there, key=lambda signal: signal.quantity):
+        yield list(same)
 
 
-def _draw_polar(ax: Axes, segment: SegmentFigures, signal: SignalFigures) -> None:
+def _polar(segment: SegmentFigures, signal: SignalFigures) -> Drawn:
+    figure, ax = new_axes(NARROW, _POLAR_HEIGHT, ("all turns", "synchronous"), polar=True, left=0.4)
     shift = signal.centres["LSC"].shift
     once = shift[0] * np.cos(signal.angles) + shift[1] * np.sin(signal.angles) + signal.synchronous.mean()
     lowest, mean, highest = (
@@ -110,60 +82,111 @@ def _draw_polar(ax: Axes, segment: SegmentFigures, signal: SignalFigures) -> Non
     )
     angles = np.append(signal.angles, signal.angles[0] + 2 * np.pi)
     base = _BASE * max(float(np.ptp(np.concatenate([lowest, highest]))), 1e-6)
-    ax.plot(angles, np.full(len(angles), base), color=_GREY, lw=0.8, ls="--")
-    ax.fill_between(angles, base + lowest, base + highest, color=_ORANGE, alpha=0.35, lw=0, label="all turns")
-    ax.plot(angles, base + mean, color=_BLUE, lw=1.2, label="synchronous")
+    ax.plot(angles, np.full(len(angles), base), color=GREY, lw=1.0, ls="--")
+    ax.fill_between(angles, base + lowest, base + highest, color=ORANGE, alpha=0.6, lw=0, label="all turns")
+    ax.plot(angles, base + mean, color=BLUE, lw=1.4, label="synchronous")
     ax.set_ylim(0, base + 1.05 * float(highest.max()))
-    step = rounded_down(base / 3)
+    _name_circles(ax, base)
+    place = "" if signal.height is None else f", {signal.height * 1e3:g} mm"
+    label(figure, ax, f"{segment.name}{place}: radial, µm")
+    alt = (
+        f"Polar plot about the least-squares centre, {segment.name}, {spoken(signal.signal)}: synchronous error motion "
+        f"{amount(signal.values['synchronous'], signal.unit)}, and the band of all turns"
+    )
+    return drawn(figure, alt)
+
+
+def _name_circles(ax: Axes, base: float) -> None:
+    """Three circles, named by their distance from the base circle."""
+    step = rounded_down(base / 2.2)
     ticks = base + step * np.array([-1, 0, 1])
-    ax.set_yticks(ticks, [f"{value:+.3g}" if value else "0" for value in (-step, 0.0, step)], fontsize=8)
-    place = "" if signal.height is None else f" at {signal.height * 1e3:g} mm"
-    ax.set_title(f"{segment.name}\nradial, rotating direction{place}, µm about LSC", fontsize=9)
-    ax.legend(loc="lower right", fontsize=7, bbox_to_anchor=(1.1, -0.08))
+    names = [f"{value:+.3g}" if value else "0" for value in (-step, 0.0, step)]
+    ax.set_yticks(ticks, names, fontsize=8)
+    for text in ax.get_yticklabels():
+        text.set_bbox({"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 0.8})
+        text.set_zorder(5)
+    ax.set_axisbelow(False)
 
 
-def _draw_orders(ax: Axes, segment: SegmentFigures, signal: SignalFigures) -> None:
+def _orders(segment: SegmentFigures, signals: Sequence[SignalFigures]) -> Drawn:
+    figure, ax = new_axes(
+        WIDE, _HEIGHT, [*(signal.direction for signal in signals), _HIDDEN, *map(_uncertainty, signals)]
+    )
+    width = 0.8 / len(signals)
+    least = []
+    for number, signal in enumerate(signals):
+        _draw_bars(ax, signal, number, (number - (len(signals) - 1) / 2) * width, width)
+        assert signal.spectrum is not None
+        least.append(2e6 * float(signal.spectrum.uncertainty[signal.spectrum.orders <= _MOST_ORDERS].min()))
+    ax.set_yscale("log")
+    ax.minorticks_off()
+    if min(least) > 0.0:
+        ax.set_ylim(bottom=_LOWEST * min(least))
+    unit = "µrad" if signals[0].unit == "rad" else "µm"
+    height = signals[0].height
+    place = "" if height is None else f" at {height * 1e3:g} mm"
+    label(figure, ax, f"{segment.name}: {signals[0].quantity}{place}", "order, waves a turn", f"amplitude, {unit}")
+    return drawn(figure, f"Order spectrum, {segment.name}, {signals[0].quantity}{place}: {_peaks(signals, unit)}")
+
+
+def _draw_bars(ax: Axes, signal: SignalFigures, number: int, shift: float, width: float) -> None:
+    """Amplitudes of one direction, hollow where graduation passes for them, and their uncertainty as a line."""
     spectrum = signal.spectrum
     assert spectrum is not None
     shown = spectrum.orders <= _MOST_ORDERS
-    orders = spectrum.orders[shown]
+    orders, amplitudes = spectrum.orders[shown], spectrum.amplitude[shown] * 1e6
     hidden = np.isin(orders, spectrum.hidden)
-    for part, hatch, label in ((~hidden, "", "amplitude"), (hidden, "////", "or graduation (hidden)")):
-        if not part.any():
-            continue
-        bars = spectrum.amplitude[shown][part] * 1e6
-        ax.bar(orders[part], bars, color="white" if hatch else _BLUE, edgecolor=_BLUE, hatch=hatch, label=label)
-    ax.plot(orders, 2 * spectrum.uncertainty[shown] * 1e6, color=_ORANGE, lw=1, marker=".", ms=3, label="U (k = 2)")
-    ax.set_yscale("log")
-    ax.minorticks_off()
-    ax.set_xlabel("order, waves a turn", fontsize=8)
-    ax.set_ylabel("µrad" if signal.unit == "rad" else "µm", fontsize=8)
-    ax.tick_params(labelsize=8)
-    ax.set_title(f"{segment.name}, {signal.signal.replace('_', ' ')}", fontsize=9)
-    ax.legend(fontsize=7)
+    told = colour(number)
+    ax.bar(orders[~hidden] + shift, amplitudes[~hidden], width, color=told, label=signal.direction)
+    if hidden.any():
+        name = _HIDDEN if number == 0 else None
+        style: dict[str, Any] = {"facecolor": "white", "edgecolor": told, "hatch": "////", "lw": 0.8}
+        ax.bar(orders[hidden] + shift, amplitudes[hidden], width, label=name, **style)
+    line = ("-", "--", ":")[number % 3]
+    twice = 2 * spectrum.uncertainty[shown] * 1e6
+    ax.plot(orders, twice, color=BLACK, lw=1, ls=line, label=_uncertainty(signal))
 
 
-def _course(analysis: Analysis) -> bytes:
+def _uncertainty(signal: SignalFigures) -> str:
+    return f"U of {signal.direction} (k = 2)"
+
+
+def _peaks(signals: Sequence[SignalFigures], unit: str) -> str:
+    parts = []
+    for signal in signals:
+        assert signal.spectrum is not None
+        peak = int(np.argmax(signal.spectrum.amplitude))
+        size = float(signal.spectrum.amplitude[peak]) * 1e6
+        parts.append(f"{signal.direction} is largest at order {signal.spectrum.orders[peak]}, {size:.3g} {unit}")
+    return "; ".join(parts)
+
+
+def _courses(analysis: Analysis) -> Iterator[Drawn]:
     panels = [*_drift_panels(analysis), *((name, {name: each}) for name, each in _acting(analysis).items())]
-    figure = _figure(len(panels), _ROW)
-    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for ax, (title, lines) in zip(axes, panels, strict=True):
+    for title, lines in panels:
+        figure, ax = new_axes(WIDE, _HEIGHT, list(lines) if len(lines) > 1 else ())
         for number, (name, (time, values)) in enumerate(lines.items()):
-            style = {"marker": ".", "ls": ":"} if len(time) < 200 else {"lw": 0.8}
-            ax.plot(time, values, color=_COLOURS[number % len(_COLOURS)], label=name, **style)
-        ax.set_ylabel(title, fontsize=8)
-        ax.tick_params(labelsize=8)
+            style: dict[str, Any] = {"lw": 0.9}
+            if len(time) < _FEW:
+                style = {"marker": "osD^"[number % 4], "ms": 3.5, "ls": ":"}
+            ax.plot(time, values, color=colour(number), label=name if len(lines) > 1 else None, **style)
         ax.grid(alpha=0.3)
-        if len(lines) > 1:
-            ax.legend(fontsize=7)
-    axes[-1].set_xlabel("time after the first estimate, s", fontsize=8)
-    return _png(figure)
+        ax.set_xlim(0, (analysis.span_ns[1] - analysis.span_ns[0]) * 1e-9)
+        what, _, unit = title.rpartition(", ")
+        label(figure, ax, what[0].upper() + what[1:], "time after the first estimate, s", title)
+        yield drawn(figure, f"{what} over time, from {_range(lines)} {unit}: {', '.join(lines)}")
+
+
+def _range(lines: Mapping[str, _Line]) -> str:
+    values = np.concatenate([values for _, values in lines.values()])
+    told = values[np.isfinite(values)]
+    return f"{told.min():.3g} to {told.max():.3g}" if len(told) else "nothing to nothing"
 
 
 def _drift_panels(analysis: Analysis) -> Iterator[tuple[str, Mapping[str, _Line]]]:
     for unit, title in (("m", "mean of a turn, µm"), ("rad", "mean of a turn, µrad")):
         lines = {
-            drift.signal.replace("_", " "): ((drift.times_ns - analysis.span_ns[0]) * 1e-9, drift.means * 1e6)
+            spoken(drift.signal): ((drift.times_ns - analysis.span_ns[0]) * 1e-9, drift.means * 1e6)
             for drift in analysis.drifts
             if drift.unit == unit
         }
@@ -178,9 +201,3 @@ def _acting(analysis: Analysis) -> Mapping[str, _Line]:
         inside = (samples.times_ns >= begin) & (samples.times_ns <= end)
         found[name] = (samples.times_ns[inside] - begin) * 1e-9, samples.values[inside]
     return found
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]  # matplotlib has no types here
-    return buffer.getvalue()

@@ -1,32 +1,29 @@
-"""The page of a commissioning: what is there, what is wrong, what was found, what the recording cannot tell."""
+"""The page of a commissioning: what is wrong, what is there, what was found, what the recording cannot tell."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from rotary_error_monitor.commissioning.commission import Commissioning
-from rotary_error_monitor.commissioning.report import found_lines, stream_lines, untold
+from rotary_error_monitor.commissioning.report import found_lines, head_rows, stream_rows, untold
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.report.page import bullets, image, table, verdict, whole_page
-
-_STYLE = """
-.good { border-color: #0072b2; } .wrong { border-color: #d55e00; }
-"""
-
-_ALT = "heads round the ring as described and as found, the rotation over time, what the heads differ in over the angle"
+from rotary_error_monitor.report.drawn import Drawn
+from rotary_error_monitor.report.page import Tone, about, bullets, images, section, table, verdict, whole_page
 
 
-def page(stage: StageDescription, result: Commissioning, picture: bytes, title: str, about: Mapping[str, str]) -> str:
+def page(
+    stage: StageDescription, result: Commissioning, pictures: Sequence[Drawn], title: str, facts: Mapping[str, str]
+) -> str:
     """The page, one self-contained file.
 
     Args:
         stage: as described before.
         result: of the commissioning.
-        picture: PNG.
+        pictures: as `commissioning_figure.draw` gives them.
         title: of the page.
-        about: what was commissioned, when and by what, by words.
+        facts: what was commissioned, when and by what, by words.
     """
-    return whole_page("commission", title, _STYLE, _sections(stage, result, picture, about))
+    return whole_page("Commissioning", title, _sections(stage, result, pictures, facts))
 
 
 def sentence(result: Commissioning) -> str:
@@ -41,15 +38,24 @@ def sentence(result: Commissioning) -> str:
     return f"{found}; {len(left)} of that the stage file does not put right: {left[0].text}."
 
 
+def _badge(result: Commissioning) -> tuple[Tone, str]:
+    if not result.settled:
+        return Tone.BAD, "✗ Not settled"
+    return Tone.GOOD, "✓ Put right" if result.findings else "✓ Nothing wrong"
+
+
 def _sections(
-    stage: StageDescription, result: Commissioning, picture: bytes, about: Mapping[str, str]
+    stage: StageDescription, result: Commissioning, pictures: Sequence[Drawn], facts: Mapping[str, str]
 ) -> Iterator[str]:
-    yield verdict("good" if result.settled else "wrong", sentence(result))
-    if result.findings:
-        rows = [[finding.text, "yes" if finding.settled else "no", finding.advice or ""] for finding in result.findings]
-        yield "<h2>What is wrong</h2>" + table(["", "put right in the stage file", "what to do"], rows)
-    yield image(picture, _ALT)
-    yield "<h2>What is there</h2>" + bullets([*stream_lines(stage, result), *result.remarks])
-    yield "<h2>What was found (± standard uncertainty)</h2>" + bullets(list(found_lines(result)))
-    yield "<h2>What this recording cannot tell</h2>" + bullets(list(untold(stage, result)))
-    yield "<h2>About</h2>" + table([], [[name, value] for name, value in about.items()])
+    yield verdict(*_badge(result), sentence(result))
+    wrong = [
+        [finding.text, "✓ yes" if finding.settled else "✗ no", finding.advice or "–"] for finding in result.findings
+    ]
+    yield section("What is wrong", table(["what", "put right in the stage file", "what to do"], wrong))
+    yield images(pictures)
+    streams = table(*stream_rows(stage, result))
+    yield section("What is there", streams, bullets(result.remarks) if result.remarks else "")
+    found = list(found_lines(result, heads=False))
+    yield section("What was found (± standard uncertainty)", table(*head_rows(result)), bullets(found))
+    yield section("What this recording cannot tell", bullets(list(untold(stage, result))))
+    yield about(facts)

@@ -1,22 +1,37 @@
-"""The page of a diagnosis: one self-contained HTML file, and its figure as PNG."""
+"""The page of a diagnosis: one self-contained HTML file, and its pictures as one PNG."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 
 from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause
 from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.gap.quantities import quantity
-from rotary_error_monitor.gap.sentences import verdict_sentence
+from rotary_error_monitor.gap.sentences import describe_cause, verdict_sentence, what_is_left, what_shrinks
 from rotary_error_monitor.gap.verdict import Verdict
-from rotary_error_monitor.report.page import bullets, image, table, terms, verdict, whole_page
+from rotary_error_monitor.report.drawn import Drawn
+from rotary_error_monitor.report.page import (
+    Tone,
+    about,
+    bullets,
+    images,
+    paragraph,
+    section,
+    table,
+    terms,
+    verdict,
+    whole_page,
+)
 from rotary_error_monitor.report.painter import Painter
 from rotary_error_monitor.report.picture import picture_of
 
-_STYLE = """.no_gap { border-color: #2a7f3f; } .explained { border-color: #1f5fa8; }
-.partly_explained { border-color: #b8860b; } .unknown { border-color: #a3312a; }"""
+_BADGES = {
+    Verdict.NO_GAP: (Tone.GOOD, "✓ No gap"),
+    Verdict.EXPLAINED: (Tone.GOOD, "Explained"),
+    Verdict.PARTLY_EXPLAINED: (Tone.OPEN, "Partly explained"),
+    Verdict.UNKNOWN: (Tone.BAD, "? Unknown"),
+}
 
 _TERMS = {
     "gap": "measured minus predicted, as a root mean square in standard deviations of the noise that the twin states; "
@@ -26,11 +41,17 @@ _TERMS = {
     "noise floor": "what no model can fall below: the noise of neighbouring samples",
     "shrink": "part of what exceeds the noise floor that the causes take away",
     "share": "part of the excess over noise that lies in a channel; all add up to 100 %",
+    "depends on": "what the excess goes with, and in brackets how much of it that describes",
+    "key figures": "what people in the field ask for: of a stage or a machine, how wrong the causes make the tool's "
+    "offset, as a root mean square over the recording",
     "probability": "that a cause is at work, and not another effect that looks like it, or something unknown",
 }
 
 _UNITS = {"um": "µm", "urad": "µrad", "arcsec": "″", "nm": "nm", "counts": "counts", "rad": "rad"}
 """Units that end the name of a figure, and how people write them."""
+
+_MOST_RANKED = 12
+"""Candidates that a reader looks at; JSON has the others."""
 
 _NOTHING = 1e-6
 """Figures below this, in the units that people read, are rounding."""
@@ -44,41 +65,45 @@ _STEPS_OF_UNKNOWN = (
 )
 
 
-def write_report(
-    problem: DiagnosableProblem,
-    diagnosis: Diagnosis,
-    folder: Path,
-    title: str,
-    painter: Painter,
-    about: Mapping[str, str] | None = None,
-) -> None:
-    """Write `diagnosis.html` and `diagnosis.png` into a folder that exists; `about` says what was diagnosed, when."""
-    picture = painter.draw(picture_of(problem, diagnosis))
-    (folder / "diagnosis.png").write_bytes(picture)
-    (folder / "diagnosis.html").write_text(page(diagnosis, picture, title, about or {}), encoding="utf-8")
+def report_files(
+    problem: DiagnosableProblem, diagnosis: Diagnosis, title: str, painter: Painter, facts: Mapping[str, str]
+) -> dict[str, bytes]:
+    """Contents of `diagnosis.html` and `diagnosis.png`; `facts` say what was diagnosed, when, and by what."""
+    sheet = painter.draw(picture_of(problem, diagnosis))
+    return {
+        "diagnosis.html": page(diagnosis, sheet.rows, title, facts).encode(),
+        "diagnosis.png": sheet.whole,
+    }
 
 
-def page(diagnosis: Diagnosis, picture: bytes, title: str, about: Mapping[str, str]) -> str:
-    """The whole page; the picture is in it, nothing is loaded from elsewhere."""
+def page(diagnosis: Diagnosis, pictures: Sequence[Sequence[Drawn]], title: str, facts: Mapping[str, str]) -> str:
+    """The whole page; the pictures, in rows, are in it, nothing is loaded from elsewhere."""
     sections = [
-        verdict(diagnosis.verdict.value, verdict_sentence(diagnosis)),
-        _about(about),
-        image(picture, "gap, where it lies, ranking, residuals"),
-        _gap(diagnosis),
+        _verdict(diagnosis),
+        *(images(row) for row in pictures[:1]),
         _causes(diagnosis),
         _steps(diagnosis),
+        _next(diagnosis),
+        _gap(diagnosis),
         _where(diagnosis),
+        section("Residuals", *(images(row) for row in pictures[1:])),
         _figures(diagnosis),
         _ranking(diagnosis),
-        _next(diagnosis),
         _notes(diagnosis),
         terms(_TERMS),
+        about(facts),
     ]
-    return whole_page("Diagnosis", title, _STYLE, sections)
+    return whole_page("Diagnosis", title, sections)
 
 
-def _about(about: Mapping[str, str]) -> str:
-    return table((), list(about.items())) if about else ""
+def _verdict(diagnosis: Diagnosis) -> str:
+    tone, badge = _BADGES[diagnosis.verdict]
+    if not diagnosis.causes:
+        return verdict(tone, badge, verdict_sentence(diagnosis))
+    shrinks = what_shrinks(diagnosis)
+    causes = [describe_cause(found) for found in diagnosis.causes]
+    left = what_is_left(diagnosis)
+    return verdict(tone, badge, f"{shrinks[0].upper()}{shrinks[1:]}, by:", [*causes, *([left] if left else [])])
 
 
 def _gap(diagnosis: Diagnosis) -> str:
@@ -92,20 +117,20 @@ def _gap(diagnosis: Diagnosis) -> str:
         head += ["after", "shrink (95 % interval)"]
         row += [f"{gap.after:.4g}", f"{gap.shrink:.1%} ({low:.1%} to {high:.1%})"]
     head, row = [*head, "noise floor"], [*row, f"{gap.noise_floor:.4g}"]
-    return "<h2>How far, in standard deviations of the noise</h2>" + table(head, [row])
+    return section("How far, in standard deviations of the noise", table(head, [row]))
 
 
 def _causes(diagnosis: Diagnosis) -> str:
     rows = [row for found in diagnosis.causes for row in _rows_of(found)]
     head = ["effect", "where", "probability", "parameter", "value", "what to do about it", "source"]
-    return "<h2>Causes added to the model</h2>" + table(head, rows) + _departures(diagnosis) if rows else ""
+    return section("Causes added to the model", table(head, rows), _departures(diagnosis))
 
 
 def _rows_of(found: FoundCause) -> Iterator[list[str]]:
     """A row for each parameter; what is of the effect stands in the first."""
     effect = found.cause.effect
     units = effect.units(found.cause.location)
-    own = [_named(found), found.cause.location, f"{found.probability:.1%}"], [effect.remedy, effect.source]
+    own = [_named(found), found.cause.location or "–", f"{found.probability:.1%}"], [effect.remedy, effect.source]
     for name, estimate in found.parameters.items():
         yield [*own[0], name, quantity(estimate, units.get(name, "1")), *own[1]]
         own = ["", "", ""], ["", ""]
@@ -118,33 +143,32 @@ def _named(found: FoundCause) -> str:
 
 def _departures(diagnosis: Diagnosis) -> str:
     rows = [
-        [_named(found), found.cause.location, row.pattern, f"{row.share:.1%}"]
+        [_named(found), found.cause.location or "–", row.pattern, f"{row.share:.1%}"]
         for found in diagnosis.causes
         for row in found.departures
     ]
     head = ["effect", "where", "departs from its textbook form", "share of the effect, rms"]
-    return "<h2>How they depart</h2>" + table(head, rows) if rows else ""
+    return f"<h3>How they depart</h3>{table(head, rows)}" if rows else ""
 
 
 def _steps(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict is not Verdict.UNKNOWN:
         return ""
-    return "<h2>What to do next</h2>" + bullets(_STEPS_OF_UNKNOWN)
+    return section("What to do next", bullets(_STEPS_OF_UNKNOWN))
 
 
 def _where(diagnosis: Diagnosis) -> str:
     rows = []
     for share in diagnosis.where:
         unit, factor = share.shown_in
-        gap, noise = (f"{factor * size:.4g} {unit}".strip() for size in (share.gap_rms, share.noise_rms))
+        gap, noise = (f"{factor * size:.3g} {unit}".strip() for size in (share.gap_rms, share.noise_rms))
         rows.append([share.channel, f"{share.share:.1%}", gap, noise, share.pattern])
     head = ["channel", "share", "gap, rms", "noise, rms", "depends on"]
-    return "<h2>Where</h2>" + (table(head, rows) if rows else "<p>Nothing exceeds the noise.</p>")
+    return section("Where", table(head, rows) or paragraph("Nothing exceeds the noise."))
 
 
 def _figures(diagnosis: Diagnosis) -> str:
-    rows = [_figure(name, value) for name, value in diagnosis.figures.items()]
-    return "<h2>Figures</h2>" + table(["figure", "value"], rows) if rows else ""
+    return section("Key figures", table(["figure", "value"], [_figure(*each) for each in diagnosis.figures.items()]))
 
 
 def _figure(name: str, value: float) -> list[str]:
@@ -152,13 +176,19 @@ def _figure(name: str, value: float) -> list[str]:
     what, _, last = name.rpartition("_")
     told = 0.0 if abs(value) < _NOTHING else value
     if what and last in _UNITS:
-        return [what.replace("_", " "), f"{told:.4g} {_UNITS[last]}"]
-    return [name.replace("_", " "), f"{told:.4g}"]
+        return [what.replace("_", " "), f"{told:.3g} {_UNITS[last]}"]
+    return [name.replace("_", " "), f"{told:.3g}"]
 
 
 def _ranking(diagnosis: Diagnosis) -> str:
-    rows = [[r.effect, r.location, f"{r.probability:.1%}", f"{r.held_out_gap:.4g}"] for r in diagnosis.ranking]
-    return "<h2>Which</h2>" + table(["effect", "where", "probability", "gap with it, held out"], rows)
+    shown = diagnosis.ranking[:_MOST_RANKED]
+    rows = [[r.effect, r.location or "–", f"{r.probability:.1%}", f"{r.held_out_gap:.4g}"] for r in shown]
+    more = len(diagnosis.ranking) - len(shown)
+    return section(
+        "Which",
+        table(["effect", "where", "probability", "gap with it, held out"], rows),
+        paragraph(f"{more} more are in diagnosis.json.") if more else "",
+    )
 
 
 def _next(diagnosis: Diagnosis) -> str:
@@ -170,10 +200,10 @@ def _next(diagnosis: Diagnosis) -> str:
         + f"<br>{html.escape(group.advice)}</li>"
         for group in diagnosis.indistinguishable
     )
-    return f"<h2>What to measure next</h2><p>This recording cannot tell these apart:</p><ul>{items}</ul>"
+    return section("What to measure next", paragraph("This recording cannot tell these apart:"), f"<ul>{items}</ul>")
 
 
 def _notes(diagnosis: Diagnosis) -> str:
     left = [f"{finding.channel}: {finding.pattern}" for finding in diagnosis.remainder]
     parts = [("What remains", left), ("Notes", diagnosis.remarks)]
-    return "".join(f"<h2>{title}</h2>{bullets(items)}" for title, items in parts if items)
+    return "".join(section(title, bullets(items)) for title, items in parts if items)

@@ -2,121 +2,114 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from rotary_error_monitor.gap.views import View
+from rotary_error_monitor.gap.views import Array, View
+from rotary_error_monitor.report.drawing import NARROW, WIDE, drawn, label, new_axes, tiled
+from rotary_error_monitor.report.drawn import Drawn, Sheet
+from rotary_error_monitor.report.palette import BLUE, GREEN, GREY, VERMILION
 from rotary_error_monitor.report.picture import Picture
 
-_WIDTH, _VIEW = 13.0, 3.6
-"""Width of the figure, and of one view of residuals, at least, inches."""
+_OVERVIEW, _VIEW = 2.9, 2.4
+"""Height of a picture of the overview, and of one of residuals, inches."""
 
-_OVERVIEW, _ROW = 2.4, 1.9
-"""Height of the axes of the overview, and of one row of residuals, inches."""
+_NAMES = 1.75
+"""Room for names beside bars, inches."""
 
-_ABOVE, _BELOW, _LEFT, _RIGHT = 0.4, 0.65, 0.9, 0.25
-"""Room for titles and labels around axes, inches."""
+_LONGEST = 27
+"""Characters of a name that have room there."""
 
 _VISIBLE = 0.005
 """Probability that a bar shows."""
 
-_NAMES, _GAP = 2.3, 0.3
-"""Room between axes side by side: for names beside bars, and for nothing, inches."""
 
-
-def draw(picture: Picture) -> bytes:
-    """PNG: the gap, where it lies, the ranking, and the residuals of the channels that matter before and after."""
-    shown, views = picture.channels, picture.views
-    quantities = list(dict.fromkeys(view.quantity for view in views))
-    # Margins are known beforehand: to have them found would take as long as a diagnosis.
-    width = max(_WIDTH, _VIEW * len(quantities))
-    height = _ABOVE + _OVERVIEW + _BELOW + (len(shown) * (_ROW + _GAP) + _BELOW - _GAP if shown else 0.0)
-    figure = Figure(figsize=(width, height), dpi=100)
-    overview = _grid(figure, (1, 3), height - _ABOVE, (_OVERVIEW, _NAMES))
-    for ax, draw_part in zip(overview[0], (_draw_gap, _draw_where, _draw_ranking), strict=True):
-        draw_part(ax, picture)
-    if views:
-        size = len(shown), len(quantities)
-        axes = _grid(figure, size, height - _ABOVE - _OVERVIEW - _BELOW, (_ROW, _GAP), share=True)
-        # residuals are those of the textbook forms: what departs stays in them
-        after = picture.gap[1][0].replace("\n", " ") if len(picture.gap) > 2 else ""
-        for view in views:
-            ax = axes[shown.index(view.channel)][quantities.index(view.quantity)]
-            _draw_view(ax, view, after)
-        _label(axes, views, shown, quantities)
-    buffer = io.BytesIO()
-    # `savefig` would lay everything out and draw it twice
-    FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]  # matplotlib has no types here
-    return buffer.getvalue()
-
-
-def _grid(
-    figure: Figure, size: tuple[int, int], top: float, cell: tuple[float, float], share: bool = False
-) -> list[list[Axes]]:
-    """Rows of axes below `top`; `cell`: height of one, and room between those side by side, all in inches."""
-    wide, tall = figure.get_size_inches()
-    (rows, columns), (height, between) = size, cell
-    width = (wide - _LEFT - _RIGHT - (columns - 1) * between) / columns
-    grid = figure.add_gridspec(
-        rows,
-        columns,
-        left=_LEFT / wide,
-        right=1 - _RIGHT / wide,
-        top=top / tall,
-        bottom=(top - rows * height - (rows - 1) * _GAP) / tall,
-        wspace=between / width,
-        hspace=_GAP / height,
-    )
-    return [
-        list(row)
-        for row in grid.subplots(squeeze=False, sharex="col" if share else False, sharey="row" if share else False)
+def draw(picture: Picture) -> Sheet:
+    """The gap, where it lies, the ranking, and the residuals of the channels that matter before and after."""
+    shares = [(_short(channel), share) for channel, share in picture.where]
+    none = "nothing exceeds the noise"
+    rows: list[tuple[Drawn, ...]] = [
+        (
+            _gap(picture),
+            _bars("Where: share of the excess", shares, BLUE, none),
+            _bars("Which: probability", picture.ranking, GREEN, "none of the known effects"),
+        )
     ]
+    # residuals are those of the textbook forms: what departs stays in them
+    after = picture.gap[1][0].replace("\n", " ") if len(picture.gap) > 2 else ""
+    for channel in picture.channels:
+        views = [view for view in picture.views if view.channel == channel]
+        rows.append(tuple(_view(view, after, _span(views), WIDE if len(views) < 3 else NARROW) for view in views))
+    missing = {view.channel for view in picture.views} - set(picture.channels)
+    if missing:
+        raise ValueError(f"views of channels that are not shown: {', '.join(sorted(missing))}")
+    return Sheet(tuple(rows), tiled(rows))
 
 
-def _label(axes: list[list[Axes]], views: Sequence[View], shown: Sequence[str], quantities: Sequence[str]) -> None:
-    """Names of channels at the left, of what they are shown over below, and one legend."""
-    for row, channel in zip(axes, shown, strict=True):
-        unit = next(view.unit for view in views if view.channel == channel)
-        row[0].set_ylabel(f"{_short(channel)}, {unit}", fontsize="small")
-    for ax, quantity in zip(axes[-1], quantities, strict=True):
-        ax.set_xlabel(quantity)
-        ax.locator_params(axis="x", nbins=5)
-        ax.tick_params(axis="x", labelsize="small")
-    axes[0][-1].legend(markerscale=6, fontsize="x-small", loc="upper right")
-
-
-def _draw_gap(ax: Axes, picture: Picture) -> None:
+def _gap(picture: Picture) -> Drawn:
+    figure, ax = new_axes(NARROW, _OVERVIEW)
     names, sizes = zip(*picture.gap, strict=True)
-    ax.bar(names, sizes, color=["#a3312a", *["#1f5fa8"] * (len(names) - 2), "#999"])
-    ax.set_ylabel("gap, standard deviations of noise")
-    ax.set_title("Gap" if picture.shrink is None else f"Gap, held out: shrink {picture.shrink:.1%}")
+    bars = ax.bar(names, sizes, color=[VERMILION, *[BLUE] * (len(names) - 2), GREY])
+    ax.bar_label(bars, [f"{size:.3g}" for size in sizes], fontsize=9)
+    ax.set_ylim(0, 1.12 * max(sizes))
+    told = "" if picture.shrink is None else f", held out: shrink {picture.shrink:.1%}"
+    label(figure, ax, f"Gap{told}", y="standard deviations of noise")
+    said = ", ".join(f"{name} {size:.3g}" for name, size in picture.gap).replace("\n", " ")
+    return drawn(figure, f"Bars of the gap in standard deviations of the noise{told}: {said}")
 
 
-def _draw_where(ax: Axes, picture: Picture) -> None:
-    shares = picture.where[::-1]
-    ax.barh([_short(channel) for channel, _ in shares], [share for _, share in shares], color="#1f5fa8")
-    ax.set_xlim(0, 1)
-    ax.set_title("Where: share of the excess")
+def _bars(title: str, parts: Sequence[tuple[str, float]], colour: str, none: str) -> Drawn:
+    """Named parts of one, the first on top; where none is visible that is said."""
+    figure, ax = new_axes(NARROW, _OVERVIEW, left=_NAMES)
+    places = np.arange(len(parts))[::-1]
+    bars = ax.barh(places, [part for _, part in parts], 0.7, color=colour)
+    ax.bar_label(bars, [f"{part:.0%}" if part >= _VISIBLE else "" for _, part in parts], fontsize=8, padding=2)
+    ax.set_yticks(places, [_elided(name) for name, _ in parts], fontsize=8)
+    ax.set_ylim(-0.6, max(len(parts), 4) - 0.4)
+    ax.set_xlim(0, 1.25)  # room for the number beside a bar of all
+    ax.set_xticks([0.0, 0.5, 1.0], ["0 %", "50 %", "100 %"])
+    visible = [(name, part) for name, part in parts if part >= _VISIBLE]
+    if not visible:
+        ax.text(0.5, 0.5, none.replace(" the ", "\nthe ", 1), ha="center", va="center", transform=ax.transAxes)
+    label(figure, ax, title)
+    said = ", ".join(f"{name} {part:.0%}" for name, part in visible)
+    return drawn(figure, f"Bars. {title}: {said or none}")
 
 
-def _draw_ranking(ax: Axes, picture: Picture) -> None:
-    rows = picture.ranking[::-1]
-    ax.barh([name for name, _ in rows], [probability for _, probability in rows], color="#2a7f3f")
-    ax.set_xlim(0, 1)
-    ax.set_title("Which: probability")
-    if all(probability < _VISIBLE for _, probability in rows):
-        ax.text(0.5, 0.5, "none of the known effects", ha="center", va="center", transform=ax.transAxes)
-
-
-def _draw_view(ax: Axes, view: View, after: str) -> None:
-    ax.plot(view.x, view.before, ".", ms=1.5, color="#a3312a", label="before")
+def _view(view: View, after: str, span: tuple[float, float], width: float) -> Drawn:
+    figure, ax = new_axes(width, _VIEW, ("before", after))
+    _dots(ax, view.x, view.before, VERMILION, "before")
     if after:
-        ax.plot(view.x, view.after, ".", ms=1.5, color="#1f5fa8", label=after)
+        _dots(ax, view.x, view.after, BLUE, after)
+    ax.set_ylim(*span)
+    ax.locator_params(axis="x", nbins=5)
+    ax.grid(alpha=0.3)
+    label(figure, ax, _elided(_short(view.channel), 40), view.quantity, f"residual, {view.unit}", scale=6)
+    compared = f"before and {after}" if after else "before"
+    said = (
+        f"Residuals of {view.channel} over {view.quantity}, {compared}, from {span[0]:.3g} to {span[1]:.3g} {view.unit}"
+    )
+    return drawn(figure, said)
+
+
+def _dots(ax: Axes, x: Array, y: Array, colour: str, name: str) -> None:
+    ax.plot(x, y, ".", ms=1.6, color=colour, label=name)
+
+
+def _span(views: Sequence[View]) -> tuple[float, float]:
+    """Range of all residuals of a channel with a margin, the same for each picture of it."""
+    values = np.concatenate([part for view in views for part in (view.before, view.after)])
+    told = values[np.isfinite(values)]
+    low, high = (float(told.min()), float(told.max())) if len(told) else (0.0, 0.0)
+    margin = 0.05 * (high - low) or 1.0
+    return low - margin, high + margin
 
 
 def _short(channel: str) -> str:
     return channel.split("/", 2)[-1].replace("/samples", "")
+
+
+def _elided(name: str, longest: int = _LONGEST) -> str:
+    return name if len(name) <= longest else f"{name[: longest - 1]}…"

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # arrays load a tenth of a second, and this process shall start before anything else does
+    from rotary_error_monitor.report.drawn import Sheet
     from rotary_error_monitor.report.picture import Picture
 
 
@@ -22,8 +23,8 @@ class Painter:
             [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )
 
-    def draw(self, picture: Picture) -> bytes:
-        """PNG of a picture; the process draws only one.
+    def draw(self, picture: Picture) -> Sheet:
+        """A picture as PNGs; the process draws only one.
 
         Raises:
             RuntimeError: the process ended without a picture.
@@ -32,7 +33,8 @@ class Painter:
         if self._process.returncode != 0:
             last = complaint.decode(errors="replace").strip().splitlines()[-1:]
             raise RuntimeError(": ".join([f"drawing ended with exit code {self._process.returncode}", *last]))
-        return drawn
+        sheet: Sheet = pickle.loads(drawn)  # from the process that this one started
+        return sheet
 
     def __enter__(self) -> Painter:
         """Draw within this."""
@@ -47,13 +49,13 @@ class Painter:
 
 
 def main() -> None:
-    """Load the drawing library, wait for a picture on the standard input, write its PNG to the standard output."""
+    """Load the drawing library, wait for a picture on the standard input, write its PNGs to the standard output."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the diagnosis, which ends this process
     from rotary_error_monitor.report.diagnosis_figure import draw
 
     waiting = sys.stdin.buffer.read()
     if waiting:  # none where the diagnosis was ended
-        sys.stdout.buffer.write(draw(pickle.loads(waiting)))  # from the process that started this one
+        sys.stdout.buffer.write(pickle.dumps(draw(pickle.loads(waiting))))  # from the process that started this one
 
 
 if __name__ == "__main__":

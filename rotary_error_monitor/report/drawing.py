@@ -1,0 +1,131 @@
+"""Small pictures that a page places side by side or one below the other, as its width allows."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from PIL import Image
+
+from rotary_error_monitor.report.drawn import DENSITY, Drawn
+
+NARROW, WIDE = 3.6, 5.45
+"""Widths of a picture, inches: three narrow ones or two wide ones fill the page, one fills a telephone."""
+
+_INCH = 96
+"""Dots of a page in an inch (CSS)."""
+
+_COLOURS = 64
+"""Of a picture: a few lines, each with its soft edges. A page is a third as large as with all."""
+
+_SIZE, _TITLE = 9, 10
+"""Of text, points."""
+
+_BESIDE, _RIGHT, _ABOVE, _BELOW = 0.72, 0.15, 0.35, 0.52
+"""Room for labels and title around axes, inches: having it found takes longer than all else."""
+
+_ROW, _MARGIN = 0.2, 0.08
+"""Height of a row of a legend, and room around title and legend, inches."""
+
+_SIGN, _LETTER = 0.42, 0.072
+"""Width of a line's sign in a legend, and of a letter, inches."""
+
+_WHITE = 247
+"""From this on a part of a colour is that of the paper: fewer colours must not make it grey."""
+
+
+def drawn(figure: Figure, alt: str) -> Drawn:
+    """The picture of a figure; `alt` says what it shows."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # type: ignore[no-untyped-call]  # matplotlib has no types here
+    dots = np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
+    return Drawn(_png(Image.fromarray(np.ascontiguousarray(dots))), alt)
+
+
+def new_axes(
+    width: float, height: float, names: Sequence[str] = (), *, left: float = _BESIDE, polar: bool = False
+) -> tuple[Figure, Axes]:
+    """Figure with one axes; sizes in inches.
+
+    Args:
+        width: of the figure.
+        height: of the figure.
+        names: that the legend will hold.
+        left: room left of the axes.
+        polar: axes of radius over angle, with their angles around them.
+    """
+    figure = Figure(figsize=(width, height), dpi=_INCH * DENSITY)
+    around = _ROW if polar else 0.0
+    above = _ABOVE + around + _ROW * math.ceil(len(names) / _columns(names, width))
+    place = left / width, _BELOW / height, 1 - (left + _RIGHT) / width, 1 - (_BELOW + above) / height
+    ax = figure.add_axes(place, projection="polar" if polar else None)
+    ax.tick_params(labelsize=_SIZE)
+    return figure, ax
+
+
+def label(figure: Figure, ax: Axes, title: str, x: str = "", y: str = "", scale: float = 1.0) -> None:
+    """Title, names of the axes with units, and a legend if anything has a name, its markers so many times as large."""
+    width, height = figure.get_size_inches()
+    figure.text(_MARGIN / width, 1 - _MARGIN / height, title, fontsize=_TITLE, va="top")
+    ax.set_xlabel(x, fontsize=_SIZE)
+    ax.set_ylabel(y, fontsize=_SIZE)
+    handles, names = ax.get_legend_handles_labels()
+    if handles:
+        order = sorted(range(len(names)), key=lambda k: isinstance(handles[k], Line2D))  # what is filled first
+        handles, names = [handles[k] for k in order], [names[k] for k in order]
+        figure.legend(
+            handles,
+            names,
+            loc="upper left",
+            bbox_to_anchor=(0.0, 1 - (_MARGIN + _ROW) / height),
+            ncols=_columns(names, width),
+            frameon=False,
+            fontsize=_SIZE,
+            markerscale=scale,
+            handlelength=1.2,
+            columnspacing=1.0,
+            labelspacing=0.2,
+            borderaxespad=0.0,
+        )
+
+
+def _columns(names: Sequence[str], width: float) -> int:
+    """Names of a legend side by side."""
+    widths = [_SIGN + _LETTER * len(name) for name in names]
+    if sum(widths) < width:
+        return max(1, len(names))
+    return max(1, int(width / max(widths)))
+
+
+def tiled(rows: Sequence[Sequence[Drawn]]) -> bytes:
+    """One PNG of all: rows one below the other, each from the left; one white dot where there is none."""
+    images = [[Image.open(io.BytesIO(each.png)).convert("RGB") for each in row] for row in rows if row]
+    width = max((sum(each.width for each in row) for row in images), default=1)
+    sheet = Image.new("RGB", (width, sum(max(each.height for each in row) for row in images) or 1), "white")
+    top = 0
+    for row in images:
+        left = 0
+        for each in row:
+            sheet.paste(each, (left, top))
+            left += each.width
+        top += max(each.height for each in row)
+    return _png(sheet)
+
+
+def in_rows(pictures: Sequence[Drawn], columns: int) -> list[Sequence[Drawn]]:
+    """Pictures in rows of so many."""
+    return [pictures[k : k + columns] for k in range(0, len(pictures), columns)]
+
+
+def _png(image: Image.Image) -> bytes:
+    few = image.quantize(_COLOURS, method=Image.Quantize.FASTOCTREE)
+    few.putpalette([255 if part >= _WHITE else part for part in few.getpalette() or []])
+    buffer = io.BytesIO()
+    few.save(buffer, "png", dpi=(_INCH * DENSITY,) * 2)
+    return buffer.getvalue()

@@ -1,0 +1,21 @@
+"""Names and values of an analysis as people read them."""
+
+from __future__ import annotations
+
+import re
+
+from rotary_error_monitor.effects.effect import Estimate
+from rotary_error_monitor.gap.quantities import quantity
+from rotary_error_monitor.metrology.spindle_figures import Value
+
+_HEIGHT = re.compile(r"(?<=\d)mm\b")
+
+
+def spoken(name: str) -> str:
+    """Name of a signal or figure in words: `radial_x_at_60mm.drift` is `radial x at 60 mm: drift`."""
+    return _HEIGHT.sub(" mm", name.replace("_", " ").replace(".", ": "))
+
+
+def amount(value: Value, unit: str) -> str:
+    """Value and expanded uncertainty, such as `1.72 ± 0.05 µm`."""
+    return quantity(Estimate(value.value, value.expanded), unit)
