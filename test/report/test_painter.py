@@ -52,14 +52,15 @@ def ignores(pid, number):
 def test_both_processes_draw_the_same(wanted):
     with Painter() as painter:
         drawn = painter.draw(wanted)
-    assert drawn.startswith(b"\x89PNG") and drawn == draw(wanted)
+    assert drawn.whole.startswith(b"\x89PNG") and drawn == draw(wanted)
+    assert len(drawn.rows) == 1 + len(wanted.channels)
 
 
 def test_the_causes_change_what_is_seen():
-    with_causes, without = pixels(draw(picture())), pixels(draw(picture(causes=False)))
+    with_causes, without = pixels(draw(picture()).whole), pixels(draw(picture(causes=False)).whole)
     assert with_causes.shape == without.shape
     assert not np.array_equal(with_causes, without)
-    assert len(pixels(draw(picture(views=False)))) < len(without)
+    assert len(pixels(draw(picture(views=False)).whole)) < len(without)
 
 
 def test_who_draws_nothing_leaves_no_process():
@@ -85,7 +86,7 @@ def test_ctrl_c_is_left_to_the_diagnosis():
             assert time.monotonic() < end, "the process did not get ready"
             time.sleep(0.01)
         painter._process.send_signal(signal.SIGINT)
-        assert painter.draw(picture()).startswith(b"\x89PNG")
+        assert painter.draw(picture()).whole.startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("wanted", [None, picture()])
@@ -96,4 +97,4 @@ def test_the_process_draws_what_it_is_sent(wanted, monkeypatch):
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(drawn))
     monkeypatch.setattr(signal, "signal", lambda number, handler: None)
     painters.main()
-    assert drawn.getvalue() == (b"" if wanted is None else draw(wanted))
+    assert drawn.getvalue() == (b"" if wanted is None else pickle.dumps(draw(wanted)))

@@ -17,7 +17,7 @@ from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.sentences import verdict_sentence
 from rotary_error_monitor.kinds.stage.experiments import advise
 from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.report.diagnosis import write_report
+from rotary_error_monitor.report.diagnosis import report_files
 from rotary_error_monitor.report.painter import Painter
 
 EFFECTS = load_effects(StageEffect)
@@ -79,7 +79,7 @@ def test_advice_names_the_measurement_that_tells_apart(stage_problem):
     assert advice.startswith("move head a by 20° along the ring")
 
 
-def test_the_output_is_plain_json_and_a_page(tmp_path, stage_problem):
+def test_the_output_is_plain_json_and_a_page(stage_problem):
     problem, _ = stage_problem(5, "single", ["mirror_wobble"], snr=(150.0, 300.0))
     diagnosis = diagnose(problem)
     content = json.loads(json.dumps(diagnosis.as_mapping(), allow_nan=False))
@@ -89,8 +89,8 @@ def test_the_output_is_plain_json_and_a_page(tmp_path, stage_problem):
     assert content["ranking"][0]["effect"] == "mirror_wobble"
     assert content["ranking"][0]["held_out_gap"] < content["ranking"][-1]["held_out_gap"]
     with Painter() as painter:
-        write_report(problem, diagnosis, tmp_path, "a <case>", painter, {"recorded": "2026-11-26 <now>"})
-    written = (tmp_path / "diagnosis.html").read_text(encoding="utf-8")
+        files = report_files(problem, diagnosis, "a <case>", painter, {"recorded": "2026-11-26 <now>"})
+    written = files["diagnosis.html"].decode()
     assert "mirror mounted askew (mirror_wobble)" in written and "a &lt;case&gt;" in written
     assert "2026-11-26 &lt;now&gt;" in written and "Align the mirror" in written
     (found,) = diagnosis.causes
@@ -100,7 +100,7 @@ def test_the_output_is_plain_json_and_a_page(tmp_path, stage_problem):
     np.testing.assert_allclose(tilt, found.parameters["tilt"].value, atol=0.1 * max(found.parameters["tilt"].std))
     # Four letters of an embedded picture may happen to be those.
     assert "http" not in re.sub(r"base64,[A-Za-z0-9+/=]*", "", written).replace("http-equiv", "")
-    assert (tmp_path / "diagnosis.png").read_bytes().startswith(b"\x89PNG")
+    assert set(files) == {"diagnosis.html", "diagnosis.png"} and files["diagnosis.png"].startswith(b"\x89PNG")
 
 
 def test_a_twin_of_another_stage_is_refused(stage_problem):

@@ -30,7 +30,7 @@ def test_what_no_effect_describes_is_unknown(stage_problem):
     for diagnosis in unknown:
         assert not diagnosis.causes and diagnosis.remainder
         assert "Unknown" in verdict_sentence(diagnosis)
-        told = page(diagnosis, b"", "", {})
+        told = page(diagnosis, (), "", {})
         assert "What to do next" in told and "<th>after</th>" not in told and "<th>before</th>" in told
 
 
