@@ -62,6 +62,19 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None])
                 )
 
 
+def check_places(files: Iterable[Path]) -> None:
+    """Refuse files that cannot be written where they should be, before anything is computed.
+
+    Raises:
+        InputError: one of them is a folder, or there is none for it.
+    """
+    for path in files:
+        if exists(path) and path.is_dir():
+            raise InputError(f"{path}: cannot be written (it is a folder); give a file in one")
+        if not exists(path.parent) or not path.parent.is_dir():
+            raise InputError(f"{path}: cannot be written (no folder {path.parent}); give a file in one that exists")
+
+
 def _recorded(path: Path) -> list[Path]:
     """What in a folder belongs to a recording; results may lie beside it."""
     if not path.is_dir():

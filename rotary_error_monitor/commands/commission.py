@@ -14,7 +14,7 @@ from rotary_error_monitor.commissioning.report import commissioning_text
 from rotary_error_monitor.commissioning.stage_file import commission_stage, write_stage
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.files import check_outputs, write_whole
+from rotary_error_monitor.files import check_outputs, check_places, write_whole
 
 NOT_SETTLED = 10
 """Exit code: done, and the result is not as one would have it, as of `calibrate`, `check` and `recover`."""
@@ -48,6 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Commission, print, write, and give the exit code."""
     pages = [] if arguments.page is None else [arguments.page]
     check_outputs([arguments.output, *pages], [arguments.bag, arguments.topics])
+    check_places(pages)
     naming = naming_of(arguments)
     if arguments.live and naming.is_given:
         raise InputError("--cell and --topics are of bags; with --live give --namespace")

@@ -29,7 +29,7 @@ from rotary_error_monitor.description.machine import MachineDescription, load_ma
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.files import check_outputs, exists, write_all
+from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.metrology.turns import MOST_WAVES, TURN
 from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, COMMAND
@@ -94,9 +94,7 @@ class FileAnalysis:
         read = [self.recording, self.against, self.stage_file or config("stage.yaml")]
         machine = load_machine(self.machine) if self.machine else None
         check_outputs(self.outputs.values(), [*read, machine_path(self.machine) if self.machine else None])
-        for path in self.outputs.values():
-            if not exists(path.parent):
-                raise InputError(f"{path}: cannot be written (no folder {path.parent}); give a file in one that exists")
+        check_places(self.outputs.values())
         stage = load_stage(self.stage_file)
         analysis = analyse_bag(self.recording, stage, machine, self.question)
         changes = None

@@ -14,7 +14,7 @@ from rotary_error_monitor.bags.listing import SUFFIXES
 from rotary_error_monitor.bags.metadata import read_metadata
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.files import check_outputs, write_all
+from rotary_error_monitor.files import check_outputs, check_places, exists, write_all
 from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, diagnose
 from rotary_error_monitor.gap.loading import AnyTwinFile, improved_twin, load_problem, load_twin
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
@@ -65,6 +65,9 @@ class FileDiagnosis:
         progress("reading")
         results = [self.output / f"diagnosis.{suffix}" for suffix in ("json", "html", "png")]
         check_outputs([*results, self.improved], [self.recording, self.twin, *self.effects])
+        check_places(results if exists(self.output) else [])
+        if self.improved is not None and self.output not in self.improved.parents:  # that folder may be made later
+            check_places([self.improved])
         if self.naming.is_given and self.recording.is_file() and not self.recording.name.endswith(SUFFIXES):
             raise InputError(
                 f"{self.recording}: no bag, so that it has no cells or topics; leave --cell and --topics out"

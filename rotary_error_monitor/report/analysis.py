@@ -8,7 +8,7 @@ from itertools import groupby
 
 from rotary_error_monitor.analysis.changes import Change
 from rotary_error_monitor.analysis.motion import SegmentFigures, SignalFigures
-from rotary_error_monitor.analysis.result import Analysis, figures_of
+from rotary_error_monitor.analysis.result import Analysis, Figure, figures_of
 from rotary_error_monitor.analysis.verdict import Judged, Outcome
 from rotary_error_monitor.effects.effect import Estimate
 from rotary_error_monitor.gap.quantities import number, quantity, rounded, shared_power
@@ -218,15 +218,18 @@ def _quantity_table(signals: Sequence[SignalFigures]) -> str:
 
 def _others(analysis: Analysis) -> str:
     """Figures of the recording as a whole."""
-    rows = [
-        [spoken(figure.name), quantity(Estimate(figure.value, figure.expanded_uncertainty or 0.0), figure.unit)]
-        for figure in figures_of(analysis)
-        if not figure.segment
-    ]
+    rows = [[spoken(figure.name), _of_whole(figure)] for figure in figures_of(analysis) if not figure.segment]
     remarks = analysis.positioning.remarks
     return section(
         "The recording as a whole", table(["figure", "value ± U (k = 2)"], rows), bullets(remarks) if remarks else ""
     )
+
+
+def _of_whole(figure: Figure) -> str:
+    """Value with uncertainty and unit; a part of one in percent."""
+    if figure.unit == "1":
+        return f"{figure.value:.1%}"
+    return quantity(Estimate(figure.value, figure.expanded_uncertainty or 0.0), figure.unit)
 
 
 def _streams(analysis: Analysis) -> str:

@@ -15,6 +15,7 @@ from rotary_error_monitor.calibration.steps import PositioningResult
 from rotary_error_monitor.calibration.straightness_step import StraightnessResult
 from rotary_error_monitor.calibration.volume import ErrorCost, VolumetricMap
 from rotary_error_monitor.metrology.positioning import COVERAGE
+from rotary_error_monitor.report.palette import BLUE, GREEN, GREY, VERMILION
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -29,9 +30,9 @@ def draw_positioning(path: Path, result: PositioningResult) -> None:
     where, scale = (180 / math.pi, ARCSEC) if rotary else (1e3, 1e6)
     figure, ax = plt.subplots(figsize=(9, 4.5), layout="constrained")
     targets = result.runs.targets * where
-    ways = [("forward", "tab:blue", result.runs.forward, result.figures.forward)]
+    ways = [("forward", BLUE, result.runs.forward, result.figures.forward)]
     if result.runs.backward is not None and result.figures.backward is not None:
-        ways.append(("backward", "tab:orange", result.runs.backward, result.figures.backward))
+        ways.append(("backward", VERMILION, result.runs.backward, result.figures.backward))
     for name, colour, readings, figures in ways:
         ax.plot(targets, readings * scale, ".", color=colour, alpha=0.5)
         ax.plot(targets, figures.mean * scale, color=colour, label=f"{name}, mean")
@@ -51,13 +52,13 @@ def draw_straightness(path: Path, result: StraightnessResult) -> None:
     figure, ax = plt.subplots(figsize=(9, 4.5), layout="constrained")
     x, y = spliced.positions * 1e3, spliced.straightness().deviations * 1e6
     margin = COVERAGE * np.sqrt(np.maximum(np.diag(spliced.deviation_covariance()), 0.0)) * 1e6
-    ax.plot(x, y, color="tab:blue", label="deviation from the least squares line")
-    ax.fill_between(x, y - margin, y + margin, color="tab:blue", alpha=0.2, lw=0, label="expanded uncertainty (k = 2)")
+    ax.plot(x, y, color=BLUE, label="deviation from the least squares line")
+    ax.fill_between(x, y - margin, y + margin, color=BLUE, alpha=0.2, lw=0, label="expanded uncertainty (k = 2)")
     for number, overlap in enumerate(spliced.overlaps):
         label = "overlap" if number == 0 else None
-        ax.axvspan(overlap.first * 1e3, overlap.last * 1e3, color="tab:gray", alpha=0.15, lw=0, label=label)
+        ax.axvspan(overlap.first * 1e3, overlap.last * 1e3, color=GREY, alpha=0.15, lw=0, label=label)
     if result.rotated is not None:
-        ax.plot(result.rotated.positions * 1e3, result.rotated.errors * 1e6, "--", color="tab:green", label="rotated")
+        ax.plot(result.rotated.positions * 1e3, result.rotated.errors * 1e6, "--", color=GREEN, label="rotated")
     ax.set_xlabel("position, mm")
     ax.set_ylabel("deviation, µm")
     ax.set_title(f"Straightness {result.name}: {result.error * 1e6:.2f} µm")
@@ -80,10 +81,8 @@ def draw_errors(path: Path, costs: Sequence[ErrorCost], chart: VolumetricMap) ->
         ax.set_ylabel(f"{chart.axes[1]}, m or rad")
     ax = figure.add_subplot(grid[:, 1])
     shown = list(costs[:MOST_BARS])[::-1]
-    ax.barh(
-        [cost.name for cost in shown], [cost.position_largest * 1e6 for cost in shown], color="tab:blue", alpha=0.25
-    )
-    ax.barh([cost.name for cost in shown], [cost.position_rms * 1e6 for cost in shown], color="tab:blue")
+    ax.barh([cost.name for cost in shown], [cost.position_largest * 1e6 for cost in shown], color=BLUE, alpha=0.25)
+    ax.barh([cost.name for cost in shown], [cost.position_rms * 1e6 for cost in shown], color=BLUE)
     ax.set_xlabel("tool position error by this error alone, µm: rms (dark) and largest (light)")
     figure.savefig(path, dpi=110)
     plt.close(figure)

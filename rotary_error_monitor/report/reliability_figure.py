@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from rotary_error_monitor.report.palette import BLUE, GREY
+
 
 def draw_reliability(
     path: Path, stated: NDArray[np.float64], share: NDArray[np.float64], interval: NDArray[np.float64], title: str
@@ -23,9 +25,9 @@ def draw_reliability(
     """
     figure = Figure(figsize=(5, 5), layout="constrained")
     ax = figure.subplots()
-    ax.plot([0, 1], [0, 1], "--", color="#999", lw=1, label="as stated")
+    ax.plot([0, 1], [0, 1], "--", color=GREY, lw=1, label="as stated")
     beside = np.maximum(np.stack([share - interval[:, 0], interval[:, 1] - share]), 0.0)
-    ax.errorbar(stated, share, beside, fmt="o", color="#1f5fa8", capsize=3, label="observed, 95 % interval")
+    ax.errorbar(stated, share, beside, fmt="o", color=BLUE, capsize=3, label="observed, 95 % interval")
     ax.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal", title=title)
     ax.set_xlabel("stated probability")
     ax.set_ylabel("observed frequency")

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
+from rotary_error_monitor.report.palette import colour
+
 MOST_POINTS = 20_000
 """Points of a trace that are drawn; of longer ones every n-th."""
 
@@ -46,9 +48,9 @@ def draw_panels(path: Path, panels: Sequence[Panel]) -> None:
     figure, axes = plt.subplots(len(panels), 1, figsize=(9, 2.2 * len(panels)), layout="constrained", squeeze=False)
     shared = None
     for panel, ax in zip(panels, axes[:, 0], strict=True):
-        for trace in panel.traces:
+        for number, trace in enumerate(panel.traces):
             step = max(1, len(trace.time) // MOST_POINTS)
-            ax.plot(trace.time[::step], trace.values[::step], linewidth=0.8, label=trace.name)
+            ax.plot(trace.time[::step], trace.values[::step], linewidth=0.8, color=colour(number), label=trace.name)
         ax.set_ylabel(panel.title, fontsize=8)
         ax.grid(alpha=0.3)
         ax.legend(loc="upper right", fontsize=7)

@@ -1,0 +1,74 @@
+"""Each kind of page made once, from short recordings, by the commands that users give."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commissioning.bags import run, written
+from world.newly_built import build, in_unit
+from world.recording import head_topic
+
+from rotary_error_monitor.bags.writer import write_messages
+from rotary_error_monitor.blind_check.cases import draw_machine, write_case
+from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
+from rotary_error_monitor.cli import main
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.topics import samples_topic
+from rotary_error_monitor.sources.mock import MockSettings, mock_stage
+
+EPOCH_NS = 1_763_700_000_000_000_000
+STREAMS = (*(f"head_{head}" for head in "abcd"), "autocollimator", "command", "lvdt", "temperature")
+
+KINDS = ("analysis", "analysis_of_less_than_a_turn", "commissioning", "diagnosis_of_a_stage", "diagnosis_of_a_machine")
+"""Pages that the package writes, and those of recordings that tell little."""
+
+
+def _analysis(folder: Path, seconds: float) -> Path:
+    plant = mock_stage(load_stage(), MockSettings(5, EPOCH_NS, (4.0,), forces=False, rate=300.0))
+    contents = {}
+    for stream in STREAMS:
+        edges = [plant.index_at(stream, EPOCH_NS + k * 250_000_000) for k in range(int(4 * seconds) + 1)]
+        contents[samples_topic(stream)] = [
+            plant.samples(stream, first, last - first) for first, last in itertools.pairwise(edges) if last > first
+        ]
+    write_messages(folder / "bag", contents)
+    limits = ["--limits", "radial_total_um=100", "tilt_total_nrad=5"] if seconds > 2 else []
+    heights = ["--height", "0", "60"]
+    assert main(["analyse", str(folder / "bag"), *heights, *limits, "-o", str(folder / "page.html")]) in (0, 10)
+    return folder / "page.html"
+
+
+def _commissioning(folder: Path) -> Path:
+    """Heads swapped, and one that reads degrees, which no file puts right."""
+    built = build(11, count=4, even=False, swap=True, duration=24.0)
+    degrees = in_unit(built.recording, [head_topic("b")], 180 / np.pi)
+    bag, nominal = written(built, folder, degrees)
+    assert run(bag, nominal, folder / "stage.yaml", "--page", str(folder / "page.html")) == 10
+    return folder / "page.html"
+
+
+def _diagnosis(folder: Path, kind: str) -> Path:
+    if kind == "stage":
+        made = make_stage_case(5, "single", ["mirror_wobble"], (150.0, 300.0), duration=20.0)
+    else:
+        made = make_machine_case(draw_machine(5), 5, "single", ["squareness"])
+    write_case(made, folder / "case")
+    twin = str(folder / "case" / "twin.yaml")
+    assert main(["diagnose", str(folder / "case" / "bag"), "--twin", twin, "-o", str(folder / "out")]) == 10
+    return folder / "out" / "diagnosis.html"
+
+
+@pytest.fixture(scope="session")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """File of each of `KINDS`."""
+    folders = {kind: tmp_path_factory.mktemp(kind) for kind in KINDS}
+    return {
+        "analysis": _analysis(folders["analysis"], 8.0),
+        "analysis_of_less_than_a_turn": _analysis(folders["analysis_of_less_than_a_turn"], 1.25),
+        "commissioning": _commissioning(folders["commissioning"]),
+        "diagnosis_of_a_stage": _diagnosis(folders["diagnosis_of_a_stage"], "stage"),
+        "diagnosis_of_a_machine": _diagnosis(folders["diagnosis_of_a_machine"], "machine"),
+    }
