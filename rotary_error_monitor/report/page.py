@@ -52,6 +52,10 @@ _WITHIN = re.compile(r"(?<=[\d)]) (?=±|[nµm]?(?:m|rad|rad/s|s|N)\b|arcsec|Hz|%
 """Spaces within a value with uncertainty and unit."""
 
 
+_POWER = re.compile(r"(?<=[\d)])e([-+]\d+)\b")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
 class Tone(StrEnum):
     """How good news is; the badge says it in words, so that nobody needs the colour."""
 
@@ -135,14 +139,20 @@ _LONG = 24
 
 
 def _cell(text: str) -> str:
-    is_number = _NUMBER.fullmatch(text) and ", " not in text
+    shown = _POWER.sub(_power, text)
+    is_number = _NUMBER.fullmatch(shown) and ", " not in text
     kind = " class='n'" if is_number else " class='text'" if len(text) > _LONG else ""
     return f"<td{kind}>{_unbroken(text)}</td>"
 
 
 def _unbroken(text: str) -> str:
     """The text with no line break between a value, its uncertainty and its unit."""
-    return _WITHIN.sub("\u00a0", html.escape(text))
+    return _WITHIN.sub("\u00a0", html.escape(_POWER.sub(_power, text)))
+
+
+def _power(found: re.Match[str]) -> str:
+    """A power of ten as it is written by hand: `×10⁻⁶`."""
+    return "×10" + f"{int(found[1])}".translate(_RAISED)
 
 
 def bullets(items: Sequence[str]) -> str:

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 from pages.conftest import KINDS
+from pages.seeing import SEEING
 
 from rotary_error_monitor.report.palette import PALETTE
 
 BROWSER = Path("/usr/bin/chromium-headless-shell")
-SEEING = (Path(__file__).parent / "seeing.js").read_text(encoding="utf-8")
 
 WIDTHS = (1280, 800, 390)
 """Of a window: a desk, half of one, a telephone, pixels."""

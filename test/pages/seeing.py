@@ -1,4 +1,8 @@
-// What a browser makes of a page, as plain values: a test reads them.
+"""What a browser makes of a page, as plain values: a script that tests run in it."""
+
+from __future__ import annotations
+
+SEEING = r"""
 () => {
   const channels = text => (text.match(/[\d.]+/g) || []).map(Number);
   const linear = part => part <= 10.3 ? part / 3294.6 : Math.pow((part / 255 + 0.055) / 1.055, 2.4);
@@ -58,3 +62,4 @@
     sentence: (document.querySelector(".verdict p") || {}).innerText,
   };
 }
+"""
