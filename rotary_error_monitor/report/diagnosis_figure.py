@@ -22,6 +22,9 @@ _NAMES = 1.75
 _LONGEST = 27
 """Characters of a name that have room there."""
 
+_FEWEST = 4
+"""Bars that there is room for at least, or one alone would be a block."""
+
 _VISIBLE = 0.005
 """Probability that a bar shows."""
 
@@ -67,8 +70,8 @@ def _bars(title: str, parts: Sequence[tuple[str, float]], colour: str, none: str
     bars = ax.barh(places, [part for _, part in parts], 0.7, color=colour)
     ax.bar_label(bars, [f"{part:.0%}" if part >= _VISIBLE else "" for _, part in parts], fontsize=8, padding=2)
     ax.set_yticks(places, [_elided(name) for name, _ in parts], fontsize=8)
-    ax.set_ylim(-0.6, max(len(parts), 4) - 0.4)
-    ax.set_xlim(0, 1.25)  # room for the number beside a bar of all
+    ax.set_ylim(len(parts) - max(len(parts), _FEWEST) - 0.6, len(parts) - 0.4)
+    ax.set_xlim(0, 1.32)  # room for the number beside a bar of all
     ax.set_xticks([0.0, 0.5, 1.0], ["0 %", "50 %", "100 %"])
     visible = [(name, part) for name, part in parts if part >= _VISIBLE]
     if not visible:
