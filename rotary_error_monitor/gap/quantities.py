@@ -76,8 +76,8 @@ def _within_prefixes(power: int) -> int:
 
 
 def _power(values: Sequence[float], stds: Sequence[float]) -> int:
-    """Power of ten of the largest value, or where all are 0 of the largest uncertainty."""
-    largest = max(map(abs, values)) or max(stds)
+    """Power of ten of the largest value or uncertainty."""
+    largest = max(max(map(abs, values)), max(stds))
     return math.floor(math.log10(largest)) if largest > 0.0 and math.isfinite(largest) else 0
 
 

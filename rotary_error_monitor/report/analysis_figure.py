@@ -32,8 +32,9 @@ _POLAR_HEIGHT, _HEIGHT = 3.9, 2.5
 _BASE = 1.5
 """Radius of the base circle of a polar plot, in ranges of the error motion."""
 
-_LOWEST = 0.1
-"""Where the axis of a spectrum begins, in the least uncertainty: bars below tell nothing."""
+_LOWEST, _FAINTEST = 0.1, 0.003
+"""Where the axis of a spectrum begins, in the least uncertainty and in the largest amplitude, whichever is less: bars
+below tell nothing."""
 
 _FEW = 100
 """Points of a line that are told apart."""
@@ -113,15 +114,16 @@ def _orders(segment: SegmentFigures, signals: Sequence[SignalFigures]) -> Drawn:
         WIDE, _HEIGHT, [*(signal.direction for signal in signals), _HIDDEN, *map(_uncertainty, signals)]
     )
     width = 0.8 / len(signals)
-    least = []
+    least, highest = [], 0.0
     for number, signal in enumerate(signals):
         _draw_bars(ax, signal, number, (number - (len(signals) - 1) / 2) * width, width)
         assert signal.spectrum is not None
+        highest = max(highest, 1e6 * float(signal.spectrum.amplitude.max()))
         least.append(2e6 * float(signal.spectrum.uncertainty[signal.spectrum.orders <= _MOST_ORDERS].min()))
     ax.set_yscale("log")
     ax.minorticks_off()
-    if min(least) > 0.0:
-        ax.set_ylim(bottom=_LOWEST * min(least))
+    if min(least) > 0.0 and highest > 0.0:
+        ax.set_ylim(bottom=min(_LOWEST * min(least), _FAINTEST * highest))
     unit = "µrad" if signals[0].unit == "rad" else "µm"
     height = signals[0].height
     place = "" if height is None else f" at {height * 1e3:g} mm"
@@ -173,8 +175,10 @@ def _courses(analysis: Analysis) -> Iterator[Drawn]:
         ax.grid(alpha=0.3)
         ax.set_xlim(0, (analysis.span_ns[1] - analysis.span_ns[0]) * 1e-9)
         what, _, unit = title.rpartition(", ")
-        label(figure, ax, what[0].upper() + what[1:], "time after the first estimate, s", title)
-        yield drawn(figure, f"{what} over time, from {_range(lines)} {unit}: {', '.join(lines)}")
+        named = what[0].upper() + what[1:]
+        label(figure, ax, named, "time after the first estimate, s", title)
+        shown = f": {', '.join(lines)}" if len(lines) > 1 else ""
+        yield drawn(figure, f"{named} over time, from {_range(lines)} {unit}{shown}")
 
 
 def _range(lines: Mapping[str, _Line]) -> str:
