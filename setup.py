@@ -22,6 +22,7 @@ NODES = [
     "visualization",
     "metrics",
     "opcua_server",
+    "dashboard",
     "linuxcnc_bridge",
     "stage_follower",
 ]

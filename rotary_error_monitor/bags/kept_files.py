@@ -45,6 +45,11 @@ class KeptFiles:
         """Take in the file that was ended last."""
         self._files.append(file)
 
+    @property
+    def size(self) -> int:
+        """Bytes of those that are there."""
+        return sum(file.size for file in self._files)
+
     def remove_old(self, folder: Path, next_size: int, now_ns: int) -> bool:
         """Remove the oldest files until the next one, of `next_size` bytes, has its place; whether any went.
 
@@ -76,6 +81,6 @@ class KeptFiles:
         return f"{self._gone} files with {self.removed.total()} messages, up to {until}"
 
     def _is_too_much(self, next_size: int, now_ns: int) -> bool:
-        if 0 < self._most_bytes < next_size + sum(file.size for file in self._files):
+        if 0 < self._most_bytes < next_size + self.size:
             return True
         return 0 < self._longest_ns < now_ns - self._files[0].entry.end_ns

@@ -116,8 +116,7 @@ class BagWriter:
         self._kept = KeptFiles(keep_size, keep_duration)
         self._ending: list[RecordFile] = []
         self._lock = _new_folder(self.folder)
-        self._home = self._lock.path
-        self.locked = self._lock.held
+        self._home, self.locked = self._lock.path, self._lock.held
         with ExitStack() as undo:
             undo.callback(self._lock.release)
             self._reserve = Reserve(self._lock.place / RESERVE)
@@ -133,6 +132,11 @@ class BagWriter:
         """Where the folder is now, if somebody has renamed it."""
         path = None if self._closed else self._lock.path
         return path if path != self._home else None
+
+    @property
+    def size(self) -> int:
+        """Bytes in all files that are there."""
+        return self._kept.size + self._part.file.tell()
 
     def write(
         self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None, sequence: int = 0

@@ -7,6 +7,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
+from rotary_error_monitor.dashboard.board import PORT
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
@@ -28,6 +29,14 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("--seed", type=int, default=1, help="of the mock stage")
     parser.add_argument("--rate", type=float, default=10_000.0, help="samples a second of heads and autocollimator")
     parser.add_argument("--folder", type=Path, help="new folder for the recording (default: runs/<date>_<time>)")
+    parser.add_argument(
+        "--dashboard",
+        type=int,
+        nargs="?",
+        const=PORT,
+        metavar="PORT",
+        help="show the cell meanwhile as a live page on this computer, on a port from 1024 (default %(const)s)",
+    )
     parser.set_defaults(run=run)
 
 
@@ -41,6 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.duration >= SHORTEST:
         raise InputError(f"--duration is {arguments.duration} s; {SHORTEST} s are needed for three heights of the LVDT")
     folder = arguments.folder or Path("runs") / datetime.now(UTC).strftime("%Y%m%d_%H%M%S")
+    if arguments.dashboard is not None and not 1024 <= arguments.dashboard <= 65535:
+        raise InputError(f"--dashboard is {arguments.dashboard}; expected a port from 1024 to 65535")
     if folder.exists():
         raise InputError(f"--folder {folder} exists already; give a new one, a recording is never overwritten")
     stage, machine = load_stage(arguments.stage), load_machine(arguments.machine)
@@ -53,7 +64,15 @@ def run(arguments: argparse.Namespace) -> int:
             "compensation with it instead"
         )
     folder.mkdir(parents=True)
-    cell = MockCell(folder, arguments.duration, arguments.machine, arguments.stage, arguments.seed, arguments.rate)
+    cell = MockCell(
+        folder,
+        arguments.duration,
+        arguments.machine,
+        arguments.stage,
+        arguments.seed,
+        arguments.rate,
+        dashboard=arguments.dashboard,
+    )
     print(
         "Simulated: the stage, its sensors and the machine. Real: nodes, DDS, recording, everything computed.",
         flush=True,

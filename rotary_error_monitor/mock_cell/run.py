@@ -59,6 +59,7 @@ class MockCell:
         seed: of the mock stage.
         rate: samples a second of heads, autocollimator and command.
         quiet: no progress line.
+        dashboard: port of a live page of the cell; None for none.
     """
 
     folder: Path
@@ -68,6 +69,7 @@ class MockCell:
     seed: int = 1
     rate: float = 10_000.0
     quiet: bool = False
+    dashboard: int | None = None
 
 
 @dataclass
@@ -113,6 +115,7 @@ def record(cell: MockCell, stage: StageDescription) -> Recording:
     letters, sensors = tuple(stage.azimuths), stage.listed
     with Cell(letters, shared, sensors=tuple(sensors)) as running, _progress(cell.duration, cell.quiet) as progress:
         progress.set_description("starting")
+        watching = _serve_dashboard(running, cell)
         # the recorder first: what the others say from their start on is in the bag
         recorder = running.start("recorder", folder=str(recording.bag))
         running.wait_for_status("recorder: state", "active", STARTING)
@@ -142,9 +145,19 @@ def record(cell: MockCell, stage: StageDescription) -> Recording:
             recording.heights.append((height, begin_ns, time.time_ns()))
             _take_through(running, "lvdt", Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
         # against the stream: whatever a process says to its end is heard by the next, and by the recorder
-        for processes in ([*reckoning, lvdt], instruments, [recorder]):
+        for processes in ([*reckoning, lvdt], instruments, [recorder], watching):
             _end_together(processes, recording)
     return recording
+
+
+def _serve_dashboard(running: Cell, cell: MockCell) -> list[NodeProcess]:
+    """The process of the page, where one is wanted, once it serves."""
+    if cell.dashboard is None:
+        return []
+    process = running.start("dashboard", port=cell.dashboard, machine=cell.machine)
+    serving = running.wait_for_status("dashboard: server", "serving", STARTING)
+    print(f"dashboard: {serving.message.rpartition(' ')[2]}", flush=True)
+    return [process]
 
 
 def _activate_once_all_is_recorded(running: Cell, names: Sequence[str]) -> None:

@@ -141,8 +141,9 @@ class ErrorEstimator(ManagedNode):
     def _watch(self) -> None:
         """Say at once what begins or ends to be missing or doubted."""
         if self.active:
-            silent = self._output.is_stale(self.now_ns())
-            self.tell((silent, self._estimator.status.absent, *sorted(self._said)))
+            now_ns = self.now_ns()
+            silent = [watch.what for watch in (self._output, *self._inputs.values()) if watch.is_stale(now_ns)]
+            self.tell((*silent, self._estimator.status.absent, *sorted(self._said)))
 
     def _say_doubts(self) -> None:
         """Log what begins or ceases to be doubted."""

@@ -26,3 +26,8 @@ def profile(topic: Recordable) -> QoSProfile:
 def driver_profile() -> QoSProfile:
     """Quality of service that fits the publisher of any driver: best effort listens to reliable ones as well."""
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def onlooker_profile(depth: int) -> QoSProfile:
+    """Quality of service of who looks at a topic and misses nothing by missing a message: nobody waits for it."""
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -5,6 +5,8 @@ ros2 run rotary_error_monitor recorder --ros-args -p folder:=bags/monday
 
 from __future__ import annotations
 
+import contextlib
+import shutil
 import sys
 import threading
 import time
@@ -42,6 +44,10 @@ _HISTORY = 5000
 
 _SLOW = 0.5
 """Time, s, that messages may wait for the disk before it is said: a tenth of what publishers keep."""
+
+_MEGA = 1e6
+_LOOK_PERIOD = 1.0
+"""Time, s, between two looks at the room that the disk has."""
 
 _PATIENCE = 0.3
 """Time, s, that a diagnostic waits for the disk before it says that this hangs."""
@@ -121,6 +127,7 @@ class Recorder(ManagedNode):
         for name, topic in heard.items():
             self.listen_to_numbered(topic, self._receiver(name), _HISTORY)
         self.gather(_GATHER)
+        self._free: int | None = None
         self._ending = threading.Event()
         self._flusher = threading.Thread(target=self._flush_regularly, args=(period, self._ending), name="flush")
         self._flusher.start()
@@ -212,6 +219,8 @@ class Recorder(ManagedNode):
             "lost_of": _listed(self._lost) or "none",
             "longest_wait_ms": waited * 1e3,
             "silent_topics": ", ".join(silent) or "none",
+            "size_mb": bag.size / _MEGA,
+            "free_mb": "unknown" if self._free is None else self._free / _MEGA,
         }
         if bag.stopped is not None:
             return [Condition("recording", Level.ERROR, bag.stopped, figures)]
@@ -252,7 +261,11 @@ class Recorder(ManagedNode):
 
     def _flush_regularly(self, period: float, ending: threading.Event) -> None:
         """Also where nothing more arrives, and not on the executor: what speaks there must not wait for the disk."""
+        looked = -_LOOK_PERIOD
         while not ending.wait(period):
+            if time.monotonic() - looked >= _LOOK_PERIOD:
+                looked = time.monotonic()
+                self._look_at_disk()
             with self.busy:
                 bag = self._bag
                 if bag is not None and bag.stopped is None:
@@ -260,6 +273,13 @@ class Recorder(ManagedNode):
                     self._guard(bag.flush)
                     if self._say_simulated(bag) and bag.stopped is None:
                         self._guard(bag.write_notes)
+
+    def _look_at_disk(self) -> None:
+        """How much room it has; a disk that hangs may keep whoever asks, so that nobody else may wait for this."""
+        bag = self._bag
+        if bag is not None:
+            with contextlib.suppress(OSError):
+                self._free = shutil.disk_usage(bag.moved or bag.folder).free
 
     def _say_lost(self, bag: BagWriter) -> None:
         """In the log as soon as it is known, and in the bag for whoever reads it later."""

@@ -57,11 +57,21 @@ class ErrorMotionView:
         tilted = motion.observable[-1, 3:5].all()
         self._tilt = motion.components[-1, 3:5].copy() if tilted else np.full(2, np.nan)
 
-    def picture(self) -> Picture:
-        """The lines as they are now; a line without points where nothing is observable."""
+    @property
+    def largest(self) -> float:
+        """Largest displacement of the axis of rotation at the ring, m; 0 where none is observable."""
+        return float(np.hypot(*self._radial[np.isfinite(self._radial).all(axis=1)].T).max(initial=0.0))
+
+    def picture(self, magnification: float | None = None) -> Picture:
+        """The lines as they are now; a line without points where nothing is observable.
+
+        Args:
+            magnification: of orbit and polar plot, by default the largest that has room.
+        """
         seen = np.isfinite(self._radial).all(axis=1)
         radial = self._radial[seen]
-        magnification = magnification_of(float(np.hypot(*radial.T).max(initial=0.0)), self._radius)
+        if magnification is None:
+            magnification = magnification_of(self.largest, self._radius)
         angle = (np.flatnonzero(seen) + 0.5) * (2 * np.pi / CELLS)
         across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         towards = (radial * across).sum(axis=1, keepdims=True)

@@ -134,7 +134,7 @@ def _of_node(
         node,
         publish=tuple(sorted({*own(wire.published_by(executable)), *_BESIDE_CONTRACT.get(executable, ()), *managed})),
         subscribe=tuple(sorted({*own(wire.read_by(executable)), *heard})),
-        reply=tuple(sorted(_absolute(name, node) for name in answered)),
+        reply=tuple(sorted({_absolute(name, node) for name in answered})),
         request=tuple(sorted({*_called_by(executable, nodes, services), *called})),
     )
 

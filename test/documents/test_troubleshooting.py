@@ -19,6 +19,7 @@ WELL = {
     "in … s",
     "none yet",
     "on and homed",
+    "serving on http://…:…",
     "the next one …",
     "under way for … s",
 }

@@ -129,7 +129,7 @@ class ThatStarts:
         return SimpleNamespace(name=name or executable)
 
     def wait_for_status(self, *_):
-        pass
+        return SimpleNamespace(message="serving on http://127.0.0.1:9001")
 
     def recorder_hears(self, topics):
         return topics.isdisjoint(self.silent.split(", "))
@@ -156,6 +156,17 @@ def test_a_node_is_started_for_each_listed_sensor(tmp_path, monkeypatch):
     assert shared and all(parameters[name] == of_head[name] for name in shared), "the same rotor"
 
 
+def test_the_page_is_served_before_anything_else_and_its_address_printed(tmp_path, monkeypatch, capsys):
+    cells = []
+    monkeypatch.setattr(mock_run, "Cell", lambda *given, **named: cells.append(ThatStarts(*given, **named)) or cells[0])
+    file = stage_with_probes(tmp_path)
+    with pytest.raises(TimeoutError):
+        mock_run.record(mock_run.MockCell(tmp_path / "run", stage=file, quiet=True, dashboard=9001), load_stage(file))
+    (name, *_), (given, *_) = cells[0].started, cells[0].started.values()
+    assert (name, given) == ("dashboard", ("dashboard", {"port": 9001, "machine": "xyzac_trt"}))
+    assert capsys.readouterr().out == "dashboard: http://127.0.0.1:9001\n"
+
+
 def test_a_figure_out_of_its_bound_is_said():
     rows = [Row("good", 1.0, 2.0), Row("bad", 3.0, 2.0), Row("not a number", float("nan"), 2.0), Row("free", 9.0)]
     assert [row.ok for row in rows] == [True, False, False, True]
@@ -169,6 +180,7 @@ def test_a_figure_out_of_its_bound_is_said():
     ("arguments", "message"),
     [
         (["--duration", "2"], "--duration is 2.0 s; 9.0 s are needed"),
+        (["--dashboard", "80"], "--dashboard is 80; expected a port from 1024 to 65535"),
         (["--folder", "."], "--folder . exists already"),
         (["--machine", "no_such"], "no machine 'no_such'"),
         (["--machine", "grinder_zhou2023"], "machine grinder_zhou2023 has no monitored axis"),

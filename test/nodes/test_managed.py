@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.compensation import Compensation
+from rotary_error_monitor.nodes.dashboard import Dashboard
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
@@ -149,6 +150,7 @@ NODES = [
     (Visualization, "visualization"),
     (Metrics, "metrics"),
     (OpcuaServer, "opcua_server"),
+    (Dashboard, "dashboard"),
 ]
 
 

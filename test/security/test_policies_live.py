@@ -15,6 +15,7 @@ from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_services, load_wire, wire_of
 from rotary_error_monitor.nodes.autocollimator import Autocollimator
 from rotary_error_monitor.nodes.compensation import Compensation
+from rotary_error_monitor.nodes.dashboard import Dashboard
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
@@ -50,6 +51,7 @@ NODES = {
     "visualization": (Visualization, {"machine": "xyzac_trt"}),
     "metrics": (Metrics, {}),
     "opcua_server": (OpcuaServer, MACHINE),
+    "dashboard": (Dashboard, {"allow_control": True}),
     "linuxcnc_bridge": (LinuxcncBridge, MACHINE),
     "stage_follower": (StageFollower, {}),
     "stage_command": (StageCommand, MOCK),
