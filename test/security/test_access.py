@@ -22,21 +22,25 @@ def test_corrections_come_from_the_compensation_alone():
     assert "linuxcnc_bridge" in who("subscribe", "/machine/axis_corrections")
 
 
-BY_A_PAGE = {"/compensation/reset", "/recorder/change_state"}
-"""What a person may ask for on the dashboard's page as well, where that was started with `allow_control`."""
-
-
 @pytest.mark.parametrize(
     "service",
-    sorted({"/error_estimator/reset", "/linuxcnc_bridge/clear_offsets", "/compensation/change_state"} | BY_A_PAGE),
+    [
+        "/compensation/change_state",
+        "/compensation/reset",
+        "/error_estimator/reset",
+        "/linuxcnc_bridge/clear_offsets",
+        "/recorder/change_state",
+    ],
 )
 def test_a_person_alone_may_call_what_releases_corrections_or_ends_a_recording(service):
-    assert who("request", service) == {OPERATOR, *(["dashboard"] if service in BY_A_PAGE else [])}
+    assert who("request", service) == {OPERATOR}
     assert who("reply", service) == {service.split("/")[1]}
 
 
-def test_the_page_may_ask_for_nothing_else():
-    assert set(accesses()["dashboard"].request) == BY_A_PAGE
+def test_the_page_may_ask_for_what_was_granted_alone():
+    granted = ["/compensation/reset", "/recorder/change_state"]
+    assert accesses()["dashboard"].request == ()
+    assert list(accesses(call={"dashboard": granted})["dashboard"].request) == granted
     assert [topic for topic in accesses()["dashboard"].publish if topic.startswith(("/stage", "/machine"))] == []
 
 
@@ -87,7 +91,7 @@ def test_a_driver_is_heard_only_where_it_is_named():
 def test_a_service_of_a_person_is_called_by_a_node_only_where_that_is_named():
     given = accesses(call={"opcua_server": ["/compensation/reset"]})
     callers = [node for node, access in given.items() if "/compensation/reset" in access.request]
-    assert callers == ["dashboard", "opcua_server", OPERATOR]
+    assert callers == ["opcua_server", OPERATOR]
     with pytest.raises(InputError, match="service 'reset' of opcua_server is not absolute"):
         accesses(call={"opcua_server": ["reset"]})
 

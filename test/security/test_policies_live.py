@@ -51,7 +51,7 @@ NODES = {
     "visualization": (Visualization, {"machine": "xyzac_trt"}),
     "metrics": (Metrics, {}),
     "opcua_server": (OpcuaServer, MACHINE),
-    "dashboard": (Dashboard, {"allow_control": True}),
+    "dashboard": (Dashboard, {}),
     "linuxcnc_bridge": (LinuxcncBridge, MACHINE),
     "stage_follower": (StageFollower, {}),
     "stage_command": (StageCommand, MOCK),
