@@ -11,6 +11,10 @@ class InputError(ValueError):
     """Wrong input; the message names the value, where it came from and what would be right."""
 
 
+class MissingPackageError(InputError, ImportError):
+    """An optional package is not installed; the message says how it is."""
+
+
 def one_line(text: str) -> str:
     r"""The text with `\n` and all that a terminal or a log would not print written out: it may come from anybody."""
     return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

@@ -107,7 +107,7 @@ def api_pages() -> Iterable[tuple[str, str]]:
     """Name and text of each page of the API, a room a page; mkdocstrings fills them from docstrings."""
     own = sorted(path for path in PACKAGE.glob("*.py") if path.stem != "__init__")
     rooms = {path.parent.name: path.parent for path in sorted(PACKAGE.glob("*/__init__.py"))}
-    pages = {"package": own}
+    pages = {"package": [PACKAGE / "__init__.py", *own]}
     pages |= {
         name: sorted(p for p in room.rglob("*.py") if p.name != "__init__.py" or p.parent == room)
         for name, room in rooms.items()

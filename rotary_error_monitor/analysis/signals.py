@@ -116,14 +116,10 @@ def signals_of(
         for height in heights:
             if height and not seen[[3, 4]].all():
                 continue
-            # without a tilt, the height is that of the ring, where tilt does not count
-            motion = components if height else np.where(np.isfinite(components) | (np.arange(6) < 3), components, 0.0)
-            # what is not observable does not count here, or the value itself is missing
-            spread = radial_covariance_at(np.nan_to_num(covariance), height)
+            moved, spread = radial_at(components, covariance, height)
             lever = height**2
             turning = assembly.eccentricity + unresolved[:, 0] + lever * (assembly.mirror + unresolved[:, 1])
             shape = assembly.graduation + lever * assembly.flatness
-            moved = radial_error_motion_at(motion, height)
             yield from _radial(moved, spread, theta, turning, still, shape, height)
     yield from _tilt(components, covariance, theta, assembly.mirror + unresolved[:, 1], stage, assembly)
     if seen[2]:
@@ -149,6 +145,20 @@ def _tilt(
             variance = covariance[:, 3 + axis, 3 + axis]
             lasting = turning + np.maximum(read - own, 0.0)
             yield Signal(TILT, direction, None, tilt[:, axis], variance, lasting, zero, assembly.flatness + own)
+
+
+def radial_at(components: Array, covariance: Array, height: float) -> tuple[Array, Array]:
+    """Radial error motion (n, 2) at a height above the ring, m, and its covariance (n, 2, 2).
+
+    Args:
+        components: (n, 6) exc eyc ezc eac ebc ecc in m and rad, NaN where not observable; so is the result.
+        covariance: (n, 6, 6) of it, NaN where not observable; of the result 0 there.
+        height: m.
+    """
+    # without a tilt, the height is that of the ring, where tilt does not count
+    motion = components if height else np.where(np.isfinite(components) | (np.arange(6) < 3), components, 0.0)
+    # what is not observable does not count here, or the value itself is missing
+    return radial_error_motion_at(motion, height), radial_covariance_at(np.nan_to_num(covariance), height)
 
 
 def _stamps_apart(

@@ -61,13 +61,31 @@ def _judged(name: str, limit: float, segments: Sequence[SegmentFigures]) -> Judg
     unit = "rad" if quantity == "tilt" else "m"
     if not values:
         return Judged(name, limit, Outcome.OPEN, None, ("", ""), unit)
-    beyond = [row for row in values if row[0].value - row[0].expanded > limit]
+    beyond = [row for row in values if outcome_of(row[0], limit) is Outcome.BEYOND]
     if beyond:
-        outcome, (value, *where) = Outcome.BEYOND, max(beyond, key=lambda row: row[0].value - row[0].expanded)
+        value, *where = max(beyond, key=lambda row: row[0].value - row[0].expanded)
     else:
         value, *where = max(values, key=lambda row: row[0].value + row[0].expanded)
-        outcome = Outcome.WITHIN if value.value + value.expanded <= limit else Outcome.OPEN
-    return Judged(name, limit, outcome, value, (where[0], where[1]), unit)
+    return Judged(name, limit, outcome_of(value, limit), value, (where[0], where[1]), unit)
+
+
+def outcome_of(value: Value, limit: float) -> Outcome:
+    """Of one value: within where it is with its expanded uncertainty, beyond where it is without it, else open."""
+    if value.value - value.expanded > limit:
+        return Outcome.BEYOND
+    return Outcome.WITHIN if value.value + value.expanded <= limit else Outcome.OPEN
+
+
+def limited(
+    segments: Sequence[SegmentFigures], judged: Sequence[Judged]
+) -> dict[tuple[str, str], tuple[float, Outcome]]:
+    """Limit (m or rad) and outcome of each value that has one, by its segment and its name as `Figure` has it."""
+    found = {}
+    for row in judged:
+        quantity, _, figure = row.name.partition("_")
+        for value, segment, signal in _values(quantity, figure, segments):
+            found[segment, f"{signal}.{figure}"] = row.limit, outcome_of(value, row.limit)
+    return found
 
 
 def _values(quantity: str, figure: str, segments: Sequence[SegmentFigures]) -> Iterator[tuple[Value, str, str]]:

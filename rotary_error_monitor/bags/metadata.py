@@ -20,6 +20,9 @@ from rotary_error_monitor.files import exists
 
 METADATA = "metadata.yaml"
 VERSION = 9
+SIMULATED = "simulated"
+"""Name of the note in which a recorder lists the topics of simulated devices, with `, ` between."""
+
 QOS_KEY = "offered_qos_profiles"
 _LATEST = 1 << 63  # timestamps of ROS 2 are signed, ns
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}  # what ROS 2 says for a deadline that is none

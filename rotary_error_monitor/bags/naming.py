@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -54,38 +54,47 @@ THE_ONLY_CELL = Naming()
 """The one that the bag has, with the names of the contract."""
 
 
-def read_naming(cell: str | None, file: Path | None) -> Naming:
-    """Naming by the namespace of a cell, and by a YAML file of lines `topic of the contract: topic in the bag`.
+def read_naming(cell: str | None, topics: Path | Mapping[str, str] | None) -> Naming:
+    """Naming by the namespace of a cell, and by topics of the bag by those of the contract: a mapping, or a file of it.
 
     Raises:
         InputError: the file cannot be read, is no such mapping, names a topic that is not in the contract, or one of
             the bag twice; the message names file and line.
     """
     namespace = None if cell is None else ROOT + cell.strip("/")
-    return Naming(namespace, {} if file is None else _read_topics(file))
+    rows = _rows_of(topics) if isinstance(topics, Path) else [("topics", *row) for row in (topics or {}).items()]
+    return Naming(namespace, _given(rows))
 
 
-def _read_topics(file: Path) -> dict[str, Given]:
+def _rows_of(file: Path) -> list[tuple[str, str, str]]:
+    """Where each line stands, with both topics."""
     node = read_yaml(file, "a YAML file of topics").node
     if not isinstance(node, yaml.MappingNode) or not node.value:
         raise InputError(
             f"{file}: names no topic; expected lines such as /stage/head_a/samples: /encoder_a/samples, that of the "
             "contract first"
         )
+    return [
+        (f"{file}:{key.start_mark.line + 1}", key.value, value.value if isinstance(value, yaml.ScalarNode) else "")
+        for key, value in node.value
+    ]
+
+
+def _given(rows: Iterable[tuple[str, str, str]]) -> dict[str, Given]:
+    """Topics of the bag by those of the contract, of rows of where they are named and both."""
     found: dict[str, Given] = {}
-    for key, value in node.value:
-        where = f"{file}:{key.start_mark.line + 1}"
-        if contract_topic(key.value) is None:
-            known = [topic.name for topic in contract_topics()]
-            close = difflib.get_close_matches(key.value, known, n=3, cutoff=0.5) or known
+    for where, name, topic in rows:
+        if contract_topic(name) is None:
+            known = [each.name for each in contract_topics()]
+            close = difflib.get_close_matches(name, known, n=3, cutoff=0.5) or known
             raise InputError(
-                f"{where}: '{excerpt(key.value)}' is no topic of the wire contract; did you mean: {', '.join(close)}"
+                f"{where}: '{excerpt(name)}' is no topic of the wire contract; did you mean: {', '.join(close)}"
             )
-        if not isinstance(value, yaml.ScalarNode) or not value.value.startswith("/"):
-            raise InputError(f"{where}: {excerpt(key.value)}: expected the name of a topic in the bag, such as /enc_a")
-        if value.value in (given.topic for given in found.values()):
-            raise InputError(f"{where}: '{excerpt(value.value)}' stands for two topics; one topic of the bag for each")
-        found[key.value] = Given(value.value, where)
+        if not topic.startswith("/"):
+            raise InputError(f"{where}: {excerpt(name)}: expected the name of a topic in the bag, such as /enc_a")
+        if topic in (given.topic for given in found.values()):
+            raise InputError(f"{where}: '{excerpt(topic)}' stands for two topics; one topic of the bag for each")
+        found[name] = Given(topic, where)
     return found
 
 

@@ -34,6 +34,7 @@ class BagReader:
         path: the bag.
         topics: type and number of messages by topic, those of its cell by their names in the wire contract.
         damage: None for a bag that is whole, else what is wrong with it and how much of it can be read.
+        notes: what else its recorder noted, texts by name, such as `SIMULATED`.
         remarks: what a reader of the bag should be told: the damage, what `metadata.yaml` says that is not so, and
             what its recorder noted.
 
@@ -49,6 +50,7 @@ class BagReader:
         self._source = NamedFiles(self._files, naming, self.path)
         self.topics: Mapping[str, TopicContent] = self._source.topics
         self.damage = self._files.damage and one_line(self._files.damage)
+        self.notes: Mapping[str, str] = self._files.metadata.notes
         self.remarks = tuple(self._remarks())
         self._indexed: tuple[tuple[str, ...], _Index] | None = None
 

@@ -356,13 +356,19 @@ def _new_folder(folder: Path) -> BagLock:
     return BagLock(folder)
 
 
-def write_messages(folder: Path | str, contents: Mapping[str, Sequence[Content]], wire: Wire | None = None) -> None:
+def write_messages(
+    folder: Path | str,
+    contents: Mapping[str, Sequence[Content]],
+    wire: Wire | None = None,
+    notes: Mapping[str, str] | None = None,
+) -> None:
     """Write a whole bag, every message recorded when it was complete: a block with its last sample.
 
     Args:
         folder: new folder of the bag.
         contents: what goes on each topic; a topic without contents is one of the wire contract.
         wire: gives topics their quality of service and blocks their frame; other topics are written too.
+        notes: what else the bag says of itself, texts by name.
 
     Raises:
         InputError: the folder exists, a topic holds contents of several kinds, or none and is not in the contract.
@@ -382,6 +388,7 @@ def write_messages(folder: Path | str, contents: Mapping[str, Sequence[Content]]
         key=lambda row: row[:2],
     )
     with BagWriter(folder, topics) as writer:
+        writer.notes |= notes or {}
         for time_ns, name, value in rows:
             writer.write(name, encode(value, known[name].frame if name in known else ""), time_ns)
 

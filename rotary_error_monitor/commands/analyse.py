@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rotary_error_monitor.commands.values import add_naming, naming_of
-from rotary_error_monitor.description.error_motion_limits import (
-    ErrorMotionLimits,
-    limits_from_file,
-    limits_from_words,
-)
-from rotary_error_monitor.errors import InputError, excerpt, one_line
-from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES
-
-FORMATS = ("html", "json", "csv", "png")
-HIGHEST = 10.0
-"""Height above the ring, m, that no stage is larger than."""
+from rotary_error_monitor.description.error_motion_limits import limits_of
+from rotary_error_monitor.errors import one_line
+from rotary_error_monitor.metrology.turns import MOST_WAVES
+from rotary_error_monitor.recordings.formats import FORMATS, outputs_of
 
 _EPILOG = (
     "exit codes: 0 within all limits, or none were given; 10 beyond a limit; 11 neither can be told, for a value is as "
@@ -71,16 +63,15 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Analyse, write the results, and give the verdict's exit code."""
-    outputs = _outputs(arguments.output, arguments.format)
-    for height in arguments.height:
-        if not abs(height) <= HIGHEST * 1e3:
-            raise InputError(f"--height is {height}; it must be a height above the ring in mm, at most {HIGHEST:g} m")
-    if not arguments.waves >= LEAST_WAVES:
-        raise InputError(f"--waves is {arguments.waves}; it must be at least {LEAST_WAVES}")
-    limits = _limits(arguments.limits, arguments.twin)
-    from rotary_error_monitor.recordings.analysis import FileAnalysis, Question
+    outputs = outputs_of(arguments.output, arguments.format)
+    # what analyses takes long to load, and the help shall not wait for it
+    from rotary_error_monitor.recordings.analysis import HIGHEST, FileAnalysis, Question, check_height, check_waves
     from rotary_error_monitor.report.analysis import changes_sentence, verdict_sentence
 
+    for height in arguments.height:
+        check_height(height, HIGHEST * 1e3, "mm", f"--height is {height}")
+    check_waves(arguments.waves, f"--waves is {arguments.waves}")
+    limits = limits_of(arguments.limits, arguments.twin)
     heights = sorted({height * 1e-3 for height in arguments.height})
     question = Question(limits, heights, arguments.waves, naming_of(arguments))
     files = FileAnalysis(arguments.bag, arguments.twin, arguments.machine, question, outputs, arguments.against)
@@ -95,25 +86,3 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"note: {one_line(remark)}", file=sys.stderr)
     code: int = analysis.outcome.exit_code
     return code
-
-
-def _outputs(output: Path, formats: str) -> Mapping[str, Path]:
-    """File of each format."""
-    chosen = [each.strip() for each in formats.split(",")] if formats else [output.suffix.removeprefix(".")]
-    wrong = [each for each in chosen if each not in FORMATS]
-    if wrong and formats:
-        raise InputError(f"--format has '{excerpt(wrong[0])}'; give some of {','.join(FORMATS)}")
-    if wrong:
-        raise InputError(f"{output}: ends in none of {', '.join(FORMATS)}; name such a file, or give --format")
-    if output.suffix.removeprefix(".") not in FORMATS:
-        return {each: output.with_name(f"{output.name}.{each}") for each in chosen}
-    return {each: output.with_suffix(f".{each}") for each in chosen}
-
-
-def _limits(words: Sequence[str], twin: Path | None) -> ErrorMotionLimits:
-    """Limits of the command line, or else of the twin's file."""
-    if not words:
-        return ErrorMotionLimits() if twin is None else limits_from_file(twin, needed=False)
-    if len(words) == 1 and "=" not in words[0]:
-        return limits_from_file(words[0])
-    return limits_from_words(words)

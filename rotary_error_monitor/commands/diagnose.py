@@ -9,10 +9,10 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from rotary_error_monitor.commands.values import add_effect_files, add_naming, naming_of
-from rotary_error_monitor.errors import InputError, one_line
-from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
+from rotary_error_monitor.errors import one_line
+from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES, check_false_alarms, check_most_causes
 from rotary_error_monitor.report.painter import Painter
-from rotary_error_monitor.twin.rates import LEAST_RATE, MOST_RATE
+from rotary_error_monitor.twin.rates import MOST_RATE, check_most_rate
 
 _STEPS = 4 + MOST_CAUSES
 _EPILOG = (
@@ -61,14 +61,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose, write the results, and give the verdict's exit code."""
-    if not 0 < arguments.false_alarms < 1:
-        raise InputError(f"--false-alarms is {arguments.false_alarms}; it must lie between 0 and 1")
-    if arguments.most_causes < 1:
-        raise InputError(f"--most-causes is {arguments.most_causes}; it must be at least 1")
-    if not arguments.most_rate >= LEAST_RATE:
-        raise InputError(
-            f"--most-rate is {arguments.most_rate} Hz; at least {LEAST_RATE:g} are needed to tell the rotor's jitter"
-        )
+    check_false_alarms(arguments.false_alarms, f"--false-alarms is {arguments.false_alarms}")
+    check_most_causes(arguments.most_causes, f"--most-causes is {arguments.most_causes}")
+    check_most_rate(arguments.most_rate, f"--most-rate is {arguments.most_rate}")
     with nullcontext() if arguments.no_report else Painter() as painter, _progress_bar() as progress:
         # What diagnoses and what draws take long to load: the painter does its part meanwhile.
         from rotary_error_monitor.gap.sentences import verdict_sentence

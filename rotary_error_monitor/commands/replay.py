@@ -11,11 +11,10 @@ import numpy as np
 from rotary_error_monitor.commands.values import add_naming, naming_of
 from rotary_error_monitor.description.machine import load_machine, machine_path
 from rotary_error_monitor.description.stage import load_stage
-from rotary_error_monitor.errors import InputError, one_line
+from rotary_error_monitor.errors import one_line
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
-from rotary_error_monitor.pipeline.observability import rotation_is_lacking
-from rotary_error_monitor.recordings.replay import LONGEST_PERIOD_NS, SHORTEST_PERIOD_NS, replay_bag
+from rotary_error_monitor.recordings.replay import check_estimated, period_of, replay_bag
 from rotary_error_monitor.resources import config
 
 NOT_REPEATED = 10
@@ -44,19 +43,16 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay the bag and write OUT.npz."""
-    shortest, longest = SHORTEST_PERIOD_NS * 1e-6, LONGEST_PERIOD_NS * 1e-6
-    if not shortest <= arguments.period_ms <= longest:
-        raise InputError(f"--period-ms is {arguments.period_ms}; it must be from {shortest:g} to {longest:g}")
+    period_ns = period_of(arguments.period_ms, 1_000_000, f"--period-ms is {arguments.period_ms}")
     read = [arguments.bag, arguments.twin or config("stage.yaml")]
     check_outputs([arguments.output], [*read, machine_path(arguments.machine) if arguments.machine else None])
     stage = load_stage(arguments.twin)
     machine = load_machine(arguments.machine) if arguments.machine else None
-    settings = EstimatorSettings(period_ns=round(arguments.period_ms * 1e6))
+    settings = EstimatorSettings(period_ns=period_ns)
     result = replay_bag(arguments.bag, stage, machine, settings, naming=naming_of(arguments))
     for remark in result.remarks:
         print(f"note: {one_line(remark)}", file=sys.stderr)
-    if len(result.stamp_ns) == 0:
-        raise InputError(f"{arguments.bag}: no estimate: {rotation_is_lacking(stage)}")
+    check_estimated(result, arguments.bag, stage)
     result.save(arguments.output)
     duration = (result.stamp_ns[-1] - result.stamp_ns[0]) * 1e-9
     what = "joint states" if machine is not None and machine.monitored is None else "estimates"

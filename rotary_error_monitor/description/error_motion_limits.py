@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -64,8 +64,25 @@ def limits_from_file(path: Path | str, *, needed: bool = True) -> ErrorMotionLim
     return read(ErrorMotionLimits, found, (SECTION,), SECTION)
 
 
-def limits_from_words(words: Iterable[str]) -> ErrorMotionLimits:
+def limits_of(words: Sequence[str], twin: Path | None, origin: str = "--limits") -> ErrorMotionLimits:
+    """Limits of words as `limits_from_words`, or of the file that the only word names; without words, of the twin's.
+
+    Raises:
+        InputError: as `limits_from_words` and `limits_from_file`.
+    """
+    if not words:
+        return ErrorMotionLimits() if twin is None else limits_from_file(twin, needed=False)
+    if len(words) == 1 and "=" not in words[0]:
+        return limits_from_file(words[0])
+    return limits_from_words(words, origin)
+
+
+def limits_from_words(words: Iterable[str], origin: str = "--limits") -> ErrorMotionLimits:
     """Limits from words such as `radial_synchronous_um=2`, the unit (one of `UNITS`) at the end of the name.
+
+    Args:
+        words: of the limits.
+        origin: where they stand, for messages.
 
     Raises:
         InputError: a word is no limit; the message says what is one.
@@ -83,10 +100,10 @@ def limits_from_words(words: Iterable[str]) -> ErrorMotionLimits:
             value = 0.0
         if figure not in known or size[0] != right or not value > 0:
             raise InputError(
-                f"--limits {excerpt(word)}: expected NAME_UNIT=NUMBER above 0, such as radial_synchronous_um=2 or "
+                f"{origin} {excerpt(word)}: expected NAME_UNIT=NUMBER above 0, such as radial_synchronous_um=2 or "
                 f"tilt_total_urad=50; names: {', '.join(known)}; units: nm, um for lengths, nrad, urad, arcsec for tilt"
             )
         if figure in content:
-            raise InputError(f"--limits {excerpt(word)}: {figure} is stated twice; state it once")
+            raise InputError(f"{origin} {excerpt(word)}: {figure} is stated twice; state it once")
         content[figure] = value * size[1]
-    return from_content(ErrorMotionLimits, content, "--limits")
+    return from_content(ErrorMotionLimits, content, origin)

@@ -42,6 +42,24 @@ def samples_topic(stream: str) -> str:
     raise InputError(f"the wire contract has no samples of '{stream}'; it has those of {', '.join(sorted(names))}")
 
 
+def stream_of(name: str) -> str | None:
+    """Stream whose sample blocks a topic carries, such as `head_a`; None where it carries none.
+
+    What is reckoned from others, and so has no instrument with a frame, is called as in the contract: `error_motion`.
+    """
+    place = place_of(name)
+    if place is None or not place.topic.is_sample_block:
+        return None
+    topic = place.topic
+    if not topic.is_raw:
+        return topic.key.removesuffix("_samples")
+    for several in (HEAD, SENSOR):
+        before, mark, after = topic.name.partition(several)
+        if mark:
+            return topic.frame.replace(several, place.name.removeprefix(before).removesuffix(after))
+    return topic.frame
+
+
 @dataclass(frozen=True)
 class Place:
     """Where a topic stands.

@@ -19,6 +19,7 @@ from pathlib import Path
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from rotary_error_monitor.bags.extra_topics import extra_topics
+from rotary_error_monitor.bags.metadata import SIMULATED as SIMULATED
 from rotary_error_monitor.bags.part import Recordable
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter, RecordingStoppedError
 from rotary_error_monitor.description.settings import Setting
@@ -32,9 +33,6 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.numbering import MessageCount
 
 NAME = "recorder"
-SIMULATED = "simulated"
-"""What the bag calls the topics whose messages are those of a simulation."""
-
 LOST = "messages that never came"
 """What the bag calls the messages that were lost on the way to its recorder."""
 

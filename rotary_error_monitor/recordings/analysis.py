@@ -30,12 +30,11 @@ from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
-from rotary_error_monitor.metrology.turns import MOST_WAVES, TURN
+from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES, TURN
 from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, COMMAND
-from rotary_error_monitor.pipeline.observability import rotation_is_lacking
 from rotary_error_monitor.recordings.diagnosis import recorded_span
-from rotary_error_monitor.recordings.replay import replay_bag
+from rotary_error_monitor.recordings.replay import check_estimated, replay_bag
 from rotary_error_monitor.recordings.replayed import Replay
 from rotary_error_monitor.recordings.stream_health import FORCE, LVDT, RecordedStreams, read_streams
 from rotary_error_monitor.report.analysis import page
@@ -43,6 +42,9 @@ from rotary_error_monitor.report.page import made_by
 from rotary_error_monitor.resources import config
 
 _UNPROVEN = sum(1 << DOUBTS.index(name) for name in ("unverified", "unverified_tilt"))
+
+HIGHEST = 10.0
+"""Height above the ring, m, that no stage is larger than."""
 
 PUSHED = 1.0
 """Force on the shaft from which it is said that values hold what it does, N."""
@@ -63,6 +65,26 @@ class Question:
     heights: Sequence[float] = ()
     most_waves: int = MOST_WAVES
     naming: Naming = THE_ONLY_CELL
+
+
+def check_height(height: float, most: float, unit: str, told: str) -> None:
+    """Refuse a height that no stage has; `told` says what was given and how, such as `--height is 20000`.
+
+    Raises:
+        InputError: it is farther from the ring than `most`, `HIGHEST` in its unit, or no number.
+    """
+    if not abs(height) <= most:
+        raise InputError(f"{told}; it must be a height above the ring in {unit}, at most {HIGHEST:g} m")
+
+
+def check_waves(waves: float, told: str) -> None:
+    """Refuse a cut-off that leaves nothing; `told` as for a height.
+
+    Raises:
+        InputError: it is too low.
+    """
+    if not waves >= LEAST_WAVES:
+        raise InputError(f"{told}; it must be at least {LEAST_WAVES}")
 
 
 @dataclass(frozen=True)
@@ -91,18 +113,42 @@ class FileAnalysis:
         Raises:
             InputError: as `analyse_bag`, or a result cannot be written.
         """
-        read = [self.recording, self.against, self.stage_file or config("stage.yaml")]
+        self._check_outputs()
+        analysis, changes = self.analyse()
+        self._write(analysis, changes)
+        return analysis, changes
+
+    def analyse(self) -> tuple[Analysis, tuple[Change, ...] | None]:
+        """Analyse alone; results as `run`.
+
+        Raises:
+            InputError: as `analyse_bag`.
+        """
         machine = load_machine(self.machine) if self.machine else None
-        check_outputs(self.outputs.values(), [*read, machine_path(self.machine) if self.machine else None])
-        check_places(self.outputs.values())
         stage = load_stage(self.stage_file)
         analysis = analyse_bag(self.recording, stage, machine, self.question)
         changes = None
         if self.against is not None:
             other = analyse_bag(self.against, stage, machine, self.question)
             changes = tuple(changes_between(list(figures_of(other)), list(figures_of(analysis))))
-        write_all({self.outputs[suffix]: content for suffix, content in self._contents(analysis, changes)})
         return analysis, changes
+
+    def write(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> None:
+        """Write what `analyse` gave: all of the files, or what stood there stays.
+
+        Raises:
+            InputError: a result cannot be written.
+        """
+        self._check_outputs()
+        self._write(analysis, changes)
+
+    def _check_outputs(self) -> None:
+        read = [self.recording, self.against, self.stage_file or config("stage.yaml")]
+        check_outputs(self.outputs.values(), [*read, machine_path(self.machine) if self.machine else None])
+        check_places(self.outputs.values())
+
+    def _write(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> None:
+        write_all({self.outputs[suffix]: content for suffix, content in self._contents(analysis, changes)})
 
     def _contents(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> Iterator[tuple[str, bytes]]:
         about = self._about()
@@ -172,8 +218,7 @@ def analyse_bag(
     if machine is not None and machine.monitored is None:
         raise InputError("the machine has no monitored axis; give one that the stage is part of, or none")
     replay = replay_bag(bag, stage, machine, naming=question.naming)
-    if len(replay.stamp_ns) < 2:
-        raise InputError(f"{bag}: no estimate: {rotation_is_lacking(stage)}")
+    check_estimated(replay, bag, stage, least=2)
     estimates = estimates_of(replay)
     wire = wire_of(stage)
     streams = read_streams(BagReader(bag, question.naming), wire, stage)

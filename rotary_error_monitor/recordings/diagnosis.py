@@ -64,17 +64,11 @@ class FileDiagnosis:
         """
         progress("reading")
         results = [self.output / f"diagnosis.{suffix}" for suffix in ("json", "html", "png")]
-        check_outputs([*results, self.improved], [self.recording, self.twin, *self.effects])
+        check_outputs([*results, self.improved], self.read)
         check_places(results if exists(self.output) else [])
         if self.improved is not None and self.output not in self.improved.parents:  # that folder may be made later
             check_places([self.improved])
-        if self.naming.is_given and self.recording.is_file() and not self.recording.name.endswith(SUFFIXES):
-            raise InputError(
-                f"{self.recording}: no bag, so that it has no cells or topics; leave --cell and --topics out"
-            )
-        twin = replace(load_twin(self.twin, self.effects), naming=self.naming)
-        problem = load_problem(self.recording, twin, self.most_rate)
-        diagnosis = diagnose(problem, self.false_alarms, self.most_causes, progress)
+        twin, problem, diagnosis = self.diagnose(progress)
         progress("writing")
         try:
             self.output.mkdir(parents=True, exist_ok=True)
@@ -83,21 +77,43 @@ class FileDiagnosis:
         write_all(self._contents(twin, problem, diagnosis, painter))
         return diagnosis
 
+    @property
+    def read(self) -> list[Path]:
+        """Files and bags that are read."""
+        return [self.recording, self.twin, *self.effects]
+
+    def diagnose(self, progress: Callable[[str], None]) -> tuple[AnyTwinFile, DiagnosableProblem, Diagnosis]:
+        """Diagnose alone: the twin, it beside the recording, and what was found.
+
+        Raises:
+            InputError: recording or twin cannot be used.
+        """
+        if self.naming.is_given and self.recording.is_file() and not self.recording.name.endswith(SUFFIXES):
+            raise InputError(
+                f"{self.recording}: no bag, so that it has no cells or topics; leave --cell and --topics out"
+            )
+        twin = replace(load_twin(self.twin, self.effects), naming=self.naming)
+        problem = load_problem(self.recording, twin, self.most_rate)
+        return twin, problem, diagnose(problem, self.false_alarms, self.most_causes, progress)
+
     def _contents(
         self, twin: AnyTwinFile, problem: DiagnosableProblem, diagnosis: Diagnosis, painter: Painter | None
     ) -> dict[Path, bytes]:
         """What is written where."""
-        content = json.dumps(diagnosis.as_mapping(), indent=1, allow_nan=False)
-        found = {self.output / "diagnosis.json": f"{content}\n".encode()}
+        found = {self.output / "diagnosis.json": json_of(diagnosis)}
         if painter is not None:
-            title = " beside ".join("/".join(path.resolve().parts[-2:]) for path in (self.recording, self.twin))
-            files = report_files(problem, diagnosis, title, painter, self._about())
+            files = report_files(problem, diagnosis, self.title, painter, self.about())
             found |= {self.output / name: each for name, each in files.items()}
         if self.improved is not None and diagnosis.causes:
             found[self.improved] = _improved(twin, diagnosis.causes).encode()
         return found
 
-    def _about(self) -> dict[str, str]:
+    @property
+    def title(self) -> str:
+        """Of the page."""
+        return " beside ".join("/".join(path.resolve().parts[-2:]) for path in (self.recording, self.twin))
+
+    def about(self) -> dict[str, str]:
         """What was diagnosed, beside what, when it was recorded, and by what this was made."""
         recorded = recorded_span(self.recording)
         return {
@@ -107,6 +123,11 @@ class FileDiagnosis:
             "false alarms": f"{self.false_alarms:.2%} of recordings without a gap, at most",
             "made by": made_by(),
         }
+
+
+def json_of(diagnosis: Diagnosis) -> bytes:
+    """Content of `diagnosis.json`."""
+    return f"{json.dumps(diagnosis.as_mapping(), indent=1, allow_nan=False)}\n".encode()
 
 
 def recorded_span(recording: Path) -> str:

@@ -23,6 +23,7 @@ from rotary_error_monitor.pipeline.estimation import (
     EstimatorSettings,
     EstimatorStatus,
 )
+from rotary_error_monitor.pipeline.observability import rotation_is_lacking
 from rotary_error_monitor.pipeline.publication import Decision, Decisions, decisions_from_block
 from rotary_error_monitor.recordings.replayed import Collected, Replay, damage_of, remarks_of
 from rotary_error_monitor.signals.blocks import SampleBlock
@@ -33,6 +34,28 @@ SHORTEST_PERIOD_NS, LONGEST_PERIOD_NS = 10_000, 1_000_000_000
 
 BATCH = 256
 """Messages that are reckoned with at once: the bits depend on stamps alone, and few calls are faster than many."""
+
+
+def period_of(period: float, nanoseconds: int, told: str) -> int:
+    """Distance of two estimates, ns, of one in a unit of so many nanoseconds; `told` as in `--period-ms is 0`.
+
+    Raises:
+        InputError: an estimator has none so short or so long.
+    """
+    shortest, longest = SHORTEST_PERIOD_NS / nanoseconds, LONGEST_PERIOD_NS / nanoseconds
+    if not shortest <= period <= longest:
+        raise InputError(f"{told}; it must be from {shortest:g} to {longest:g}")
+    return round(period * nanoseconds)
+
+
+def check_estimated(replay: Replay, bag: Path | str, stage: StageDescription, least: int = 1) -> None:
+    """Refuse a replay that gives hardly anything.
+
+    Raises:
+        InputError: it has fewer estimates; the message names what the bag lacks.
+    """
+    if len(replay.stamp_ns) < least:
+        raise InputError(f"{bag}: no estimate: {rotation_is_lacking(stage)}")
 
 
 def replay_bag(

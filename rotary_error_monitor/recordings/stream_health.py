@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from rotary_error_monitor.analysis.course import Samples
 from rotary_error_monitor.analysis.health import StreamHealth
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.codec.contents import Content
 from rotary_error_monitor.commissioning.streams import Stream, describe_stream, join_blocks
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Topic, Wire
@@ -50,6 +51,19 @@ class RecordedStreams:
         return found
 
 
+def contents_within(
+    reader: BagReader, names: Sequence[str], refuse: Callable[[str, InputError], None]
+) -> Iterator[tuple[str, Content, int]]:
+    """Contents of topics within the time of the recording, and when they were recorded; broken ones are refused.
+
+    Raises:
+        InputError: as `BagReader.replay_arrivals`.
+    """
+    for name, content, arrival_ns in reader.replay_arrivals(names, reader.window(names), refuse):
+        if not isinstance(content, SampleBlock) or len(content.rows):
+            yield name, content, arrival_ns
+
+
 def read_streams(reader: BagReader, wire: Wire, stage: StageDescription) -> RecordedStreams:
     """All streams of samples that instruments, controller and surroundings published.
 
@@ -59,9 +73,8 @@ def read_streams(reader: BagReader, wire: Wire, stage: StageDescription) -> Reco
     there = [name for name in topics if name in reader.topics and reader.topics[name].count]
     blocks: dict[str, list[SampleBlock]] = {name: [] for name in there}
     late: dict[str, list[float]] = {name: [] for name in there}
-    window = reader.window(there)
-    for name, content, arrival_ns in reader.replay_arrivals(there, window, lambda topic, error: None):
-        if isinstance(content, SampleBlock) and len(content.rows):
+    for name, content, arrival_ns in contents_within(reader, there, lambda topic, error: None):
+        if isinstance(content, SampleBlock):
             blocks[name].append(content)
             late[name].append((arrival_ns - content.newest_ns) * 1e-9)
     found = RecordedStreams()

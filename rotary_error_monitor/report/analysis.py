@@ -78,6 +78,11 @@ def verdict_sentence(analysis: Analysis) -> str:
     return f"Whether the stage keeps its limits cannot be told: {told}."
 
 
+def verdict_box(analysis: Analysis, items: Sequence[str] = ()) -> str:
+    """What is said first, as HTML; the items stand below the sentence."""
+    return verdict(*_BADGES[analysis.outcome], verdict_sentence(analysis), items)
+
+
 def _all_of(count: int) -> str:
     return "its limit" if count == 1 else f"all its {count} limits"
 
@@ -129,7 +134,7 @@ def page(
     shown = {name: images(each) for name, each in pictures.items()}
     values = (_segment(segment, analysis.period) for segment in analysis.segments)
     sections = [
-        verdict(*_BADGES[analysis.outcome], verdict_sentence(analysis)),
+        verdict_box(analysis),
         _limits(analysis),
         section("Notes", bullets(analysis.remarks)) if analysis.remarks else "",
         "" if changes is None else _changes(changes),

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from rotary_error_monitor.analysis.motion import SegmentFigures, SignalFigures
 from rotary_error_monitor.analysis.result import Analysis
 from rotary_error_monitor.analysis.signals import RADIAL, ROTATING
-from rotary_error_monitor.pipeline.error_motion_view import rounded_down
-from rotary_error_monitor.report.drawing import NARROW, WIDE, drawn, in_rows, label, new_axes, tiled
+from rotary_error_monitor.report.drawing import NARROW, WIDE, Sketch, drawn, in_rows, label, new_axes, tiled
 from rotary_error_monitor.report.drawn import Drawn
-from rotary_error_monitor.report.palette import BLACK, BLUE, GREY, ORANGE, colour
+from rotary_error_monitor.report.palette import BLACK, BLUE, ORANGE, colour
+from rotary_error_monitor.report.polar import draw_base, scale_radius
 from rotary_error_monitor.report.wording import amount, spoken
 
 POLAR, ORDERS, COURSE = "Polar plots", "Orders", "Course over time"
@@ -29,9 +29,6 @@ _MOST_ORDERS = 30
 _POLAR_HEIGHT, _HEIGHT = 3.9, 2.5
 """Of a polar plot, and of another picture, inches."""
 
-_BASE = 1.5
-"""Radius of the base circle of a polar plot, in ranges of the error motion."""
-
 _LOWEST, _FAINTEST = 0.1, 0.003
 """Where the axis of a spectrum begins, in the least uncertainty and in the largest amplitude, whichever is less: bars
 below tell nothing."""
@@ -39,25 +36,32 @@ below tell nothing."""
 _FEW = 100
 """Points of a line that are told apart."""
 
-_COLUMNS = {POLAR: 3, ORDERS: 2, COURSE: 2}
-"""Pictures side by side in the one PNG of all."""
+COLUMNS = {POLAR: 3, ORDERS: 2, COURSE: 2}
+"""Pictures side by side where all are in one PNG."""
 
 _Line = tuple[NDArray[np.floating[Any]], NDArray[np.float64]]
 
 
 def draw(analysis: Analysis) -> dict[str, list[Drawn]]:
     """Pictures by what they show; none of what there is nothing of."""
-    found = {
-        POLAR: [_polar(segment, signal) for segment in analysis.segments for signal in _rotating(segment)],
-        ORDERS: [_orders(segment, signals) for segment in analysis.segments for signals in _with_spectra(segment)],
-        COURSE: list(_courses(analysis)),
-    }
+    found = {name: [drawn(*each) for each in sketches(analysis, name)] for name in (POLAR, ORDERS, COURSE)}
     return {name: pictures for name, pictures in found.items() if pictures}
+
+
+def sketches(analysis: Analysis, shown: str) -> Iterator[Sketch]:
+    """Pictures of `POLAR`, `ORDERS` or `COURSE`, one after another."""
+    if shown == COURSE:
+        yield from _courses(analysis)
+    for segment in analysis.segments:
+        if shown == POLAR:
+            yield from (_polar(segment, signal) for signal in _rotating(segment))
+        if shown == ORDERS:
+            yield from (_orders(segment, signals) for signals in _with_spectra(segment))
 
 
 def joined(pictures: Mapping[str, Sequence[Drawn]]) -> bytes:
     """One PNG of all; blank where there is none."""
-    return tiled([row for name, each in pictures.items() for row in in_rows(each, _COLUMNS[name])])
+    return tiled([row for name, each in pictures.items() for row in in_rows(each, COLUMNS[name])])
 
 
 def _rotating(segment: SegmentFigures) -> list[SignalFigures]:
@@ -73,7 +77,7 @@ def _with_spectra(segment: SegmentFigures) -> Iterator[list[SignalFigures]]:
         yield list(same)
 
 
-def _polar(segment: SegmentFigures, signal: SignalFigures) -> Drawn:
+def _polar(segment: SegmentFigures, signal: SignalFigures) -> Sketch:
     figure, ax = new_axes(NARROW, _POLAR_HEIGHT, ("all turns", "synchronous"), polar=True, left=0.4)
     shift = signal.centres["LSC"].shift
     once = shift[0] * np.cos(signal.angles) + shift[1] * np.sin(signal.angles) + signal.synchronous.mean()
@@ -82,34 +86,20 @@ def _polar(segment: SegmentFigures, signal: SignalFigures) -> Drawn:
         for values in (signal.lowest - once, signal.synchronous - once, signal.highest - once)
     )
     angles = np.append(signal.angles, signal.angles[0] + 2 * np.pi)
-    base = _BASE * max(float(np.ptp(np.concatenate([lowest, highest]))), 1e-6)
-    ax.plot(angles, np.full(len(angles), base), color=GREY, lw=1.0, ls="--")
+    base = draw_base(ax, angles, float(np.ptp(np.concatenate([lowest, highest]))))
     ax.fill_between(angles, base + lowest, base + highest, color=ORANGE, alpha=0.6, lw=0, label="all turns")
     ax.plot(angles, base + mean, color=BLUE, lw=1.4, label="synchronous")
-    ax.set_ylim(0, base + 1.05 * float(highest.max()))
-    _name_circles(ax, base)
+    scale_radius(ax, base, float(highest.max()))
     place = "" if signal.height is None else f", {signal.height * 1e3:g} mm"
     label(figure, ax, f"{segment.name}{place}: radial, µm")
     alt = (
         f"Polar plot about the least-squares centre, {segment.name}, {spoken(signal.signal)}: synchronous error motion "
         f"{amount(signal.values['synchronous'], signal.unit)}, and the band of all turns"
     )
-    return drawn(figure, alt)
+    return Sketch(figure, alt)
 
 
-def _name_circles(ax: Axes, base: float) -> None:
-    """Three circles, named by their distance from the base circle."""
-    step = rounded_down(base / 2.2)
-    ticks = base + step * np.array([-1, 0, 1])
-    names = [f"{value:+.3g}" if value else "0" for value in (-step, 0.0, step)]
-    ax.set_yticks(ticks, names, fontsize=8)
-    for text in ax.get_yticklabels():
-        text.set_bbox({"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 0.8})
-        text.set_zorder(5)
-    ax.set_axisbelow(False)
-
-
-def _orders(segment: SegmentFigures, signals: Sequence[SignalFigures]) -> Drawn:
+def _orders(segment: SegmentFigures, signals: Sequence[SignalFigures]) -> Sketch:
     figure, ax = new_axes(
         WIDE, _HEIGHT, [*(signal.direction for signal in signals), _HIDDEN, *map(_uncertainty, signals)]
     )
@@ -128,7 +118,7 @@ def _orders(segment: SegmentFigures, signals: Sequence[SignalFigures]) -> Drawn:
     height = signals[0].height
     place = "" if height is None else f" at {height * 1e3:g} mm"
     label(figure, ax, f"{segment.name}: {signals[0].quantity}{place}", "order, waves a turn", f"amplitude, {unit}")
-    return drawn(figure, f"Order spectrum, {segment.name}, {signals[0].quantity}{place}: {_peaks(signals, unit)}")
+    return Sketch(figure, f"Order spectrum, {segment.name}, {signals[0].quantity}{place}: {_peaks(signals, unit)}")
 
 
 def _draw_bars(ax: Axes, signal: SignalFigures, number: int, shift: float, width: float) -> None:
@@ -163,7 +153,7 @@ def _peaks(signals: Sequence[SignalFigures], unit: str) -> str:
     return "; ".join(parts)
 
 
-def _courses(analysis: Analysis) -> Iterator[Drawn]:
+def _courses(analysis: Analysis) -> Iterator[Sketch]:
     panels = [*_drift_panels(analysis), *((name, {name: each}) for name, each in _acting(analysis).items())]
     for title, lines in panels:
         figure, ax = new_axes(WIDE, _HEIGHT, list(lines) if len(lines) > 1 else ())
@@ -178,7 +168,7 @@ def _courses(analysis: Analysis) -> Iterator[Drawn]:
         named = what[0].upper() + what[1:]
         label(figure, ax, named, "time after the first estimate, s", title)
         shown = f": {', '.join(lines)}" if len(lines) > 1 else ""
-        yield drawn(figure, f"{named} over time, from {_range(lines)} {unit}{shown}")
+        yield Sketch(figure, f"{named} over time, from {_range(lines)} {unit}{shown}")
 
 
 def _range(lines: Mapping[str, _Line]) -> str:

@@ -79,7 +79,7 @@ def report_files(
 def page(diagnosis: Diagnosis, pictures: Sequence[Sequence[Drawn]], title: str, facts: Mapping[str, str]) -> str:
     """The whole page; the pictures, in rows, are in it, nothing is loaded from elsewhere."""
     sections = [
-        _verdict(diagnosis),
+        verdict_box(diagnosis),
         *(images(row) for row in pictures[:1]),
         _causes(diagnosis),
         _steps(diagnosis),
@@ -96,7 +96,8 @@ def page(diagnosis: Diagnosis, pictures: Sequence[Sequence[Drawn]], title: str, 
     return whole_page("Diagnosis", title, sections)
 
 
-def _verdict(diagnosis: Diagnosis) -> str:
+def verdict_box(diagnosis: Diagnosis) -> str:
+    """What is said first, as HTML, with the causes and what is left below the sentence."""
     tone, badge = _BADGES[diagnosis.verdict]
     if not diagnosis.causes:
         return verdict(tone, badge, verdict_sentence(diagnosis))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from rotary_error_monitor.gap.views import Array, View
-from rotary_error_monitor.report.drawing import NARROW, WIDE, drawn, label, new_axes, tiled
-from rotary_error_monitor.report.drawn import Drawn, Sheet
+from rotary_error_monitor.report.drawing import NARROW, WIDE, Sketch, drawn, label, new_axes, tiled
+from rotary_error_monitor.report.drawn import Sheet
 from rotary_error_monitor.report.palette import BLUE, GREEN, GREY, VERMILION
 from rotary_error_monitor.report.picture import Picture
 
@@ -31,27 +31,30 @@ _VISIBLE = 0.005
 
 def draw(picture: Picture) -> Sheet:
     """The gap, where it lies, the ranking, and the residuals of the channels that matter before and after."""
+    rows = [tuple(drawn(*each) for each in row) for row in sketches(picture)]
+    return Sheet(tuple(rows), tiled(rows))
+
+
+def sketches(picture: Picture) -> Iterator[tuple[Sketch, ...]]:
+    """The same before it is drawn, row by row."""
     shares = [(_short(channel), share) for channel, share in picture.where]
     none = "nothing exceeds the noise"
-    rows: list[tuple[Drawn, ...]] = [
-        (
-            _gap(picture),
-            _bars("Where: share of the excess", shares, BLUE, none),
-            _bars("Which: probability", picture.ranking, GREEN, "none of the known effects"),
-        )
-    ]
+    yield (
+        _gap(picture),
+        _bars("Where: share of the excess", shares, BLUE, none),
+        _bars("Which: probability", picture.ranking, GREEN, "none of the known effects"),
+    )
     # residuals are those of the textbook forms: what departs stays in them
     after = picture.gap[1][0].replace("\n", " ") if len(picture.gap) > 2 else ""
     for channel in picture.channels:
         views = [view for view in picture.views if view.channel == channel]
-        rows.append(tuple(_view(view, after, _span(views), WIDE if len(views) < 3 else NARROW) for view in views))
+        yield tuple(_view(view, after, _span(views), WIDE if len(views) < 3 else NARROW) for view in views)
     missing = {view.channel for view in picture.views} - set(picture.channels)
     if missing:
         raise ValueError(f"views of channels that are not shown: {', '.join(sorted(missing))}")
-    return Sheet(tuple(rows), tiled(rows))
 
 
-def _gap(picture: Picture) -> Drawn:
+def _gap(picture: Picture) -> Sketch:
     figure, ax = new_axes(NARROW, _OVERVIEW)
     names, sizes = zip(*picture.gap, strict=True)
     bars = ax.bar(names, sizes, color=[VERMILION, *[BLUE] * (len(names) - 2), GREY])
@@ -60,10 +63,10 @@ def _gap(picture: Picture) -> Drawn:
     told = "" if picture.shrink is None else f", held out: shrink {picture.shrink:.1%}"
     label(figure, ax, f"Gap{told}", y="standard deviations of noise")
     said = ", ".join(f"{name} {size:.3g}" for name, size in picture.gap).replace("\n", " ")
-    return drawn(figure, f"Bars of the gap in standard deviations of the noise{told}: {said}")
+    return Sketch(figure, f"Bars of the gap in standard deviations of the noise{told}: {said}")
 
 
-def _bars(title: str, parts: Sequence[tuple[str, float]], colour: str, none: str) -> Drawn:
+def _bars(title: str, parts: Sequence[tuple[str, float]], colour: str, none: str) -> Sketch:
     """Named parts of one, the first on top; where none is visible that is said."""
     figure, ax = new_axes(NARROW, _OVERVIEW, left=_NAMES)
     places = np.arange(len(parts))[::-1]
@@ -78,10 +81,10 @@ def _bars(title: str, parts: Sequence[tuple[str, float]], colour: str, none: str
         ax.text(0.5, 0.5, none.replace(" the ", "\nthe ", 1), ha="center", va="center", transform=ax.transAxes)
     label(figure, ax, title)
     said = ", ".join(f"{name} {part:.0%}" for name, part in visible)
-    return drawn(figure, f"Bars. {title}: {said or none}")
+    return Sketch(figure, f"Bars. {title}: {said or none}")
 
 
-def _view(view: View, after: str, span: tuple[float, float], width: float) -> Drawn:
+def _view(view: View, after: str, span: tuple[float, float], width: float) -> Sketch:
     figure, ax = new_axes(width, _VIEW, ("before", after))
     _dots(ax, view.x, view.before, VERMILION, "before")
     if after:
@@ -94,7 +97,7 @@ def _view(view: View, after: str, span: tuple[float, float], width: float) -> Dr
     said = (
         f"Residuals of {view.channel} over {view.quantity}, {compared}, from {span[0]:.3g} to {span[1]:.3g} {view.unit}"
     )
-    return drawn(figure, said)
+    return Sketch(figure, said)
 
 
 def _dots(ax: Axes, x: Array, y: Array, colour: str, name: str) -> None:

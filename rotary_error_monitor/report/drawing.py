@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,13 +14,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from rotary_error_monitor.report.drawn import DENSITY, Drawn
+from rotary_error_monitor.report.drawn import DENSITY, INCH, Drawn
+from rotary_error_monitor.report.plot import Plot
+
+Picture = TypeVar("Picture")
 
 NARROW, WIDE = 3.6, 5.45
 """Widths of a picture, inches: three narrow ones or two wide ones fill the page, one fills a telephone."""
-
-_INCH = 96
-"""Dots of a page in an inch (CSS)."""
 
 _COLOURS = 64
 """Of a picture: a few lines, each with its soft edges. A page is a third as large as with all."""
@@ -40,6 +41,13 @@ _WHITE = 247
 """From this on a part of a colour is that of the paper: fewer colours must not make it grey."""
 
 
+class Sketch(NamedTuple):
+    """A picture that is not drawn yet: its figure, and what it shows, in words."""
+
+    figure: Plot
+    alt: str
+
+
 def drawn(figure: Figure, alt: str) -> Drawn:
     """The picture of a figure; `alt` says what it shows."""
     canvas = FigureCanvasAgg(figure)
@@ -50,7 +58,7 @@ def drawn(figure: Figure, alt: str) -> Drawn:
 
 def new_axes(
     width: float, height: float, names: Sequence[str] = (), *, left: float = _BESIDE, polar: bool = False
-) -> tuple[Figure, Axes]:
+) -> tuple[Plot, Axes]:
     """Figure with one axes; sizes in inches.
 
     Args:
@@ -60,7 +68,7 @@ def new_axes(
         left: room left of the axes.
         polar: axes of radius over angle, with their angles around them.
     """
-    figure = Figure(figsize=(width, height), dpi=_INCH * DENSITY)
+    figure = Plot(figsize=(width, height), dpi=INCH * DENSITY)
     around = _ROW if polar else 0.0
     above = _ABOVE + around + _ROW * math.ceil(len(names) / _columns(names, width))
     place = left / width, _BELOW / height, 1 - (left + _RIGHT) / width, 1 - (_BELOW + above) / height
@@ -118,7 +126,7 @@ def tiled(rows: Sequence[Sequence[Drawn]]) -> bytes:
     return _png(sheet)
 
 
-def in_rows(pictures: Sequence[Drawn], columns: int) -> list[Sequence[Drawn]]:
+def in_rows(pictures: Sequence[Picture], columns: int) -> list[Sequence[Picture]]:
     """Pictures in rows of so many."""
     return [pictures[k : k + columns] for k in range(0, len(pictures), columns)]
 
@@ -127,5 +135,5 @@ def _png(image: Image.Image) -> bytes:
     few = image.quantize(_COLOURS, method=Image.Quantize.FASTOCTREE)
     few.putpalette([255 if part >= _WHITE else part for part in few.getpalette() or []])
     buffer = io.BytesIO()
-    few.save(buffer, "png", dpi=(_INCH * DENSITY,) * 2)
+    few.save(buffer, "png", dpi=(INCH * DENSITY,) * 2)
     return buffer.getvalue()

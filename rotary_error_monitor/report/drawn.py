@@ -8,6 +8,9 @@ from dataclasses import dataclass
 DENSITY = 2
 """Dots of a picture for each that a page gives it: text stays sharp on dense screens and on paper."""
 
+INCH = 96
+"""Dots of a page in an inch (CSS)."""
+
 _SIZE = slice(16, 24)
 """Where a PNG has its width and height."""
 

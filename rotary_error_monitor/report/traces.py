@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-
 from rotary_error_monitor.report.palette import colour
+from rotary_error_monitor.report.plot import Plot
 
 MOST_POINTS = 20_000
 """Points of a trace that are drawn; of longer ones every n-th."""
@@ -45,9 +43,20 @@ class Panel:
 
 def draw_panels(path: Path, panels: Sequence[Panel]) -> None:
     """Write a PNG with one panel below the other."""
-    figure, axes = plt.subplots(len(panels), 1, figsize=(9, 2.2 * len(panels)), layout="constrained", squeeze=False)
-    shared = None
-    for panel, ax in zip(panels, axes[:, 0], strict=True):
+    figure_of_panels(panels).savefig(path, dpi=110)
+
+
+def figure_of_panels(panels: Sequence[Panel]) -> Plot:
+    """Figure with one panel below the other."""
+    figure = Plot(figsize=(9, 2.2 * len(panels)), layout="constrained")
+    fill_axes(panels, figure.subplots(len(panels), 1, squeeze=False)[:, 0])
+    return figure
+
+
+def fill_axes(panels: Sequence[Panel], axes: Iterable[Axes]) -> None:
+    """Draw each panel in its axes, the last one with the name of the time axis."""
+    shared, ax = None, None
+    for panel, ax in zip(panels, axes, strict=True):
         for number, trace in enumerate(panel.traces):
             step = max(1, len(trace.time) // MOST_POINTS)
             ax.plot(trace.time[::step], trace.values[::step], linewidth=0.8, color=colour(number), label=trace.name)
@@ -60,6 +69,5 @@ def draw_panels(path: Path, panels: Sequence[Panel]) -> None:
             if shared is not None:
                 ax.sharex(shared)
             shared = shared or ax
-    axes[-1, 0].set_xlabel("time, s")
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    if ax is not None:
+        ax.set_xlabel("time, s")

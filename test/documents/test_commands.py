@@ -99,6 +99,7 @@ NOT_RUN = {
     "make docs": "fetches what builds the site; test/website holds its pages",
     ".venv/bin/python -m pytest -q test/metrology": "tests within a test",
     "venv/bin/python -m pip install '.[ros]'": _NETWORK,
+    "venv/bin/python -m pip install '.[notebook]' jupyterlab": _NETWORK,
     "sudo apt-get install pipx": "changes the computer",
     "pipx install '.[ros]'": _NETWORK,
     "pip install 'rotary_error_monitor[dashboard]'": _NETWORK,

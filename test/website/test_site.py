@@ -115,6 +115,7 @@ def test_every_module_is_in_the_reference(pages):
         if path.name != "__init__.py"
     }
     assert modules - told == set()
+    assert "::: rotary_error_monitor\n" in text(pages, "api/package.md"), "what notebooks import from it"
 
 
 def test_every_page_is_in_the_navigation_and_is_there(pages):
