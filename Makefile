@@ -50,7 +50,7 @@ CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_w
 	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py \
 	common_zero.py gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py without_heads.py zero.py) \
 	$(addprefix pipeline/test_,estimation.py reversals.py uncertain_responses.py) recordings/test_cells.py)
-MODEL_RATES := $(addprefix test/,blind_check analysis/test_motion.py \
+MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,assembly_contradictions.py axis_lines.py identification.py steps.py \
 	straightness_contradictions.py straightness_rates.py yaml_text.py) \

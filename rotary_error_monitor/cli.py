@@ -29,6 +29,7 @@ COMMANDS = (
     "calibrate",
     "commission",
     "analyse",
+    "trend",
     "diagnose",
     "effects",
     "gap-benchmark",

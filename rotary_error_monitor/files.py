@@ -98,6 +98,18 @@ def write_whole(path: Path, content: bytes) -> None:
     write_all({path: content})
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder for results, and those above it; one that exists stays.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{error.filename or path}: cannot be written: {error.strerror}") from error
+
+
 def write_all(contents: Mapping[Path, bytes]) -> None:
     """Write files that belong together, all of them or none: what stood there stays until all are on the disk.
 

@@ -2,19 +2,51 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from rotary_error_monitor.analysis.trend import DAY_NS
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.codec.contents import JointState
+from rotary_error_monitor.description.harmonics import PlanarHarmonic
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
 
 EPOCH_NS = 1_763_700_000_000_000_000
+STREAMS = (*(f"head_{head}" for head in "abcd"), "autocollimator", "command", "lvdt", "temperature")
+
+
+def write_stage_bag(folder, seconds, streams=STREAMS, stage=None, seed=5, begin_ns=EPOCH_NS):
+    """Record a stage alone that turns at 4 rad/s; what the mock cell draws is by the seed."""
+    plant = mock_stage(stage or load_stage(), MockSettings(seed, begin_ns, (4.0,), forces=False, rate=500.0))
+    contents = {}
+    for stream in streams:
+        edges = [plant.index_at(stream, begin_ns + k * 250_000_000) for k in range(int(4 * seconds) + 1)]
+        contents[samples_topic(stream)] = [
+            plant.samples(stream, first, last - first) for first, last in itertools.pairwise(edges) if last > first
+        ]
+    write_messages(folder, contents)
+    return folder
+
+
+def leaning(amplitude):
+    """Stage of which the residual synchronous tilt about x is twice the amplitude (rad), largest less smallest."""
+    stage = load_stage()
+    tilt = (PlanarHarmonic(3, (amplitude, 0.0), (0.0, 0.0)),)
+    return replace(stage, spindle=replace(stage.spindle, tilt=tilt, radial=()))
+
+
+def write_day(folder, day, amplitude, seed=None, seconds=4):
+    """Record a leaning stage on a day, with noise of that day's own."""
+    begin_ns = EPOCH_NS + day * DAY_NS
+    return write_stage_bag(folder, seconds, stage=leaning(amplitude), seed=seed or day + 1, begin_ns=begin_ns)
 
 
 def write_mock_bag(folder: Path, samples: int) -> Path:

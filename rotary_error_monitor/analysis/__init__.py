@@ -1,1 +1,1 @@
-"""Analysis of a recording: error motion values, positioning, drift, comparison, and health of the streams."""
+"""Analysis of recordings: error motion values, positioning, drift, comparison, health of the streams, trends."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from rotary_error_monitor.analysis.motion import SegmentFigures
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
@@ -47,17 +48,32 @@ class Judged:
     unit: str
 
 
+class Told(NamedTuple):
+    """An error motion value: which it is of what, and the segment and signal that it is of."""
+
+    quantity: str
+    figure: str
+    value: Value
+    segment: str
+    signal: str
+
+
 def judge(segments: Sequence[SegmentFigures], limits: ErrorMotionLimits) -> tuple[Outcome, tuple[Judged, ...]]:
     """Outcome of all, and of each limit in the order of their names."""
-    rows = tuple(_judged(name, limit, segments) for name, limit in limits.stated.items())
+    return judge_values(list(_values(segments)), limits)
+
+
+def judge_values(values: Sequence[Told], limits: ErrorMotionLimits) -> tuple[Outcome, tuple[Judged, ...]]:
+    """The same of values, wherever they come from."""
+    rows = tuple(_judged(name, limit, values) for name, limit in limits.stated.items())
     found = {row.outcome for row in rows}
     worst = next((o for o in (Outcome.BEYOND, Outcome.OPEN, Outcome.WITHIN) if o in found), Outcome.NO_LIMITS)
     return worst, rows
 
 
-def _judged(name: str, limit: float, segments: Sequence[SegmentFigures]) -> Judged:
+def _judged(name: str, limit: float, told: Sequence[Told]) -> Judged:
     quantity, _, figure = name.partition("_")
-    values = list(_values(quantity, figure, segments))
+    values = [(row.value, row.segment, row.signal) for row in told if (row.quantity, row.figure) == (quantity, figure)]
     unit = "rad" if quantity == "tilt" else "m"
     if not values:
         return Judged(name, limit, Outcome.OPEN, None, ("", ""), unit)
@@ -83,13 +99,14 @@ def limited(
     found = {}
     for row in judged:
         quantity, _, figure = row.name.partition("_")
-        for value, segment, signal in _values(quantity, figure, segments):
-            found[segment, f"{signal}.{figure}"] = row.limit, outcome_of(value, row.limit)
+        for told in _values(segments):
+            if (told.quantity, told.figure) == (quantity, figure):
+                found[told.segment, f"{told.signal}.{figure}"] = row.limit, outcome_of(told.value, row.limit)
     return found
 
 
-def _values(quantity: str, figure: str, segments: Sequence[SegmentFigures]) -> Iterator[tuple[Value, str, str]]:
+def _values(segments: Sequence[SegmentFigures]) -> Iterator[Told]:
     for segment in segments:
         for signal in segment.signals:
-            if signal.quantity == quantity and figure in signal.values:
-                yield signal.values[figure], segment.name, signal.signal
+            for figure, value in signal.values.items():
+                yield Told(signal.quantity, figure, value, segment.name, signal.signal)

@@ -7,9 +7,10 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rotary_error_monitor.bags.listing import SUFFIXES, bag_files, distinct, own_files
+from rotary_error_monitor.bags.listing import bag_files, distinct, own_files
 from rotary_error_monitor.bags.lock import holder, writer_of
-from rotary_error_monitor.bags.metadata import METADATA, BagMetadata, read_metadata
+from rotary_error_monitor.bags.marks import METADATA, SUFFIXES
+from rotary_error_monitor.bags.metadata import BagMetadata, read_metadata
 from rotary_error_monitor.bags.recorded_files import FileContent, RawMessage, open_file
 from rotary_error_monitor.bags.unpacking import DamageError, unpack
 from rotary_error_monitor.errors import InputError, excerpt, one_line

@@ -6,10 +6,9 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from rotary_error_monitor.bags.metadata import METADATA, BagMetadata, read_metadata
+from rotary_error_monitor.bags.marks import METADATA
+from rotary_error_monitor.bags.metadata import BagMetadata, read_metadata
 from rotary_error_monitor.errors import InputError
-
-SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 
 
 def read_listing(folder: Path) -> BagMetadata:
@@ -32,8 +31,8 @@ def own_files(folder: Path, listing: BagMetadata, suffixes: Iterable[str] = (".m
     A recorder that was killed may have begun a file of which its metadata does not know yet. What else lies in the
     folder, such as a copy, is somebody's own.
     """
-    stems = {_stem(name) for name in listing.files}
-    return [path for path in bag_files(folder, suffixes) if not stems or _stem(path.name) in stems]
+    stems = {stem_of(name) for name in listing.files}
+    return [path for path in bag_files(folder, suffixes) if not stems or stem_of(path.name) in stems]
 
 
 def distinct(files: Iterable[Path]) -> tuple[list[Path], list[str]]:
@@ -67,7 +66,7 @@ def _several(texts: list[str], most: int = 4) -> str:
     return ", ".join(texts[:most]) + (f" and {more} topics more" if more > 0 else "")
 
 
-def _stem(name: str) -> str:
+def stem_of(name: str) -> str:
     """Name of a file without the number that a split gives it."""
     return re.sub(r"_\d+(?=\.)", "", name)
 

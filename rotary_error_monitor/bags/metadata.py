@@ -13,12 +13,12 @@ from typing import Any
 import yaml
 from mcap.records import Channel
 
+from rotary_error_monitor.bags.marks import METADATA
 from rotary_error_monitor.description.wire import Qos
 from rotary_error_monitor.description.yaml_files import parse_yaml, read_yaml
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import exists
 
-METADATA = "metadata.yaml"
 VERSION = 9
 SIMULATED = "simulated"
 """Name of the note in which a recorder lists the topics of simulated devices, with `, ` between."""

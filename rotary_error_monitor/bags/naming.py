@@ -117,7 +117,7 @@ class NamedFiles:
         """
         self._files = files
         given = {row.topic: name for name, row in naming.topics.items()}
-        cells = _cells({name: each for name, each in files.topics.items() if name not in given})
+        cells = cells_in({name: each for name, each in files.topics.items() if name not in given})
         self.cell = _chosen(cells, naming, path)
         self._names = _names(files.topics, self.cell, given)
         for name, row in naming.topics.items():
@@ -132,7 +132,7 @@ class NamedFiles:
             yield message._replace(topic=self._names[message.topic])
 
 
-def _cells(topics: Mapping[str, TopicContent]) -> list[str]:
+def cells_in(topics: Mapping[str, TopicContent]) -> list[str]:
     """Namespaces in which there are messages of the contract."""
     found = set()
     for name, content in topics.items():

@@ -17,8 +17,8 @@ from rosbags.rosbag2 import Reader
 from rotary_error_monitor.bags.coverage import BagCoverage
 from rotary_error_monitor.bags.listing import bag_files, count_remarks, distinct, own_files, read_listing
 from rotary_error_monitor.bags.lock import BagLock, writer_of
+from rotary_error_monitor.bags.marks import METADATA
 from rotary_error_monitor.bags.metadata import (
-    METADATA,
     FileEntry,
     TopicEntry,
     channel_profiles,

@@ -1,1 +1,1 @@
-"""What is done with a recording, from files to files: replay, check, diagnosis, analysis, conversion of bags."""
+"""What is done with recordings, from files to files: replay, check, diagnosis, analysis, trend, conversion."""

@@ -215,8 +215,7 @@ def analyse_bag(
         InputError: there is no such bag, it lacks what tells the rotation, or the machine does not have this stage.
     """
     question = question or Question()
-    if machine is not None and machine.monitored is None:
-        raise InputError("the machine has no monitored axis; give one that the stage is part of, or none")
+    check_machine(machine)
     replay = replay_bag(bag, stage, machine, naming=question.naming)
     check_estimated(replay, bag, stage, least=2)
     estimates = estimates_of(replay)
@@ -247,6 +246,17 @@ def analyse_bag(
         period_ns * 1e-9,
         (*_remarks(streams), *_too_short(replay, segments), *replay.remarks),
     )
+
+
+def check_machine(machine: MachineDescription | None) -> MachineDescription | None:
+    """The machine, or none.
+
+    Raises:
+        InputError: it has no axis that the stage could be.
+    """
+    if machine is not None and machine.monitored is None:
+        raise InputError("the machine has no monitored axis; give one that the stage is part of, or none")
+    return machine
 
 
 def _stays(replay: Replay, stage: StageDescription, streams: RecordedStreams) -> tuple[Stay, ...]:

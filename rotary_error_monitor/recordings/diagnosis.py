@@ -10,11 +10,11 @@ from pathlib import Path
 
 import yaml
 
-from rotary_error_monitor.bags.listing import SUFFIXES
+from rotary_error_monitor.bags.marks import SUFFIXES
 from rotary_error_monitor.bags.metadata import read_metadata
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.files import check_outputs, check_places, exists, write_all
+from rotary_error_monitor.files import check_outputs, check_places, exists, make_folder, write_all
 from rotary_error_monitor.gap.diagnosis import Diagnosis, FoundCause, diagnose
 from rotary_error_monitor.gap.loading import AnyTwinFile, improved_twin, load_problem, load_twin
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
@@ -70,10 +70,7 @@ class FileDiagnosis:
             check_places([self.improved])
         twin, problem, diagnosis = self.diagnose(progress)
         progress("writing")
-        try:
-            self.output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{error.filename or self.output}: cannot be written: {error.strerror}") from error
+        make_folder(self.output)
         write_all(self._contents(twin, problem, diagnosis, painter))
         return diagnosis
 

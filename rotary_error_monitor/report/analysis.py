@@ -32,14 +32,20 @@ from rotary_error_monitor.report.wording import amount, spoken
 _RPM = 30 / math.pi
 """Turns a minute in a rad/s."""
 
-_BADGES = {
+BADGES = {
     Outcome.WITHIN: (Tone.GOOD, "✓ Within limits"),
     Outcome.BEYOND: (Tone.BAD, "✗ Beyond limits"),
     Outcome.OPEN: (Tone.OPEN, "? Cannot be told"),
     Outcome.NO_LIMITS: (Tone.PLAIN, "No limits given"),
 }
+"""What is said first of a stage."""
 
-_OUTCOMES = {Outcome.WITHIN: "✓ within", Outcome.BEYOND: "✗ beyond"}
+OUTCOMES = {
+    Outcome.WITHIN: "✓ within",
+    Outcome.BEYOND: "✗ beyond",
+    Outcome.OPEN: "? cannot be told",
+}
+"""What is told of one limit."""
 
 _TERMS = {
     "error motion": "displacement or tilt of the axis of rotation from its mean line while it turns (ISO 230-7:2015)",
@@ -80,7 +86,7 @@ def verdict_sentence(analysis: Analysis) -> str:
 
 def verdict_box(analysis: Analysis, items: Sequence[str] = ()) -> str:
     """What is said first, as HTML; the items stand below the sentence."""
-    return verdict(*_BADGES[analysis.outcome], verdict_sentence(analysis), items)
+    return verdict(*BADGES[analysis.outcome], verdict_sentence(analysis), items)
 
 
 def _all_of(count: int) -> str:
@@ -155,7 +161,7 @@ def _limits(analysis: Analysis) -> str:
             row.name.replace("_", " "),
             quantity(Estimate(row.limit, 0.0), row.unit),
             "not told" if row.value is None else amount(row.value, row.unit),
-            _OUTCOMES.get(row.outcome, "? cannot be told"),
+            OUTCOMES[row.outcome],
             spoken(row.where[1]) or "–",
             row.where[0] or "–",
         ]

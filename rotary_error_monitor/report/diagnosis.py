@@ -26,12 +26,13 @@ from rotary_error_monitor.report.page import (
 from rotary_error_monitor.report.painter import Painter
 from rotary_error_monitor.report.picture import picture_of
 
-_BADGES = {
+BADGES = {
     Verdict.NO_GAP: (Tone.GOOD, "✓ No gap"),
     Verdict.EXPLAINED: (Tone.GOOD, "Explained"),
     Verdict.PARTLY_EXPLAINED: (Tone.OPEN, "Partly explained"),
     Verdict.UNKNOWN: (Tone.BAD, "? Unknown"),
 }
+"""What is said first of a recording."""
 
 _TERMS = {
     "gap": "measured minus predicted, as a root mean square in standard deviations of the noise that the twin states; "
@@ -98,7 +99,7 @@ def page(diagnosis: Diagnosis, pictures: Sequence[Sequence[Drawn]], title: str, 
 
 def verdict_box(diagnosis: Diagnosis) -> str:
     """What is said first, as HTML, with the causes and what is left below the sentence."""
-    tone, badge = _BADGES[diagnosis.verdict]
+    tone, badge = BADGES[diagnosis.verdict]
     if not diagnosis.causes:
         return verdict(tone, badge, verdict_sentence(diagnosis))
     shrinks = what_shrinks(diagnosis)

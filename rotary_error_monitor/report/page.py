@@ -85,10 +85,10 @@ def verdict(tone: Tone, badge: str, sentence: str, items: Sequence[str] = ()) ->
     )
 
 
-def section(title: str, *parts: str) -> str:
-    """Parts below a heading; nothing where there are none."""
+def section(title: str, *parts: str, level: int = 2) -> str:
+    """Parts below a heading of a level, 2 or 3; nothing where there are none."""
     content = "".join(parts)
-    return f"<h2>{html.escape(title)}</h2>{content}" if content else ""
+    return f"<h{level}>{html.escape(title)}</h{level}>{content}" if content else ""
 
 
 def paragraph(text: str) -> str:

@@ -16,6 +16,11 @@ def spoken(name: str) -> str:
     return _HEIGHT.sub(" mm", name.replace("_", " ").replace(".", ": "))
 
 
+def counted(number: int, what: str) -> str:
+    """So many of something: `1 stage`, `2 stages`."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def amount(value: Value, unit: str) -> str:
     """Value and expanded uncertainty, such as `1.72 ± 0.05 µm`."""
     return quantity(Estimate(value.value, value.expanded), unit)

@@ -45,6 +45,18 @@ ELSEWHERE = {
         "rotary_error_monitor analyse BAG --twin STAGE.yaml --height 0 60 "
         "--limits radial_synchronous_um=2 tilt_total_urad=50 -o PAGE.html"
     ): ("test/recordings/test_analyse_command.py", '"analyse", str(bag), "--height", "0", "60"'),
+    (
+        "rotary_error_monitor trend FOLDER --twin STAGE.yaml --height 0 60 "
+        "--limits radial_synchronous_um=2 tilt_total_urad=50 -o PAGE.html"
+    ): ("test/recordings/test_trend_command.py", 'main(["trend", str(folder), "--height", "0"'),
+    "rotary_error_monitor trend FOLDER --scheduler tcp://HOST:8786 -o PAGE.html": (
+        "test/recordings/test_trend_command.py",
+        '"--scheduler", cluster.scheduler_address',
+    ),
+    "rotary_error_monitor diagnose FOLDER --twin TWIN.yaml -o DIR": (
+        "test/gap/test_folder_diagnosis.py",
+        'main(["diagnose", str(place), "--twin"',
+    ),
     "rotary_error_monitor diagnose BAG --twin TWIN.yaml --effects doc/examples/oil_film.py -o DIR": (
         "test/test_effects_document.py",
         "--effects doc/examples/oil_film.py -o DIR",
@@ -115,6 +127,7 @@ NOT_RUN = {
     "ros2 run diagnostic_aggregator aggregator_node --ros-args --params-file config/diagnostic_aggregator.yaml": _TOOL,
     "ros2 run rqt_robot_monitor rqt_robot_monitor": _TOOL,
     "python3 -m venv build/release": "as python3 -m venv venv",
+    "pip install 'rotary_error_monitor[trend]'": _NETWORK,
     "build/release/bin/python -m pip install build": "fetches build; test/distribution calls the hooks that it calls",
 }
 """The one list of commands that no test runs."""

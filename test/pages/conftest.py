@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commissioning.bags import run, written
+from mock_bags import write_day
 from world.newly_built import build, in_unit
 from world.recording import head_topic
 
@@ -22,7 +24,15 @@ from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 EPOCH_NS = 1_763_700_000_000_000_000
 STREAMS = (*(f"head_{head}" for head in "abcd"), "autocollimator", "command", "lvdt", "temperature")
 
-KINDS = ("analysis", "analysis_of_less_than_a_turn", "commissioning", "diagnosis_of_a_stage", "diagnosis_of_a_machine")
+KINDS = (
+    "analysis",
+    "analysis_of_less_than_a_turn",
+    "commissioning",
+    "diagnosis_of_a_stage",
+    "diagnosis_of_a_machine",
+    "diagnosis_of_a_folder",
+    "trend",
+)
 """Pages that the package writes, and those of recordings that tell little."""
 
 
@@ -61,6 +71,33 @@ def _diagnosis(folder: Path, kind: str) -> Path:
     return folder / "out" / "diagnosis.html"
 
 
+def _fleet(folder: Path) -> Path:
+    """A machine with a cause, twice, and a bag that cannot be read."""
+    write_case(make_machine_case(draw_machine(5), 5, "single", ["squareness"]), folder / "case")
+    for name in ("north", "south"):
+        shutil.copytree(folder / "case" / "bag", folder / "bags" / name / "bag")
+    _write_broken(folder / "bags" / "broken")
+    arguments = ["--twin", str(folder / "case" / "twin.yaml"), "--by-folder", "--jobs", "1"]
+    assert main(["diagnose", str(folder / "bags"), *arguments, "-o", str(folder / "out")]) == 10
+    return folder / "out" / "diagnosis.html"
+
+
+def _trend(folder: Path) -> Path:
+    """Days of a stage that leans more from the fourth on, beside limits, and a bag that cannot be read."""
+    for day in range(6):
+        write_day(folder / "bags" / f"day_{day}", day, 1.0e-5 if day < 3 else 1.4e-5)
+    _write_broken(folder / "bags" / "broken")
+    limits = ["--limits", "tilt_residual_synchronous_urad=22", "radial_total_um=100", "axial_total_um=1"]
+    arguments = ["--height", "0", "--jobs", "1", *limits, "-o", str(folder / "page.html")]
+    assert main(["trend", str(folder / "bags"), *arguments]) == 10
+    return folder / "page.html"
+
+
+def _write_broken(folder: Path) -> None:
+    folder.mkdir()
+    (folder / f"{folder.name}_0.mcap").write_bytes(b"\x89MCAP0\r\n")
+
+
 @pytest.fixture(scope="session")
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """File of each of `KINDS`."""
@@ -71,4 +108,6 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "commissioning": _commissioning(folders["commissioning"]),
         "diagnosis_of_a_stage": _diagnosis(folders["diagnosis_of_a_stage"], "stage"),
         "diagnosis_of_a_machine": _diagnosis(folders["diagnosis_of_a_machine"], "machine"),
+        "diagnosis_of_a_folder": _fleet(folders["diagnosis_of_a_folder"]),
+        "trend": _trend(folders["trend"]),
     }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import itertools
 import json
 import re
 import shutil
@@ -12,35 +11,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from mock_bags import STREAMS, write_stage_bag
 
-from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.resources import config
-from rotary_error_monitor.sources.mock import MockSettings, mock_stage
-
-EPOCH_NS = 1_763_700_000_000_000_000
-STREAMS = (*(f"head_{head}" for head in "abcd"), "autocollimator", "command", "lvdt", "temperature")
-
-
-def write_bag(folder, seconds, streams=STREAMS, stage=None):
-    plant = mock_stage(stage or load_stage(), MockSettings(5, EPOCH_NS, (4.0,), forces=False, rate=500.0))
-    contents = {}
-    for stream in streams:
-        edges = [plant.index_at(stream, EPOCH_NS + k * 250_000_000) for k in range(int(4 * seconds) + 1)]
-        contents[samples_topic(stream)] = [
-            plant.samples(stream, first, last - first) for first, last in itertools.pairwise(edges) if last > first
-        ]
-    write_messages(folder, contents)
-    return folder
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    return write_bag(tmp_path_factory.mktemp("recorded") / "bag", 16)
+    return write_stage_bag(tmp_path_factory.mktemp("recorded") / "bag", 16)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +122,9 @@ def test_what_changed_is_more_than_the_uncertainty_of_both(bag, tmp_path, capsys
     assert not any(change["told"] for change in changes(bag))
     stage = load_stage()
     rows = [replace(row, x=(3 * row.x[0], 3 * row.x[1])) if row.order == 3 else row for row in stage.spindle.tilt]
-    other = write_bag(tmp_path / "bag", 16, stage=replace(stage, spindle=replace(stage.spindle, tilt=tuple(rows))))
+    other = write_stage_bag(
+        tmp_path / "bag", 16, stage=replace(stage, spindle=replace(stage.spindle, tilt=tuple(rows)))
+    )
     found = changes(other)
     told = {change["name"] for change in found if change["told"]}
     assert {"tilt_x.synchronous", "tilt_x.residual_synchronous", "tilt_x.total"} <= told
@@ -148,7 +133,7 @@ def test_what_changed_is_more_than_the_uncertainty_of_both(bag, tmp_path, capsys
 
 
 def test_less_than_a_turn_is_said(tmp_path, capsys):
-    short = write_bag(tmp_path / "bag", 1.25)
+    short = write_stage_bag(tmp_path / "bag", 1.25)
     assert main(["analyse", str(short), "-o", str(tmp_path / "out.html")]) == 0
     told = capsys.readouterr()
     assert "No whole turn: no error motion value is told." in told.out
@@ -160,10 +145,13 @@ WRONG = {
     "nothing there": (lambda folder: folder / "nothing", "no such bag"),
     "a folder without a bag": (lambda folder: folder, "metadata.yaml|no bag|holds no"),
     "something else": (
-        lambda folder: write_bag(folder / "bag", 2, ("lvdt", "temperature")),
+        lambda folder: write_stage_bag(folder / "bag", 2, ("lvdt", "temperature")),
         "no message on /stage/head_a",
     ),
-    "an empty bag": (lambda folder: write_bag(folder / "bag", 0, ()), "no message on /stage/head_a|empty|no topic"),
+    "an empty bag": (
+        lambda folder: write_stage_bag(folder / "bag", 0, ()),
+        "no message on /stage/head_a|empty|no topic",
+    ),
 }
 
 

@@ -1,0 +1,100 @@
+"""The figures of one bag, for whoever reads many: everything that goes wrong with it is a reason, and stops nobody."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rotary_error_monitor.analysis.result import Analysis, figures_of
+from rotary_error_monitor.bags.naming import ROOT
+from rotary_error_monitor.bags.search import cells_of, fingerprint_of
+from rotary_error_monitor.description.machine import MachineDescription, machine_mapping
+from rotary_error_monitor.description.stage import StageDescription, stage_mapping
+from rotary_error_monitor.errors import InputError, one_line
+from rotary_error_monitor.recordings.analysis import Question, analyse_bag
+from rotary_error_monitor.recordings.index import Entry
+from rotary_error_monitor.recordings.stage_names import label_of
+
+
+@dataclass(frozen=True)
+class BagTask:
+    """What to read: `name` is what the bag is called in results."""
+
+    name: str
+    path: Path
+    stage: StageDescription
+    machine: MachineDescription | None
+    question: Question
+
+
+@dataclass(frozen=True)
+class BagResult:
+    """What was found: files as they were before and after reading, and what each cell says."""
+
+    before: str
+    after: str
+    entries: tuple[Entry, ...]
+
+
+def read_figures(task: BagTask) -> BagResult:
+    """Analyse every cell of a bag that is meant."""
+    before = _fingerprint(task.path)
+    entries = tuple(_entries(task))
+    return BagResult(before, _fingerprint(task.path), entries)
+
+
+def question_key(stage: StageDescription, machine: MachineDescription | None, question: Question) -> str:
+    """What figures depend on beside the bag, hashed: the same for the same question, whatever the limits."""
+    asked = {
+        "stage": stage_mapping(stage),
+        "machine": None if machine is None else machine_mapping(machine),
+        "heights": list(question.heights),
+        "waves": question.most_waves,
+        "cell": question.naming.cell,
+        "topics": {name: given.topic for name, given in question.naming.topics.items()},
+    }
+    return hashlib.sha256(json.dumps(asked, sort_keys=True, default=list).encode()).hexdigest()
+
+
+def _fingerprint(path: Path) -> str:
+    """Nothing where the bag is not there, as on another computer."""
+    with contextlib.suppress(InputError):
+        return fingerprint_of(path)
+    return ""
+
+
+def _entries(task: BagTask) -> Iterator[Entry]:
+    label = label_of(task.path)
+    known = Entry("", label.stage, label.started_ns)
+    naming = task.question.naming
+    try:
+        cells = cells_of(task.path, naming) or [ROOT]
+    except Exception as error:
+        yield replace(known, reason=reason_of(error))
+        return
+    for cell in cells:
+        own = replace(task.question, naming=replace(naming, cell=cell if len(cells) > 1 else naming.cell))
+        try:
+            yield _entry(replace(known, cell=cell), analyse_bag(task.path, task.stage, task.machine, own))
+        except Exception as error:
+            yield replace(known, cell=cell, reason=reason_of(error))
+
+
+def _entry(known: Entry, analysis: Analysis) -> Entry:
+    figures = tuple(figures_of(analysis))
+    if not figures:
+        return replace(known, reason=one_line("; ".join(analysis.remarks)) or "it tells no figure")
+    begin = analysis.span_ns[0] if known.started_ns is None else known.started_ns
+    speeds = tuple((segment.name, segment.speed) for segment in analysis.segments)
+    remarks = tuple(map(one_line, analysis.remarks))
+    return replace(known, started_ns=begin, figures=figures, speeds=speeds, remarks=remarks)
+
+
+def reason_of(error: Exception) -> str:
+    """Wrong input says what it is; anything else is a fault of the program, and says of which kind."""
+    told = one_line(str(error))
+    return told if isinstance(error, InputError) else f"unexpected {type(error).__name__}: {told}"

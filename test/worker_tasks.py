@@ -1,0 +1,38 @@
+"""Tasks for worker processes: what they do is known, and so is what it does to the process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+
+def square(number):
+    return number * number
+
+
+def number_and_process(number):
+    return number, os.getpid()
+
+
+def wait_long(number):
+    time.sleep(600)
+
+
+def end_once(place):
+    """Ends its process where the file is not there yet, which it makes."""
+    path = Path(place)
+    if path.exists():
+        return path.name
+    path.touch()
+    os.kill(os.getpid(), signal.SIGKILL)
+    return "not reached"
+
+
+def end_always(place):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def fail(number):
+    raise ValueError(f"task {number} is wrong")
