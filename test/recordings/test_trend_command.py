@@ -158,15 +158,12 @@ def test_a_bag_that_cannot_be_analysed_is_listed_and_tried_again_when_it_changes
     broken.mkdir()
     (broken / "broken_0.mcap").write_bytes(b"\x89MCAP0\r\nno more")
     write_stage_bag(known_folder / "standing", 1, ("lvdt", "temperature"))
-    out = known_folder.parent / "page.html"
-    assert main(["trend", str(known_folder), "--height", "0", "--jobs", "1", "-o", str(out)]) == 0
+    assert run(known_folder)[0] == 0
     _, content = run(known_folder)
     assert (content["read"], sorted(reads)) == (0, ["broken", "standing"])
     reasons = {row["bag"]: row["reason"] for row in content["unread"]}
     assert set(reasons) == {"broken", "standing"} and "no message on" in reasons["standing"]
     assert "unexpected" not in "".join(reasons.values())
-    page = out.read_text(encoding="utf-8")
-    assert "Bags that cannot be analysed" in page and "no message on" in page
     assert "note: standing: " in capsys.readouterr().err
     assert run(known_folder)[0] == 0 and len(reads) == 2
     shutil.rmtree(broken)

@@ -10,10 +10,10 @@ import pytest
 from rotary_error_monitor.analysis.history import Recorded, StageHistory, histories
 from rotary_error_monitor.analysis.result import Figure
 from rotary_error_monitor.analysis.trend import DAY_NS
-from rotary_error_monitor.analysis.trend_result import FolderTrend
+from rotary_error_monitor.analysis.trend_result import FolderTrend, Unread
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
 from rotary_error_monitor.report.trend import page, trend_sentence
-from rotary_error_monitor.report.trend_figure import MOST_PANELS, draw, joined
+from rotary_error_monitor.report.trend_figure import MOST_PANELS, draw, joined, shown
 
 BEGIN_NS = 1_763_700_000_000_000_000
 HOSTILE = "<b>$\\frac{</b> $1 軸\n"
@@ -42,33 +42,47 @@ def page_of(trend: FolderTrend) -> str:
 def test_wear_is_told_with_its_slope_and_the_date_of_its_limit(seed: int) -> None:
     """100 nrad a day from 1 µrad meet 5 µrad on the fortieth day after the first, 2025-12-31."""
     trend = FolderTrend(wearing("A7", 1e-7, seed), (), (), (), 12, 0)
-    shown = page_of(trend)
+    text = page_of(trend)
     said = trend_sentence(trend)
     assert "12 recordings of 1 stage; something changed or drifts in 1 stage." in said
-    (event,) = re.findall(r"<li>(a slope of [^<]*)</li>", shown)
+    (event,) = re.findall(r"<li>(a slope of [^<]*)</li>", text)
     (told, wide) = re.findall(r"of 1 figure, most clearly of tilt x: total, ([\d.]+)\s±\s([\d.]+)\snrad/day", event)[0]
     assert abs(float(told) - 100) <= 2 * float(wide) < 5
-    (reached,) = re.findall(r"<td[^>]*>(\d{4}-\d\d-\d\d), between (\S+) and (\S+) \(tilt x: total\)</td>", shown)
+    (reached,) = re.findall(r"<td[^>]*>(\d{4}-\d\d-\d\d), between (\S+) and (\S+) \(tilt x: total\)</td>", text)
     assert "2025-12-25" <= reached[1] <= reached[0] <= reached[2] <= "2026-01-06"
-    assert "<th>slope ± U, nrad/day</th>" in shown and "<th>now ± U, µrad</th>" in shown
+    assert "<th>slope ± U, nrad/day</th>" in text and "<th>now ± U, µrad</th>" in text
 
 
 def test_names_of_stages_are_drawn_and_written_whatever_they_are() -> None:
     """Nothing in them is markup or a formula; letters that no font has bring no warning."""
     trend = FolderTrend((*wearing(HOSTILE, 1e-7, 1), *wearing("A7", 0.0, 2)), (), (), (), 24, 0)
-    shown = page_of(trend)
-    assert "<b>" not in shown and "&lt;b&gt;" in shown
-    alts = re.findall(r"alt='([^']*)'", shown)
+    text = page_of(trend)
+    assert "<b>" not in text and "&lt;b&gt;" in text
+    alts = re.findall(r"alt='([^']*)'", text)
     assert len(alts) == len(set(alts)) == 4
     assert joined(draw(trend)).startswith(b"\x89PNG")
 
 
 def test_a_single_recording_has_no_pictures_and_says_why() -> None:
     trend = FolderTrend(wearing("A7", 1e-7, 1, count=1), (), (), (), 1, 0)
-    shown = page_of(trend)
-    assert draw(trend) == {} and "<img" not in shown
-    assert "Two recordings with a figure in common are needed" in shown
-    assert "1 recording of 1 stage; something changed or drifts in none." in trend_sentence(trend)
+    told = page_of(trend)
+    assert draw(trend) == {} and "<img" not in told
+    assert "Two recordings with a figure in common are needed" in told
+    assert trend_sentence(trend).endswith("1 recording of 1 stage; something changed or drifts in none.")
+
+
+def test_bags_that_are_not_in_the_trend_are_listed_with_their_reasons() -> None:
+    unread, undone = Unread("broken", "/", "no message on /x"), Unread("far", "", "its worker was ended")
+    trend = FolderTrend(wearing("A7", 1e-7, 1, count=1), (unread,), (undone,), ("old",), 2, 0)
+    told = page(trend, {}, "bags", {})
+    for title, *words in (
+        ("Bags that cannot be analysed", "broken", "no message on /x"),
+        ("Bags that were not read this time", "far", "its worker was ended"),
+        ("Bags that are no longer there", "old"),
+    ):
+        (part,) = re.findall(f"<h2>{title}</h2>(.*?)<h2>", told)
+        assert all(f">{word}<" in part for word in words)
+    assert trend_sentence(trend).endswith(" 2 bags could not be used.")
 
 
 def test_no_more_is_drawn_than_fits_on_a_page() -> None:
@@ -78,6 +92,7 @@ def test_no_more_is_drawn_than_fits_on_a_page() -> None:
         for k in range(2)
     ]
     trend = FolderTrend(histories(rows, ErrorMotionLimits(), 0.01), (), (), (), 2, 0)
-    assert [len(each) for each in draw(trend).values()] == [MOST_PANELS]
-    shown = page_of(trend).replace("\u00a0", " ")
-    assert all(name.replace("_", " ").replace("mm.", " mm: ") in shown for name in names)
+    (stage,) = trend.stages
+    assert len(shown(stage)) == MOST_PANELS
+    told = page(trend, {}, "bags", {}).replace("\u00a0", " ")
+    assert all(name.replace("_", " ").replace("mm.", " mm: ") in told for name in names)
