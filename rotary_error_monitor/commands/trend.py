@@ -8,8 +8,8 @@ from pathlib import Path
 
 from rotary_error_monitor.commands.questions import add_question, files_of, question_of
 from rotary_error_monitor.commands.work import add_work, bar_of, check_work
-from rotary_error_monitor.errors import InputError, one_line
-from rotary_error_monitor.gap.options import FALSE_ALARMS
+from rotary_error_monitor.errors import one_line
+from rotary_error_monitor.gap.options import FALSE_ALARMS, check_false_alarms
 
 _EPILOG = (
     "exit codes: 0 every stage is within all limits by its latest recording, or none were given; 10 one is beyond a "
@@ -40,8 +40,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Read what is new, write the results, and give the verdict's exit code."""
-    if not 0 < arguments.false_alarms < 1:
-        raise InputError(f"--false-alarms is {arguments.false_alarms}; it must lie between 0 and 1")
+    check_false_alarms(arguments.false_alarms, f"--false-alarms is {arguments.false_alarms}")
     check_work(arguments)
     outputs = files_of(arguments)
     question = question_of(arguments)
