@@ -114,9 +114,9 @@ class Trend:
 
     @property
     def now_uncertainty(self) -> float:
-        """Expanded, k = 2."""
-        own = self.course.covariance[-2, -2]
-        return COVERAGE * self._widening * math.sqrt(own)
+        """Expanded, k = 2; not below the level's surest recording: what recordings share does not average out."""
+        fitted = self._widening * math.sqrt(self.course.covariance[-2, -2])
+        return COVERAGE * max(fitted, float(self.series.uncertainties[self.course.starts[-1] :].min()))
 
     def at(self, started_ns: Times) -> Array:
         """The course (m,) at recordings of the series, by their beginning."""
@@ -134,10 +134,10 @@ class Trend:
         if not (course.has_slope and course.slope > 0 and now < limit):
             return None
         wide = (COVERAGE * self._widening) ** 2
-        level, both, slope = (course.covariance[i, j] for i, j in ((-2, -2), (-2, -1), (-1, -1)))
+        both, slope = (course.covariance[i, -1] for i in (-2, -1))
         square = course.slope**2 - wide * slope
         middle = (limit - now) * course.slope + wide * both
-        rest = (limit - now) ** 2 - wide * level
+        rest = (limit - now) ** 2 - self.now_uncertainty**2
         root = math.sqrt(max(middle**2 - square * rest, 0.0))
         # the forms that do not divide by what may be near 0
         earliest = 0.0 if rest <= 0 else rest / (middle + root) if middle + root > 0 else math.inf

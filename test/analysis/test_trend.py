@@ -148,7 +148,20 @@ def test_scatter_beyond_the_uncertainties_is_said_and_widens_what_follows():
     series, _ = drawn(rng, 8)
     calm = estimate_trend(replace(series, values=np.full(8, 3e-6)), RATE)
     assert calm.scatter == 0.0 and calm.now == pytest.approx(3e-6, rel=1e-12)
-    assert calm.now_uncertainty == pytest.approx(2 / math.sqrt(np.sum(1 / series.uncertainties**2)), rel=1e-9)
+    assert calm.now_uncertainty == pytest.approx(2 * series.uncertainties.min(), rel=1e-12)
+
+
+def test_what_recordings_share_does_not_average_out_of_the_level():
+    """An error of a description that is the same in all of them, half of the variance that each states."""
+    rng, inside, runs = np.random.default_rng(11), 0, 200
+    for _ in range(runs):
+        series, truth = drawn(rng, 30)
+        size = float(series.uncertainties.min())
+        shared = rng.normal(0.0, size)
+        both = replace(series, values=series.values + shared, uncertainties=np.hypot(series.uncertainties, size))
+        trend = estimate_trend(both, RATE)
+        inside += abs(trend.now - truth[-1]) <= trend.now_uncertainty
+    assert inside >= 0.95 * runs - 3 * math.sqrt(0.95 * 0.05 * runs)
 
 
 @pytest.mark.parametrize("count", [10, 20])
