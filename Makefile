@@ -48,7 +48,7 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py commissioning/test_command.py \
 	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py \
-	common_zero.py gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py without_heads.py zero.py) \
+	gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py zero.py) \
 	$(addprefix pipeline/test_,estimation.py reversals.py uncertain_responses.py) recordings/test_cells.py)
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
@@ -56,24 +56,24 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.p
 	straightness_contradictions.py straightness_rates.py yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py gross_errors.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
-	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py play.py \
+	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py \
 	stretches.py tilt_sensors.py without_autocollimator.py without_heads.py) \
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py spindle_figures.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
-SENSOR_RATES := test/pipeline/test_listed_sensors.py# behind the models, which are done earlier than the others
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
-SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py $(addprefix faults/test_,listed_sensors.py \
-	slow_autocollimators.py stuck_command.py tilt_sensors.py) pipeline/test_listed_tilt.py \
-	$(addprefix kinds/stage/test_,slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
-RATES := $(CELL_RATES) $(MODEL_RATES) $(SENSOR_RATES) $(SWEEPS)
+SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py $(addprefix faults/test_,common_zero.py \
+	listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py without_heads.py) \
+	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) $(addprefix kinds/stage/test_,play.py slow_noise.py \
+	stuck_thermometers.py thermometers.py told_departures.py unknown.py))
+RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
 COVERED := $(BIN)/python -m coverage run
 
-test: setup lint ## lint, type check and all tests, with coverage of at least 90 %
+test: setup ## lint, type check and all tests, with coverage of at least 90 %
 	$(BIN)/python -m coverage erase
-	$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target test-live test-models test-others
+	$(MAKE) --no-print-directory --jobs 4 --keep-going --output-sync=target test-live lint test-models test-others
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 
@@ -82,7 +82,7 @@ test-live:
 
 test-models:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(RATES),$(MODELS))
-	$(BESIDE) $(BIN)/python $(call PYTEST,,$(MODEL_RATES) $(SENSOR_RATES))
+	$(BESIDE) $(BIN)/python $(call PYTEST,,$(MODEL_RATES))
 
 test-others:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(MODELS) $(RATES))
