@@ -106,13 +106,13 @@ def _how(arguments: argparse.Namespace) -> FileDiagnosis:
 
 def _has_bags(path: Path) -> bool:
     """Whether it is a folder that is no bag, and has some below it."""
-    if not path.is_dir() or is_bag(path):
-        return False
-    from rotary_error_monitor.bags.search import find_bags
-
     try:
+        if not path.is_dir() or is_bag(path):
+            return False
+        from rotary_error_monitor.bags.search import find_bags
+
         return bool(find_bags(path))
-    except InputError:  # told as of any path that is no bag
+    except (InputError, OSError, ValueError):  # told as of any path that is no bag
         return False
 
 

@@ -22,6 +22,7 @@ from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.topics import place_of
 from rotary_error_monitor.description.wire import Topic, Wire, wire_of
 from rotary_error_monitor.errors import InputError, excerpt, without_numbers
+from rotary_error_monitor.files import exists
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.sources.device import Device, Instrument, told_of
 from rotary_error_monitor.sources.library import device_settings, load_devices
@@ -97,6 +98,8 @@ def convert(bag: Path, cell_file: Path, stage_file: Path | None, output: Path, s
     nodes, parameters = nodes_of(cell_file), parameters_of(cell_file)
     shared = next((str(row["stage"]) for row in parameters.values() if row.get("stage")), None)
     stage = load_stage(stage_file or shared)
+    if not exists(bag):
+        raise InputError(f"{excerpt(bag)}: no such bag; give the folder of a rosbag2 bag, or an mcap file")
     files = BagFiles(bag)
     drivers = [_stream(node, parameters[node.name], stage, cell, cell_file) for node in nodes]
     streams = {each.heard: each for each in drivers if each is not None and each.heard in files.topics}

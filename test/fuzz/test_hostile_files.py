@@ -447,7 +447,7 @@ def test_joint_states_with_too_few_numbers_are_refused(tmp_path, clean):
         broken = replace(states[3], **{name: value})
         folder = write_bag(tmp_path / f"{name}{len(value)}", contents | {"/machine/joint_states": [*states, broken]})
         for command in (
-            ["diagnose", folder, "--twin", MACHINE, "-o", tmp_path / "out", "--no-report"],
+            ["diagnose", folder, "--twin", MACHINE, "-o", tmp_path / "diagnosed", "--no-report"],
             ["calibrate", "machine", folder, "--machine", MACHINE, "-o", tmp_path / "out"],
             ["replay", folder, "--machine", ROOT / "config/machines/grinder_zhou2023.yaml", "-o", tmp_path / "out"],
         ):

@@ -169,6 +169,13 @@ def test_a_wrong_cell_is_refused_before_anything_is_written(old, new, told, reco
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("name", ["nowhere", "a" * 300, "a\0b"])
+def test_a_bag_that_is_not_there_is_refused(name, recorded, tmp_path, capsys):
+    words = ["convert", name, "--cell-file", str(recorded / "cell.yaml"), "-o", str(tmp_path / "out")]
+    assert main(words) == 2
+    assert "no such bag" in capsys.readouterr().err
+
+
 def test_a_bag_of_no_driver_is_refused(recorded, tmp_path, capsys):
     words = ["convert", str(recorded / "own"), "--cell-file", str(recorded / "cell.yaml")]
     assert main([*words, "-o", str(tmp_path / "out")]) == 2
