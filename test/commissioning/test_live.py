@@ -172,8 +172,11 @@ def check_file(file: Path, attempt: Attempt, built: NewlyBuilt, height: float) -
     well come of azimuths that are off, as far as these are uncertain.
     """
     stage = load_stage(file)
-    # four estimates a sample, and the stage turns more than half of the time
-    fewest = 2 * BagReader(attempt.bag).topics["/stage/head_a/samples"].count
+    # four estimates a sample while the stage turns, however long it stood before
+    blocks = BagReader(attempt.bag).read_blocks(["/stage/head_a/samples"])["/stage/head_a/samples"]
+    since = np.concatenate([block.times_ns for block in blocks]) - (built.recording.start_ns + attempt.shift)
+    fewest = 3 * int(((since > 0) & (since < built.recording.duration * 1e9)).sum())
+    assert fewest > 3000
     whole, error, against = motion_errors(built, attempt.bag, stage, attempt.shift, height, fewest)
     _, noise, _ = motion_errors(built, attempt.bag, truly(built), attempt.shift, height, fewest)
     um = [f"{each * 1e6:.3f}" for each in (error, noise, against, whole)]
