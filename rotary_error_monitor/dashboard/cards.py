@@ -23,6 +23,8 @@ _TREND_PERIOD = 5.0
 """s between two drawings of a day at least: a minute is less than a pixel of it."""
 
 _SHOWN_ROWS = 60
+"""Rows of health, the worst first: nobody reads on, and who fills `/diagnostics` shall not fill the page."""
+
 _MEGA, _GIGA = 1e6, 1e9
 _WORDS = {Severity.OK: "OK", Severity.ATTENTION: "ATTENTION", Severity.FAULT: "FAULT"}
 _SIGNS = {

@@ -48,6 +48,8 @@ class Severity(IntEnum):
 
 
 _STALE_LEVEL = 3
+"""`DiagnosticStatus.STALE` (REP 107)."""
+
 _SEVERITY = {0: Severity.OK, 1: Severity.ATTENTION, _STALE_LEVEL: Severity.ATTENTION}
 """By the level of REP 107; of error, and of one that it does not know, a fault."""
 

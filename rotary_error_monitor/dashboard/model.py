@@ -21,6 +21,8 @@ RADIAL, BEFORE, AFTER = "radial error motion", "tool offset, uncorrected", "tool
 TREND = (RADIAL, BEFORE, AFTER)
 
 MICRO = 1e6
+"""µm in a metre, µrad in a radian: what people at a machine read."""
+
 _MOST_AXES = 32
 """Axes of a machine that are shown: whoever publishes a thousand names shall not fill the page."""
 

@@ -17,6 +17,8 @@ from rotary_error_monitor.dashboard.board import Board
 from rotary_error_monitor.errors import InputError, excerpt
 
 _BACKLOG = 64
+"""Connections that may wait to be taken: some browsers with six or so each that come back together."""
+
 _STARTING = 30.0
 """s that the server may take to begin on a busy computer."""
 

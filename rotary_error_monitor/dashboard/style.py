@@ -64,6 +64,8 @@ BEAT_PERIOD = 0.5
 """s between two signs of life of the server."""
 
 _SILENT_AFTER_MS = 2000
+"""Four signs of life that did not come: one late one says nothing, and 2 s is what a fault may take to be seen."""
+
 
 SCRIPT = f"""
 window.beatAt = performance.now();

@@ -44,6 +44,7 @@ _PATIENCE = 2.0
 """s for which a reset is waited for."""
 
 _MICRO = 1e6
+"""µm in a metre, µrad in a radian."""
 
 
 class OpcuaServer(ManagedNode):

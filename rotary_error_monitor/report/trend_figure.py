@@ -30,6 +30,8 @@ _HEIGHT = 2.5
 """Of a picture, inches."""
 
 _MICRO = 1e6
+"""µm in a metre, µrad in a radian."""
+
 
 _NEAR = 2.0
 """A limit that is farther up than twice the largest value would press the values together; its table tells it."""
