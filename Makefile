@@ -14,7 +14,7 @@ LOCKS := requirements/build.lock requirements/cell.lock
 UV_COMPILE := build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --no-header --upgrade
 
-.PHONY: help setup run run-linuxcnc test test-live test-lint test-models test-others test-python312 rates lint bench fuzz soak faults faults-doc docs lock policy clean
+.PHONY: help setup run run-linuxcnc test test-live test-models test-others test-python312 rates lint bench fuzz soak faults faults-doc docs lock policy clean
 
 help: ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -71,17 +71,14 @@ MODELS := $(addprefix test/,calibration effects gap kinds machine metrology nois
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
 COVERED := $(BIN)/python -m coverage run
 
-test: setup ## lint, type check and all tests, with coverage of at least 90 %
+test: setup lint ## lint, type check and all tests, with coverage of at least 90 %
 	$(BIN)/python -m coverage erase
-	$(MAKE) --no-print-directory --jobs 4 --keep-going --output-sync=target test-live test-lint test-models test-others
+	$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target test-live test-models test-others
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 
 test-live:
 	$(ON_TIME) $(COVERED) $(call PYTEST,,$(LIVE))
-
-test-lint:
-	$(BESIDE) $(MAKE) --no-print-directory lint
 
 test-models:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(RATES),$(MODELS))
