@@ -47,7 +47,7 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 	network nodes security supervision testing)
 # Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py commissioning/test_command.py \
-	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py \
+	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py few_heads.py \
 	gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py zero.py) \
 	$(addprefix pipeline/test_,estimation.py reversals.py uncertain_responses.py) recordings/test_cells.py)
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
@@ -71,9 +71,9 @@ MODELS := $(addprefix test/,calibration effects gap kinds machine metrology nois
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
 COVERED := $(BIN)/python -m coverage run
 
-test: setup lint ## lint, type check and all tests, with coverage of at least 90 %
+test: setup lint ## lint, type check and all tests, with coverage of at least 90 % (ALSO=test-python312: that beside them)
 	$(BIN)/python -m coverage erase
-	$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target test-live test-models test-others
+	$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target test-live test-models test-others $(ALSO)
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 
@@ -96,8 +96,8 @@ PYTHON312 ?= python3.12
 IN_312 := $(addprefix test/,bags/test_reader.py codec description/test_stage.py description/test_wire.py distribution machine \
 	metrology/test_encoder_heads.py metrology/test_positioning.py nodes/test_managed.py recordings/test_replay.py signals test_cli.py)
 test-python312: ## the same packages with Python 3.12, in build/python312, and a part of the tests there
-	$(MAKE) --no-print-directory setup VENV=build/python312 PYTHON=$(PYTHON312)
-	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 build/python312/bin/python -m pytest -q $(PYTEST_ARGS) $(IN_312)
+	$(BESIDE) $(MAKE) --no-print-directory setup VENV=build/python312 PYTHON=$(PYTHON312)
+	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 $(BESIDE) build/python312/bin/python -m pytest -q $(PYTEST_ARGS) $(IN_312)
 
 lint: setup ## ruff and mypy
 	$(BIN)/ruff check .

@@ -14,6 +14,7 @@ from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.agreement import Isolation, chi_square_bound, isolate_head, isolate_implausible
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Reach, Window
+from rotary_error_monitor.pipeline.ring_scatter import RingScatter
 from rotary_error_monitor.pipeline.turn_memory import Course
 
 AGREEMENT = 0.5
@@ -98,6 +99,8 @@ class HeadBelief:
         self._size = self._step = 0.0
         self.settled = frozenset(heads)
         self._courses: dict[tuple[str, ...], Course] = {}
+        self._scatter = RingScatter(timing)
+        self._last: tuple[int, float] | None = None
         self._forget()
 
     def reset(self) -> None:
@@ -108,6 +111,7 @@ class HeadBelief:
         self._agreeing = 0.0
         self.settled = frozenset(self._heads)
         self._courses.clear()
+        self._scatter.reset()
         self._settle()
         self._forget()
 
@@ -140,13 +144,14 @@ class HeadBelief:
             self._forget()
         layout = self._layout(believed)
         self.redundant = layout.redundancy > 0
-        self._tolerance = self._explained(window)
+        speed, reading = self._motion(window)
+        self._tolerance = math.hypot(1.0, self._timing * speed / reading)
         self._restore(window, available)
         self._remember(window, layout)
         if self.redundant:
             self._judge_redundant(window, layout)
         else:
-            self._judge_steps(window)
+            self._judge_steps(window, abs(speed) / reading)
 
     def _judge_redundant(self, window: Window, layout: HeadLayout) -> None:
         found, most = window["believed_agreement"], self.most**2
@@ -231,16 +236,16 @@ class HeadBelief:
         size = math.sqrt(float(np.mean(recent**2)))
         return f"differs from the others by {size / self._count:.3g} counts (root mean square)"
 
-    def _explained(self, window: Window) -> float:
-        """What a reading is uncertain by, its stamp included, over its noise alone."""
-        if not self._history:
-            return 1.0
-        speed = (window["theta"] - self._history[-1][0][0]) / window.duration  # of what was remembered before it
+    def _motion(self, window: Window) -> tuple[float, float]:
+        """Speed, and the noise of a head's reading, rad/s and rad: stamps that are off show as one over the other."""
         reading = math.sqrt(2.0 * window["radial_variance"]) / self._radius
-        return math.hypot(1.0, self._timing * speed / reading) if reading > 0.0 else 1.0
+        last, self._last = self._last, (window.number, window["theta"])
+        if last is None or window.number == last[0] or reading == 0.0:
+            return 0.0, 1.0
+        return (window["theta"] - last[1]) / ((window.number - last[0]) * window.duration), reading
 
-    def _judge_steps(self, window: Window) -> None:
-        """Without redundancy: a step that no bearing makes; how well the stamps fit must be taken on trust.
+    def _judge_steps(self, window: Window, rate: float) -> None:
+        """Without redundancy: a step that no bearing makes, and that noise and stamps do not at such a rate.
 
         A step of a head lasts, so it is over only where the ring is again where it was at this angle before. So is
         one that a head may have made while it was silent, in which time the ring may have gone further as well. What
@@ -251,7 +256,8 @@ class HeadBelief:
         course, place, theta = self._course(window), window.pair("surplus"), window["theta"]
         moved = course.moved(window.number, theta)
         passed = math.inf if course.number is None else (window.number - course.number) * window.duration
-        noise = math.sqrt(window["radial_variance"] / max(1.0, window.ticks * window["head_samples"]))
+        variance = window["radial_variance"] / max(1.0, window.ticks * window["head_samples"])
+        noise = math.sqrt(variance) * self._scatter.scale(rate)
         allowed = self._limits.radial_rate * window.duration + 6.0 * math.sqrt(2.0) * noise
         before, last, sure = course.turn.get(theta, moved), course.place, course.sure
         course.follow(window.number, theta, place, sure=False)
@@ -275,6 +281,7 @@ class HeadBelief:
                 f"{most * 1e6:.3g} µm), and too few heads to tell which is wrong; a reset accepts it"
             )
             return
+        self._scatter.add(window.number, place, variance, rate)
         if steps and min(steps) > allowed:  # in windows that tell nothing a bearing has the time for as much
             self.settled, settled = self.settled - frozenset(self._believed), False
         told = [_distance(place, each) for each in (last if sure else None, before) if each is not None]
@@ -332,6 +339,8 @@ class HeadBelief:
         for each in (self._agreement, self._beyond, self._history):
             each.clear()
         self._agreeing = 0.0
+        self._scatter.forget_last()
+        self._last = None
         for course in self._courses.values():
             course.forget_last()
 

@@ -209,7 +209,8 @@ class SensorBelief:
         gone = abs(window.surplus - self._calm.surplus)
         self._gone = gone if gone > 0.5 * near else 0.0  # less is noise
         self._farthest = max(self._farthest, self._gone)
-        if self._farthest <= STANDING * near or abs(window.theta - self._calm.theta) < 2 * math.pi:
+        far = STANDING * near + SIGMAS * math.sqrt(window.others)
+        if self._farthest <= far or abs(window.theta - self._calm.theta) < 2 * math.pi:
             return ""
         return f"stuck: it stays where it is while what is predicted of it goes {self._farthest * 1e6:.3g} {self._unit}"
 

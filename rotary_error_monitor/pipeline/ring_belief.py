@@ -328,7 +328,8 @@ class CommandBelief:
             self._squares.append((before[-1] - 0.5 * (before[-2] + window["ecc"])) ** 2)
             self._within.append(window.scattering("ecc") ** 2)
         before.append(window["ecc"])
-        self._slope.add(window.number, window["theta"], window["ecc"])
+        # the command's speed: at its rest a drive that settles goes as its distance does, late or not
+        self._slope.add(window.number, window["theta"] - window["ecc"], window["ecc"])
         if window.number % SHORT == 0 and len(self._slope) >= SHORT:
             self._slope.measure(window.duration)
             self.delay = -float(self._slope.value[0])

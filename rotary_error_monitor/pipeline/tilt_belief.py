@@ -121,7 +121,7 @@ class TiltBelief:
         self.scale = math.hypot(self._noise_scale, self._unseen(window) / deviation)
         # one tick is less sure than the mean of a window, and may be a window and a half away
         samples = max(1.0, window.ticks * window["tilt_samples"])
-        noise = math.hypot(self._deviation(window) * math.sqrt(1.0 + samples), self._drift(window))
+        noise = math.hypot(self._deviation(window) * math.sqrt(1.0 + samples), self._drift(window.duration))
         reach = 1.5 * self._limits.tilt_rate * window.duration + SIGMAS * noise
         self.reach = Reach(*window.pair("tilt_surplus"), reach)
 
@@ -149,7 +149,8 @@ class TiltBelief:
             return ""
         self._gone = _distance(window.pair("tilt_surplus"), self._calm.pair("tilt_surplus"))
         self._gone *= self._gone > 0.5 * near  # less is noise
-        if self._gone <= STANDING * near:
+        passed = (window.number - self._calm.number) * window.duration
+        if self._gone <= STANDING * near + SIGMAS * math.sqrt(2.0) * self._drift(passed):
             return ""
         return f"stuck: it stays where it is while what is described of it goes {self._gone * 1e6:.3g} µrad"
 
@@ -177,7 +178,7 @@ class TiltBelief:
             return ""
         passed = (window.number - last.number) * window.duration
         step = _distance(window.pair("tilt_surplus"), last.pair("tilt_surplus"))
-        noise = math.hypot(self._deviation(window), self._drift(window))
+        noise = math.hypot(self._deviation(window), self._drift(window.duration))
         if step <= self._limits.tilt_rate * passed + SIGMAS * math.sqrt(2.0) * noise:
             return ""
         self._size = step
@@ -204,7 +205,7 @@ class TiltBelief:
         """Scatter of a window about its neighbours against what the stated noise explains."""
         recent = self._recent
         if len(recent) >= 2 and self._last is not None and window.number == self._last.number + 1 and not self.doubt:
-            variance = 1.5 * self._deviation(window, stated=True) ** 2 + self._drift(window) ** 2
+            variance = 1.5 * self._deviation(window, stated=True) ** 2 + self._drift(window.duration) ** 2
             here = window.pair("tilt_surplus")
             for first, middle, last in zip(recent[-2], recent[-1], here, strict=True):
                 self._squares.append(min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6))
@@ -228,12 +229,12 @@ class TiltBelief:
         noise = math.hypot(self._instrument.noise, self._instrument.resolution / math.sqrt(12.0))
         return noise / math.sqrt(samples) * (1.0 if stated else self._noise_scale)
 
-    def _drift(self, window: Window) -> float:
-        """Standard deviation of what turbulence changes from window to window, over the root of two, rad."""
+    def _drift(self, passed: float) -> float:
+        """Standard deviation of what turbulence changes within a time (s), over the root of two, rad."""
         turbulence = self._instrument.turbulence
         if turbulence is None:
             return 0.0
-        return turbulence.std * math.sqrt(min(1.0, window.duration / turbulence.correlation_time))
+        return turbulence.std * math.sqrt(min(1.0, passed / turbulence.correlation_time))
 
     def _mean_before(self) -> tuple[float, float] | None:
         return _mean(list(self._recent)) if self._recent else self._before
@@ -241,7 +242,7 @@ class TiltBelief:
     def _is_back(self, window: Window) -> bool:
         """Whether the tilt is near where it was before it was doubted; the description where nothing was before."""
         before = self._before or (0.0, 0.0)
-        near = self._near + SIGMAS * math.hypot(self._deviation(window), self._drift(window))
+        near = self._near + SIGMAS * math.hypot(self._deviation(window), self._drift(window.duration))
         return _distance(window.pair("tilt_surplus"), before) <= near
 
 

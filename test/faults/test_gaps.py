@@ -126,6 +126,7 @@ def test_a_head_that_comes_back_as_it_was_counts_at_once(layout):
         before, found = (judged(seed, layout, gap, 0.0) for gap in (0.0, 0.04))
         assert found.worst <= MOST_WRONG
         assert not found.doubted
-        assert not found.estimator.belief.heads.unsettled
+        # where one head's stream ends before the others', it may have lost counts at the end
+        assert found.estimator.belief.heads.unsettled is before.estimator.belief.heads.unsettled
         assert found.available["eyc"] > before.available["eyc"] - 0.04
     assert len(told) >= 2
