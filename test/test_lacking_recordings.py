@@ -17,11 +17,13 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.writer import BagWriter, write_messages
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.codec.contents import Content, JointState
+from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.recordings.replay import replay_bag
@@ -40,6 +42,7 @@ TOPICS = {f"head_{head}": WIRE.topic("head_samples", head).name for head in "abc
     name: WIRE.topic(f"{name}_samples").name for name in ("autocollimator", "command")
 }
 HEAD_C, HEAD_D = TOPICS["head_c"], TOPICS["head_d"]
+MOTION_COLUMNS = WIRE.topic("error_motion_samples").columns
 MOTION, OFFSET = WIRE.topic("error_motion_samples").name, WIRE.topic("tool_offset_samples").name
 JOINT_STATES = WIRE.topic("machine_joint_states").name
 
@@ -70,9 +73,9 @@ def recording() -> Recording:
             assert block is not None
             found[TOPICS[name]].append(block)
             estimator.accept(name, block)
-        for block in estimator.advance():
-            found[MOTION].append(block)
-            compensator.accept_error_motion(block)
+        for made in estimator.advance():
+            found[MOTION].append(block_from_error_motion(made, MOTION_COLUMNS))
+            compensator.accept_error_motion(made)
         found[OFFSET] += compensator.advance().offsets
     return found
 
@@ -287,7 +290,7 @@ def test_stamps_of_the_future_are_refused_in_a_replay_as_live(recording, tmp_pat
         for block in recording[topic][:150]
     ]
     messages.sort(key=lambda message: message[0])
-    estimator, motion = Estimator(STAGE), list[tuple[int, SampleBlock]]()
+    estimator, motion = Estimator(STAGE), list[tuple[int, ErrorMotion]]()
     with BagWriter(tmp_path / "bag", list(WIRE)) as writer:
         for number, (arrival, topic, name, block) in enumerate(messages):
             if name == "head_a" and number % 240 > 180:
@@ -299,14 +302,13 @@ def test_stamps_of_the_future_are_refused_in_a_replay_as_live(recording, tmp_pat
                 estimator.accept(name, block, arrival)
             motion += [(arrival, made) for made in estimator.advance()]
         for arrival, made in motion if published else ():
-            writer.write(MOTION, encode(made, ""), arrival - behind * NANOSECONDS)
+            block = block_from_error_motion(made, MOTION_COLUMNS)
+            writer.write(MOTION, encode(block, ""), arrival - behind * NANOSECONDS)
     result = replay_bag(tmp_path / "bag", STAGE)
-    times = np.concatenate([made.times_ns for _, made in motion])
-    theta = np.concatenate([made.column("theta") for _, made in motion])
-    streams = np.concatenate([made.column("streams") for _, made in motion])
-    again = np.isin(result.stamp_ns, times)
-    assert np.count_nonzero(again) == len(times) > 2900
-    differ = (result.theta[again] != theta) | (result.streams[again] != streams)
+    live = ErrorMotion.joined([made for _, made in motion])
+    again = result.motion.at(np.isin(result.stamp_ns, live.times_ns))
+    assert len(again.theta) == len(live.theta) > 2900
+    differ = (again.theta != live.theta) | (again.streams != live.streams)
     # where all of a block is lost, the last tick before it was reckoned live before that showed
     assert np.count_nonzero(differ) <= (4 if place == "all" else 0)
     assert any("in the future" in remark for remark in result.remarks)

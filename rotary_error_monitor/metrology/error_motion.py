@@ -5,7 +5,9 @@ Components in the order of ISO 230-1: `exc eyc ezc eac ebc ecc`: two radial, axi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,25 +20,80 @@ COMPONENTS = ("exc", "eyc", "ezc", "eac", "ebc", "ecc")
 
 @dataclass(frozen=True)
 class ErrorMotion:
-    """Error motion at m times.
+    """Error motion at m times, and what an estimate of it rests on.
 
     Attributes:
         theta: (m,) rotation, rad.
         components: (m, 6) exc eyc ezc (m) eac ebc ecc (rad); zero where not observable.
         observable: (m, 6) which components were determined.
         covariance: (m, 6, 6); zero rows and columns where not observable.
+        times_ns: (m,) timestamp (ns) of each estimate.
+        streams: (m,) bit mask of the streams that were used.
+        doubts: (m,) bit mask of what was not believed, bits as in `DOUBTS` of the pipeline's belief.
+        head_scale, tilt_scale: (m,) by which standard deviations from heads and autocollimator were multiplied.
+        lag: (m,) uncertainty of ecc by a delay between heads and command, rad; without heads, of theta.
+        unresolved, unresolved_tilt: (m,) root mean square of a vector that turns with the rotor, of which it is not
+            told whether it is error motion, m and rad; part of the covariance.
+        sensor_scale, sensor_conflict: (m,) by which standard deviations of the listed sensors were multiplied: for they
+            scatter, and for they contradict one another.
     """
 
     theta: NDArray[np.float64]
     components: NDArray[np.float64]
     observable: NDArray[np.bool_]
     covariance: NDArray[np.float64]
+    times_ns: NDArray[np.int64]
+    streams: NDArray[np.int64]
+    doubts: NDArray[np.int64]
+    head_scale: NDArray[np.float64]
+    tilt_scale: NDArray[np.float64]
+    lag: NDArray[np.float64]
+    unresolved: NDArray[np.float64]
+    unresolved_tilt: NDArray[np.float64]
+    sensor_scale: NDArray[np.float64]
+    sensor_conflict: NDArray[np.float64]
 
-    def at(self, chosen: NDArray[np.int64]) -> ErrorMotion:
-        """The same at some of the times."""
+    @staticmethod
+    def of(
+        theta: NDArray[np.float64],
+        components: NDArray[np.float64],
+        observable: NDArray[np.bool_],
+        covariance: NDArray[np.float64],
+    ) -> ErrorMotion:
+        """Error motion by itself: at no time of a clock, of no stream, nothing of it doubted."""
+        mask, one, zero = np.zeros(len(theta), np.int64), np.ones(len(theta)), np.zeros(len(theta))
         return ErrorMotion(
-            self.theta[chosen], self.components[chosen], self.observable[chosen], self.covariance[chosen]
+            theta, components, observable, covariance, mask, mask, mask, one, one, zero, zero, zero, one, one
         )
+
+    @staticmethod
+    def unknown(count: int) -> ErrorMotion:
+        """Error motion at so many times of which nothing is known yet, its four first arrays to be filled in."""
+        shape = (count, len(COMPONENTS))
+        return ErrorMotion.of(
+            np.zeros(count), np.zeros(shape), np.zeros(shape, np.bool_), np.zeros((*shape, len(COMPONENTS)))
+        )
+
+    @staticmethod
+    def joined(parts: Sequence[ErrorMotion]) -> ErrorMotion:
+        """One after another, of at least one."""
+        if len(parts) == 1:
+            return parts[0]
+        return ErrorMotion(*(np.concatenate(each) for each in zip(*(part._arrays() for part in parts), strict=True)))
+
+    def at(self, chosen: NDArray[np.int64] | NDArray[np.bool_] | slice) -> ErrorMotion:
+        """The same at some of the times; of a slice, views."""
+        return ErrorMotion(*(each[chosen] for each in self._arrays()))
+
+    def hide(self, times: NDArray[np.bool_], places: Sequence[int]) -> None:
+        """Make the components at `places` not observable at some of the `times` (m,)."""
+        for place in places:
+            self.observable[times, place] = False
+            self.components[times, place] = 0.0
+            self.covariance[times, place] = self.covariance[times, :, place] = 0.0
+
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        return tuple(vars(self).values())
 
 
 def rotate(vector: tuple[float, float], theta: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +106,8 @@ def _solved(motion: ErrorMotion, seen: Seen) -> ErrorMotion:
     components = (covariance @ vector[:, :, None])[:, :, 0] / _SCALE
     covariance /= np.outer(_SCALE, _SCALE)
     observable = np.abs(outside).max(axis=1, initial=0.0) < _SEEN
-    return ErrorMotion(motion.theta, components, np.tile(observable, (len(motion.theta), 1)), covariance)
+    every = np.tile(observable, (count, 1))
+    return replace(motion, components=components, observable=every, covariance=covariance)
 
 
 def extend(motion: ErrorMotion, seen: Seen) -> ErrorMotion:

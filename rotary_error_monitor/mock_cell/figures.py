@@ -16,7 +16,6 @@ from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Topic, Wire, wire_of
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compare_with_lvdt
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.mock_cell.run import FORCE_CYCLE, SPEEDS, MockCell, Recording, seconds
@@ -135,9 +134,7 @@ def lvdt_comparisons(
     for height, begin_ns, end_ns in recording.heights:
         there = (times >= begin_ns + SETTLING_NS) & (times < end_ns)
         when = (replayed.stamp_ns >= begin_ns + SETTLING_NS) & (replayed.stamp_ns < end_ns)
-        part = ErrorMotion(
-            motion.theta[when], motion.components[when], motion.observable[when], motion.covariance[when]
-        )
+        part = motion.at(when)
         lvdt = replace(stage.lvdt, height=height)
         yield height, compare_with_lvdt(replayed.stamp_ns[when], part, lvdt, times[there], radial[there], period)
 

@@ -15,6 +15,7 @@ import numpy as np
 from sensor_msgs.msg import JointState, Temperature
 from std_srvs.srv import Trigger
 
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.machine.limits import Outcome
@@ -90,7 +91,7 @@ class Compensation(ManagedNode):
         if now_ns - block.newest_ns > self._age_limit_ns:
             self._output.drop(len(block.rows), now_ns)  # nothing of it could be published: no time is lost on it
             return
-        self._compensator.accept_error_motion(block)
+        self._compensator.accept_error_motion(error_motion_from_block(block))
 
     def _receive_joints(self, message: JointState) -> None:
         stamp_ns = messages.measured_ns(message.header)

@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.dashboard.board import PORT, Action, Board
 from rotary_error_monitor.dashboard.cards import Clock, Drawn
 from rotary_error_monitor.dashboard.health import Status, label_of
@@ -34,7 +35,6 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level, status_name
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.qos import onlooker_profile
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 NAME = "dashboard"

@@ -12,19 +12,19 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.error_motion import COMPONENTS
+from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.pace import Pace
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import COMMAND, Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
-from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 NAME = "error_estimator"
 _POSE_PERIOD, _FIGURES_PERIOD = 50_000_000, 20_000_000  # ns, between two messages for people and for plotting
@@ -93,7 +93,7 @@ class ErrorEstimator(ManagedNode):
         self._figures_publisher = self.publish_on(self._figures_topic)
         self._pose_pace, self._figures_pace = Pace(_POSE_PERIOD), Pace(_FIGURES_PERIOD)
         self._reported = (0, 0, 0)
-        self._components = 0
+        self._observable = np.zeros(len(COMPONENTS), np.bool_)
         now_ns, patience = self.now_ns(), self.setting("patience")
         self._output = StreamWatch(self._samples.name, patience, _SILENT_AFTER, now_ns, outgoing=True)
         self._inputs = {}
@@ -133,7 +133,7 @@ class ErrorEstimator(ManagedNode):
         return receive
 
     def _estimate(self) -> None:
-        """The blocks of all streams that came together are reckoned with once."""
+        """What of all streams came together is reckoned with once."""
         for estimate in self._estimator.advance():
             self._publish(estimate)
         self._say_doubts()
@@ -163,23 +163,25 @@ class ErrorEstimator(ManagedNode):
         self.get_logger().info(f"reset: {response.message}")
         return response
 
-    def _publish(self, estimate: SampleBlock) -> None:
-        self._sample_publisher.publish(messages.block_bytes(estimate, self._samples.frame))
-        self._output.observe(estimate, self.now_ns())
-        self._components = int(estimate.column("observable")[-1])
-        pose, figures = self._pose_pace.is_due(estimate.stamp_ns), self._figures_pace.is_due(estimate.stamp_ns)
+    def _publish(self, estimate: ErrorMotion) -> None:
+        block = block_from_error_motion(estimate, self._samples.columns)
+        self._sample_publisher.publish(messages.block_bytes(block, self._samples.frame))
+        self._output.observe(block, self.now_ns())
+        self._observable = estimate.observable[-1]
+        pose, figures = self._pose_pace.is_due(block.stamp_ns), self._figures_pace.is_due(block.stamp_ns)
         if pose or figures:
-            self._publish_for_people(SampleBlock(estimate.stamp_ns, estimate.names, estimate.rows[-1:]), pose, figures)
+            self._publish_for_people(estimate, pose, figures)
 
-    def _publish_for_people(self, latest: SampleBlock, pose: bool, figures: bool) -> None:
-        motion, stamp_ns = error_motion_from_block(latest), int(latest.times_ns[0])
-        components, observable = motion.components[0], motion.observable[0]
+    def _publish_for_people(self, estimate: ErrorMotion, pose: bool, figures: bool) -> None:
+        """The latest of it."""
+        components, observable = estimate.components[-1], estimate.observable[-1]
+        stamp_ns = int(estimate.times_ns[-1])
         if figures:
             shown = np.where(observable, components, np.nan)
             self._figures_publisher.publish(messages.figures_message(stamp_ns, self._figures_topic.frame, shown))
         if pose:
             self._pose_publisher.publish(
-                messages.pose_message(stamp_ns, self._pose.frame, components, motion.covariance[0], observable)
+                messages.pose_message(stamp_ns, self._pose.frame, components, estimate.covariance[-1], observable)
             )
 
     def _estimate_condition(self, now_ns: int) -> Condition:
@@ -225,7 +227,7 @@ class ErrorEstimator(ManagedNode):
         yield Level.WARN, f"without {', '.join(status.absent)}" if status.absent else ""
         # What the stage has no sensor for is no fault: the topic's bit mask says it.
         possible = possible_components(self.stage)
-        hidden = [name for bit, name in enumerate(COMPONENTS) if name in possible and not self._components >> bit & 1]
+        hidden = [name for bit, name in enumerate(COMPONENTS) if name in possible and not self._observable[bit]]
         yield Level.WARN, f"not observable: {', '.join(hidden)}" if hidden and not silent else ""
         yield Level.WARN, "" if possible else "the sensors of the stage determine no component of error motion"
         if belief.heads.lost:

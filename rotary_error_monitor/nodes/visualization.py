@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
@@ -31,7 +32,6 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.frame_broadcaster import FrameBroadcaster
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.error_motion_view import ErrorMotionView, Picture
 from rotary_error_monitor.signals.blocks import SampleBlock
 

@@ -72,12 +72,12 @@ class Estimate:
     @property
     def error_motion(self) -> Array:
         """(n, 6) exc eyc ezc (m) eac ebc ecc (rad), NaN where not observable; radial motion is that at the ring."""
-        return self.replay.error_motion
+        return sealed(self.replay.error_motion)
 
     @property
     def covariance(self) -> Array:
         """(n, 6, 6) of the error motion, NaN in rows and columns that are not observable."""
-        return self.replay.covariance
+        return sealed(self.replay.covariance)
 
     @property
     def sigma(self) -> Array:
@@ -261,6 +261,6 @@ def estimate(
     replay = replay_bag(path, described, None if machine is None else load_machine(machine), settings, naming=naming)
     check_estimated(replay, path, described)
     streams = wire_of(described).topic("error_motion_samples").field("streams")
-    used = {name: replay.streams & streams.mask([name]) != 0 for name in streams.bits}
-    doubts = {name: replay.doubts >> bit & 1 != 0 for bit, name in enumerate(DOUBTS)}
+    used = {name: replay.motion.streams & streams.mask([name]) != 0 for name in streams.bits}
+    doubts = {name: replay.motion.doubts >> bit & 1 != 0 for bit, name in enumerate(DOUBTS)}
     return sealed(Estimate(path, replay, ReadOnly(used), ReadOnly(doubts)))

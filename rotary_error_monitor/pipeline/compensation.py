@@ -23,14 +23,12 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.limits import CorrectionState
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.corrections import CompensationOutput, CorrectionMaker, CorrectionSettings
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.holding import Holding
-from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances, doubts_of
+from rotary_error_monitor.pipeline.input_checks import InputChecks, Tolerances
 from rotary_error_monitor.pipeline.joints import AxisPositions, JointTrack, unpack_directions
 from rotary_error_monitor.pipeline.live_components import Carrier
 from rotary_error_monitor.pipeline.poses import TimedPoses
 from rotary_error_monitor.pipeline.thermometer import Thermometer
-from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 
 @dataclass(frozen=True)
@@ -125,7 +123,7 @@ class Compensator:
         )
         self._checks = InputChecks(machine, tolerances)
         self._first_ns: int | None = None
-        self._waiting: list[SampleBlock] = []
+        self._waiting: list[ErrorMotion] = []
         self._own_ticks: list[int] = []
         self._last_tick = -1
         self.hold = ""
@@ -167,9 +165,9 @@ class Compensator:
         self._own_ticks.clear()
         self._last_tick, self._first_ns = -1, None
 
-    def push_error_motion(self, block: SampleBlock) -> CompensationOutput:
-        """Take in a block of error motion and give what can be computed now; see `accept_error_motion`."""
-        self.accept_error_motion(block)
+    def push_error_motion(self, motion: ErrorMotion) -> CompensationOutput:
+        """Take in error motion and give what can be computed now; see `accept_error_motion`."""
+        self.accept_error_motion(motion)
         return self.advance()
 
     def push_joint_state(
@@ -179,23 +177,23 @@ class Compensator:
         self.accept_joint_state(stamp_ns, positions, velocities)
         return self.advance()
 
-    def accept_error_motion(self, block: SampleBlock) -> None:
-        """Take in a block of error motion, columns as `pipeline.estimation.COLUMNS`, and wait for `advance`.
+    def accept_error_motion(self, motion: ErrorMotion) -> None:
+        """Take in error motion at one time at least, and wait for `advance`.
 
         Raises:
-            InputError: the block lacks a column, or the machine has no monitored axis.
+            InputError: the machine has no monitored axis.
         """
         if self._monitored is None:
             raise InputError(f"machine {self._machine.name} has no monitored axis that error motion could belong to")
         if not self._waiting and self.joints.stream.newest_ns is None:
-            self.joints.stream.expect(int(block.times_ns[0]))
-        fresh = block.times_ns > np.maximum.accumulate(np.concatenate([[self._last_tick], block.times_ns[:-1]]))
+            self.joints.stream.expect(int(motion.times_ns[0]))
+        fresh = motion.times_ns > np.maximum.accumulate(np.concatenate([[self._last_tick], motion.times_ns[:-1]]))
         if not fresh.all():
             self.late += int((~fresh).sum())
-            block = SampleBlock(block.stamp_ns, block.names, block.rows[fresh])
-        if len(block.rows):
-            self._last_tick = int(block.times_ns[-1])
-            self._waiting.append(block)
+            motion = motion.at(fresh)
+        if len(motion.times_ns):
+            self._last_tick = int(motion.times_ns[-1])
+            self._waiting.append(motion)
 
     def accept_joint_state(
         self, stamp_ns: int, positions: Mapping[str, float], velocities: Mapping[str, float]
@@ -238,24 +236,21 @@ class Compensator:
     def _advance(self, last: bool = False) -> CompensationOutput:
         if not self._waiting:
             return CompensationOutput()
-        block = _joined(self._waiting)
-        ticks = block.times_ns
+        motion = ErrorMotion.joined(self._waiting)
+        ticks = motion.times_ns
         count = len(ticks) if last else self.joints.count_decided(ticks, int(ticks[-1]))
-        self._waiting = [block] if count == 0 else []
+        self._waiting = [motion.at(slice(count, None))] if count < len(ticks) else []
         if count == 0:
             return CompensationOutput()
-        if count < len(ticks):
-            self._waiting = [SampleBlock(block.stamp_ns, block.names, block.rows[count:])]
-            block = SampleBlock(block.stamp_ns, block.names, block.rows[:count])
-        found = self._compute(ticks[:count], block)
+        found = self._compute(motion.at(slice(count)))
         self.joints.trim(int(ticks[count - 1]))
         return found
 
-    def _compute(self, ticks: NDArray[np.int64], block: SampleBlock) -> CompensationOutput:
+    def _compute(self, motion: ErrorMotion) -> CompensationOutput:
         assert self._monitored is not None
-        motion = error_motion_from_block(block)
+        ticks = motion.times_ns
         axes, temperature = self._axes_at(ticks)
-        checked = self._checks.judge(ticks, axes, motion, doubts_of(block))
+        checked = self._checks.judge(axes, motion)
         usable, self.hold = checked.usable, checked.hold
         if usable.any() and (reason := self._missing(int(ticks[-1]))):
             usable, self.hold = np.zeros(len(ticks), np.bool_), reason
@@ -384,12 +379,4 @@ def _without_command(motion: ErrorMotion, believed: NDArray[np.bool_]) -> ErrorM
         return motion
     observable = motion.observable.copy()
     observable[~believed, 5] = False
-    return ErrorMotion(motion.theta, motion.components, observable, motion.covariance)
-
-
-def _joined(blocks: Sequence[SampleBlock]) -> SampleBlock:
-    """One block of all rows; blocks that waited together are computed together."""
-    if len(blocks) == 1:
-        return blocks[0]
-    times = np.concatenate([block.times_ns for block in blocks])
-    return block_from_samples(times, blocks[0].names[1:], np.concatenate([block.rows[:, 1:] for block in blocks]))
+    return replace(motion, observable=observable)

@@ -4,8 +4,8 @@ The same class runs live and in replay. Estimates stand on a grid of ticks fixed
 as soon as every stream that is present has the samples for it; a stream that stays behind the others by more than
 `patience` counts as absent. Both are judged by stamps, never by when a message happened to arrive. What is believed of
 the streams follows from the ticks before (`pipeline.belief`). Should a block come so late live that the estimator went
-on without it, the column `streams` of the published block says so; with it, and with what the other columns say was
-believed, a replay repeats the decision.
+on without it, the `streams` of the error motion say so; with these, and with what else it says was believed, a replay
+repeats the decision.
 """
 
 from __future__ import annotations
@@ -18,12 +18,9 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.pipeline.belief import Belief
-from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR as AUTOCOLLIMATOR
-from rotary_error_monitor.pipeline.error_motion_rows import COLUMNS as COLUMNS
-from rotary_error_monitor.pipeline.error_motion_rows import COMMAND as COMMAND
-from rotary_error_monitor.pipeline.error_motion_rows import SENSOR_COLUMNS, RowMaker
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorSettings as EstimatorSettings
 from rotary_error_monitor.pipeline.estimator_settings import EstimatorStatus as EstimatorStatus
 from rotary_error_monitor.pipeline.evidence import INDEX as EVIDENCE
@@ -32,8 +29,11 @@ from rotary_error_monitor.pipeline.listed_sensors import ListedSensors
 from rotary_error_monitor.pipeline.publication import Believed, Decisions, Publication, redundancy_of
 from rotary_error_monitor.pipeline.repetition import Repetition
 from rotary_error_monitor.pipeline.stream_limits import is_saturated, stream_limits
+from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR as AUTOCOLLIMATOR
+from rotary_error_monitor.pipeline.ticks import COMMAND as COMMAND
+from rotary_error_monitor.pipeline.ticks import TickMaker
 from rotary_error_monitor.signals.admission import ArrivalCheck
-from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
+from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.resampling import Resampled, count_decided, resample_all, tick_times
 from rotary_error_monitor.signals.streams import SampleStream
 
@@ -84,13 +84,12 @@ class Estimator:
         self._repetition = None if decisions is None else Repetition(decisions, self._bits)
         self._layouts: dict[HeadLayout, tuple[int, ...]] = {}
         period_ns, limit = self._settings.period_ns, self._settings.disagreement_limit
-        self._rows = RowMaker(stage, self._heads, period_ns * 1e-9)
+        self._ticks = TickMaker(stage, self._heads, period_ns * 1e-9)
         self._publication = Publication(stage, self._bits)
         self.belief = Belief(
             stage, self._heads, self._bits, self._streams, period_ns, limit, self._settings.check_turns
         )
         self._listed = ListedSensors(stage, self._bits, period_ns) if stage.sensors else None
-        self._columns = COLUMNS if self._listed is None else (*COLUMNS, *SENSOR_COLUMNS)
         self.status = EstimatorStatus(streams=self._streams)
         self._begin()
 
@@ -129,8 +128,8 @@ class Estimator:
         if self._listed is not None:
             self._listed.reset()
 
-    def push(self, name: str, block: SampleBlock, arrival_ns: int | None = None) -> list[SampleBlock]:
-        """Take in a block of stream `name`; give the blocks of error motion that are complete now, columns `COLUMNS`.
+    def push(self, name: str, block: SampleBlock, arrival_ns: int | None = None) -> list[ErrorMotion]:
+        """Take in a block of stream `name`; give the error motion that is complete now.
 
         Raises:
             InputError: as `accept`.
@@ -176,15 +175,15 @@ class Estimator:
             self._repetition.reach_ns = stream.patience_ns
         self._grown.add(name)
 
-    def advance(self) -> list[SampleBlock]:
-        """Blocks of error motion that are complete with what was accepted, columns `COLUMNS`."""
+    def advance(self) -> list[ErrorMotion]:
+        """Error motion that is complete with what was accepted, in parts of at least one tick."""
         for name in self._grown:
             self._decided[name] = self._decided_until(self._streams[name], self._decided[name])
         self._grown.clear()
         return self._advance()
 
-    def finish(self) -> list[SampleBlock]:
-        """Blocks of the ticks that were still waiting: no more samples will come."""
+    def finish(self) -> list[ErrorMotion]:
+        """Error motion of the ticks that were still waiting: no more samples will come."""
         return self._advance(last=True)
 
     def _check_arrival(self, name: str, block: SampleBlock, arrival_ns: int, recorded: bool) -> int:
@@ -239,7 +238,7 @@ class Estimator:
             return first
         return first + count_decided(stream.times_ns, tick_times(first, count, period), period)
 
-    def _advance(self, last: bool = False) -> list[SampleBlock]:
+    def _advance(self, last: bool = False) -> list[ErrorMotion]:
         if self._next is None:
             return []
         present = [name for name, stream in self._streams.items() if not stream.is_absent(self._watermark)]
@@ -247,16 +246,16 @@ class Estimator:
         limit = self._watermark // self._settings.period_ns if last else min(self._decided[name] for name in present)
         if self._next >= limit:
             return []
-        blocks = []
+        found = []
         while self._next < limit:
             count = min(limit - self._next, CHUNK)
-            blocks += self._compute(self._next, count)
+            found += self._compute(self._next, count)
             self._next = self._after_pause(self._next + count, limit)
         # what of a window is refused is a part of all its samples, however many ticks were handed over at once
         kept_ns = max(WINDOW_NS, self._settings.period_ns)
         for stream in self._streams.values():
             stream.trim(self._next * self._settings.period_ns - kept_ns)
-        return blocks
+        return found
 
     def _after_pause(self, tick: int, limit: int) -> int:
         """The next tick near which there are samples: over a time without any nothing is reckoned."""
@@ -269,8 +268,8 @@ class Estimator:
                 nearest = min(nearest, int(times[place]) // self._settings.period_ns - reach)
         return max(tick, nearest)
 
-    def _compute(self, first: int, count: int) -> list[SampleBlock]:
-        """Blocks of the ticks from `first` on; each choice of streams and each belief in its turn."""
+    def _compute(self, first: int, count: int) -> list[ErrorMotion]:
+        """Error motion of the ticks from `first` on; each choice of streams and each belief in its turn."""
         settings = self._settings
         ticks = tick_times(first, count, settings.period_ns)
         signals = [(stream.times_ns, stream.values) for stream in self._streams.values()]
@@ -284,16 +283,16 @@ class Estimator:
             heard = stream.is_whole(ticks, settings.period_ns, after_patience=self._repetition is None)
             there += np.where(resampled[name].valid & heard, self._bits[name], 0)
         there &= np.where(ticks < self._all_heads_begun_ns(), ~self._head_bits, -1)
-        blocks, begin = [], 0
+        found, begin = [], 0
         while begin < count:
             index = np.arange(begin, count)
             part = resampled if begin == 0 else {name: each.at(index) for name, each in resampled.items()}
-            block, done = self._compute_part(ticks[begin:], part, there[begin:], first + begin)
-            blocks += block
+            motion, done = self._compute_part(ticks[begin:], part, there[begin:], first + begin)
+            found += motion
             begin += done
             if self.belief.turns:
                 self._take_out_turns(self.belief.turns, resampled)
-        return blocks
+        return found
 
     def _all_heads_begun_ns(self) -> int:
         """Timestamp (ns) before which a head that was awaited had not begun: until then nothing tells a wrong one.
@@ -319,15 +318,15 @@ class Estimator:
 
     def _compute_part(
         self, ticks: NDArray[np.int64], sampled: Mapping[str, Resampled], there: NDArray[np.int64], first: int
-    ) -> tuple[list[SampleBlock], int]:
-        """Blocks of ticks as long as the same heads are believed, and how many ticks these are."""
+    ) -> tuple[list[ErrorMotion], int]:
+        """Error motion of ticks as long as the same heads are believed, and how many ticks these are."""
         there = there & ~self.belief.unusable
         own = there & ~self.belief.left_out
         used, decided = (own, {}) if self._repetition is None else self._repetition.choose(ticks, there, own)
         for place, decision in decided.items():  # a head that the live run did not wait for yet was not there for it
             there[place] &= decision.streams | self.belief.left_out | ~self._head_bits
         rates = {name: stream.rate for name, stream in self._streams.items()}
-        rows, evidence, disagreement, redundancy = self._make_rows(sampled, there, used, first, rates)
+        motion, evidence, disagreement, redundancy = self._make(sampled, there, used, first, rates)
         verdicts, done = self.belief.assess(evidence)
         believed = Believed(done)
         for where, verdict in verdicts:
@@ -335,15 +334,21 @@ class Estimator:
         for place, decision in decided.items():
             if place < done:
                 believed.repeat(place, decision)
-        rows, used = rows[:done], used[:done] & ~believed.excluded
-        publish = self._publication.finish(
-            rows, evidence.values[:done], used, disagreement[:done], redundancy[:done], believed
+        whole = slice(done)
+        motion, publish = self._publication.finish(
+            ticks[whole],
+            motion.at(whole),
+            evidence.values[whole],
+            used[whole] & ~believed.excluded,
+            disagreement[whole],
+            redundancy[whole],
+            believed,
         )
         seen = evidence.values[:done, [EVIDENCE["heads"], EVIDENCE["commanded"]]].max(axis=1) > 0.0
         if self._listed is not None:
             known = {name: each.at(np.arange(done)) for name, each in sampled.items()}
             said = {at: (each.sensor_scale, each.sensor_conflict) for at, each in decided.items() if at < done}
-            rows = self._listed.complete(first, rows, publish & seen, known, rates, said, evidence.values[:done])
+            motion = self._listed.complete(first, motion, publish & seen, known, rates, said, evidence.values[:done])
         if self._repetition is None:
             self.status.unobservable += int((~seen).sum())
         else:
@@ -353,32 +358,35 @@ class Estimator:
         publish &= seen
         self.status.estimates += int(publish.sum())
         self.status.disagreement = float(disagreement[done - 1])
-        return [block_from_samples(ticks[:done][publish], self._columns, rows[publish])] if publish.any() else [], done
+        return [motion.at(publish)] if publish.any() else [], done
 
-    def _make_rows(
+    def _make(
         self,
         sampled: Mapping[str, Resampled],
         there: NDArray[np.int64],
         used: NDArray[np.int64],
         first: int,
         rates: Mapping[str, float],
-    ) -> tuple[NDArray[np.float64], Evidence, NDArray[np.float64], NDArray[np.int64]]:
-        """Rows of all ticks, what they say of the streams, contradiction of the heads, and their redundancy."""
+    ) -> tuple[ErrorMotion, Evidence, NDArray[np.float64], NDArray[np.int64]]:
+        """Error motion of all ticks, what they say of the streams, contradiction of the heads, and their redundancy."""
         count = len(there)
-        rows, values = np.zeros((count, len(COLUMNS))), np.zeros((count, len(EVIDENCE)))
+        motions, places, values = [], [], np.zeros((count, len(EVIDENCE)))
         parity, disagreement = np.zeros((count, len(self._heads))), np.zeros(count)
-        redundancy, readings = np.zeros(count, np.int64), np.zeros((count, self._rows.readings))
+        redundancy, readings = np.zeros(count, np.int64), np.zeros((count, self._ticks.readings))
         for both in set(zip(there.tolist(), used.tolist(), strict=True)):
             chosen = np.flatnonzero((there == both[0]) & (used == both[1]))
             part = sampled if len(chosen) == count else {name: each.at(chosen) for name, each in sampled.items()}
-            made = self._rows.make(part, self._names(both[0]), self._names(both[1]), rates)
-            rows[chosen], values[chosen] = made.rows, made.evidence
+            made = self._ticks.make(part, self._names(both[0]), self._names(both[1]), rates)
+            motions.append(made.motion)
+            places.append(chosen)
+            values[chosen] = made.evidence
             parity[chosen], readings[chosen], disagreement[chosen] = made.parity, made.readings, made.disagreement
             redundancy[chosen] = redundancy_of(made.layout)
             if made.layout is not None:
                 self.status.unseen_orders = self._unseen_orders(made.layout)
+        motion = ErrorMotion.joined(motions)
         return (
-            rows,
+            motion if len(motions) == 1 else motion.at(np.argsort(np.concatenate(places))),
             Evidence(first + np.arange(count), values, parity, there & self._judged_bits, readings),
             disagreement,
             redundancy,

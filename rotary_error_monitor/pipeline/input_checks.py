@@ -11,7 +11,6 @@ from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.belief import DOUBTS, names_of
 from rotary_error_monitor.pipeline.joints import AxisPositions
-from rotary_error_monitor.signals.blocks import SampleBlock
 
 MEMORY_NS = 2_000_000_000
 """How long commands are remembered, ns: a joint state is held against that of its own stamp."""
@@ -76,13 +75,11 @@ class InputChecks:
         """Whether the encoder did not contradict the joint states when it spoke last."""
         return not self._apart
 
-    def judge(
-        self, ticks: NDArray[np.int64], axes: AxisPositions, motion: ErrorMotion, doubts: NDArray[np.int64]
-    ) -> Checked:
-        """What the ticks can be used for; `doubts` (m,) is what the estimator doubts, as a bit mask."""
-        limits = self._tolerances
+    def judge(self, axes: AxisPositions, motion: ErrorMotion) -> Checked:
+        """What the ticks of an estimate can be used for, with the `axes` at these."""
+        limits, doubts = self._tolerances, motion.doubts
         commanded = motion.theta - np.where(motion.observable[:, 5], motion.components[:, 5], 0.0)
-        self._remember(ticks, commanded)
+        self._remember(motion.times_ns, commanded)
         fresh = axes.known & (axes.age * 1e9 <= limits.age_limit_ns)
         difference, allowed = self._distance(axes)
         told = axes.told & fresh
@@ -113,9 +110,7 @@ class InputChecks:
             ),
             "",
         )
-        return Checked(
-            usable, commanded, command, hold, self._remarks(motion, int(doubts[last]), command[last], difference[last])
-        )
+        return Checked(usable, commanded, command, hold, self._remarks(motion, command[last], difference[last]))
 
     def _remember(self, ticks: NDArray[np.int64], commanded: NDArray[np.float64]) -> None:
         times, commands = np.concatenate([self._times, ticks]), np.concatenate([self._commands, commanded])
@@ -151,8 +146,8 @@ class InputChecks:
             f"{np.degrees(told % turn):.2f}° by the joint states; set the encoder's zero"
         )
 
-    def _remarks(self, motion: ErrorMotion, doubts: int, command: np.bool_, difference: np.float64) -> tuple[str, ...]:
-        told = names_of(doubts)
+    def _remarks(self, motion: ErrorMotion, command: np.bool_, difference: np.float64) -> tuple[str, ...]:
+        told = names_of(int(motion.doubts[-1]))
         remarks = [_TOLD[name] for name in told if name in _TOLD]
         if "autocollimator" not in told and not motion.observable[-1, 3:5].all():
             remarks.append("tilt from the description: no autocollimator is heard")
@@ -166,10 +161,3 @@ class InputChecks:
                 f"{difference * 1e6:.3g} µrad apart"
             )
         return tuple(remarks)
-
-
-def doubts_of(block: SampleBlock) -> NDArray[np.int64]:
-    """(m,) bit mask of what the estimator doubts; none where the block does not say."""
-    if "doubts" not in block.names:
-        return np.zeros(len(block.rows), np.int64)
-    return block.column("doubts").astype(np.int64)

@@ -18,7 +18,6 @@ from rotary_error_monitor.metrology.error_motion import (
 )
 from rotary_error_monitor.metrology.rigid_motion import LEAST_VARIANCE
 from rotary_error_monitor.pipeline.belief import DOUBTS
-from rotary_error_monitor.pipeline.error_motion_rows import COLUMN
 from rotary_error_monitor.pipeline.evidence import INDEX
 from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
 from rotary_error_monitor.sensors.library import listed_fields, listed_sensitivity
@@ -135,7 +134,6 @@ class ListedReadings:
 
     def make(
         self,
-        rows: Array,
         motion: ErrorMotion,
         evidence: Array,
         there: NDArray[np.bool_],
@@ -144,8 +142,7 @@ class ListedReadings:
         """What the sensors show at m ticks.
 
         Args:
-            rows: (m, k) the estimate without them, columns as in `pipeline.error_motion_rows`.
-            motion: the error motion in it.
+            motion: the estimate without them.
             evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
             there: (m, p) which readings can be used.
             sampled: each stream at the ticks.
@@ -153,16 +150,16 @@ class ListedReadings:
         described = described_error_motion(self._spindle, motion.theta)
         expected = np.where(motion.observable, motion.components, described)
         raw, reading, noise = self._read(motion.theta, sampled)
-        turned = self._turned(motion.theta, rows[:, COLUMN["lag"]])
+        turned = self._turned(motion.theta, motion.lag)
         # the form of a target is taken off at the wrong place while the zero of the rotation may be another one
-        elsewhere = np.where(rows[:, COLUMN["doubts"]].astype(np.int64) & UNVERIFIED, 1.0, 0.0)
+        elsewhere = np.where(motion.doubts & UNVERIFIED, 1.0, 0.0)
         seen_too, alone = motion.observable.astype(np.float64), np.where(motion.observable, 0.0, 1.0)
         by_noise = seen_too * _noise_of(evidence)
         noisy = _summed(by_noise, self.sensitivity**2)
         by_heads = _summed(by_noise[:, :2], self.sensitivity[:, :2] ** 2)
         by_tilt = _summed(by_noise[:, 3:5], self.sensitivity[:, 3:5] ** 2)
         air = _summed(seen_too[:, 3:5] * self._air, self._through_air)
-        raised = np.maximum(rows[:, COLUMN["head_scale"]] ** 2 - 1.0, 0.0)
+        raised = np.maximum(motion.head_scale**2 - 1.0, 0.0)
         return ListedTicks(
             motion.theta,
             motion.components,

@@ -5,27 +5,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.agreement import chi_square_bound
-from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.rigid_motion import Seen, disagreement, disagreements, extend
-from rotary_error_monitor.pipeline.error_motion_rows import (
-    AUTOCOLLIMATOR,
-    COLUMN,
-    COLUMNS,
-    COVARIANCES,
-    MORE_COVARIANCES,
-    SENSOR_COLUMNS,
-    observable_of,
-)
 from rotary_error_monitor.pipeline.evidence import WindowGrid
 from rotary_error_monitor.pipeline.head_belief import SHORT, WEAK
 from rotary_error_monitor.pipeline.listed_belief import SensorBelief, SensorWindow
 from rotary_error_monitor.pipeline.listed_readings import ListedReadings, ListedTicks
+from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR
 from rotary_error_monitor.signals.resampling import Resampled
 
 Array = NDArray[np.float64]
@@ -82,69 +75,72 @@ class ListedSensors:
     def complete(
         self,
         first: int,
-        rows: Array,
+        motion: ErrorMotion,
         usable: NDArray[np.bool_],
         sampled: Mapping[str, Resampled],
         rates: Mapping[str, float],
         decided: Mapping[int, tuple[float, float]],
         evidence: Array,
-    ) -> Array:
-        """(m, k) rows with the columns `COLUMNS` and `SENSOR_COLUMNS`, from rows (m, l) with the first of these.
+    ) -> ErrorMotion:
+        """Error motion with what the listed sensors show, and what of them was used.
 
         Args:
             first: number of the first tick on its grid.
-            rows: error motion by heads and autocollimator as it may be published, its streams those that are there.
-            usable: (m,) which of the rows may be published: the rotation of the others is not known.
+            motion: by heads and autocollimator as it may be published, its streams those that are there.
+            usable: (m,) which of it may be published: the rotation at the other ticks is not known.
             sampled: each stream at the ticks.
             rates: samples per s of each stream.
             decided: for ticks, by their place, whose choice of streams is that of a live run, its `sensor_scale` and
                 `sensor_conflict`.
             evidence: (m, e) what the ticks say, columns as in `pipeline.evidence`.
         """
-        masks = rows[:, COLUMN["streams"]].astype(np.int64)
-        completed = np.hstack([rows, np.zeros((len(rows), len(SENSOR_COLUMNS)))])
-        there = (masks[:, None] & self._bits != 0) & usable[:, None]
-        shown = self._readings.make(rows, _motion(completed), evidence, there, sampled)
+        there = (motion.streams[:, None] & self._bits != 0) & usable[:, None]
+        shown = self._readings.make(motion, evidence, there, sampled)
         used, scale, conflict = self._assess(first, shown, rates)
         for place, said in decided.items():
             used[place], (scale[place], conflict[place]) = there[place], said
         bits = self._bits[self._first]
         choices = (used[:, self._first] * bits).sum(axis=1)
-        completed[:, COLUMN["streams"]] = masks & ~int(bits.sum()) | choices
         variance = shown.noise * scale[:, None] ** 2 + shown.systematic + shown.common
         if self._alone:
-            conflict = np.maximum(conflict, self._conflict_of(completed, choices, shown.reading, variance))
-        completed[:, -2], completed[:, -1] = scale, conflict
-        self._join(completed, choices, shown.reading, variance * conflict[:, None] ** 2)
-        return completed
+            conflict = np.maximum(conflict, self._conflict_of(motion, choices, shown.reading, variance))
+        streams = motion.streams & ~int(bits.sum()) | choices
+        used_too = replace(motion, streams=streams, sensor_scale=scale, sensor_conflict=conflict)
+        return self._joined(used_too, choices, shown.reading, variance * conflict[:, None] ** 2)
 
-    def _conflict_of(self, rows: Array, choices: NDArray[np.int64], reading: Array, variance: Array) -> Array:
+    def _conflict_of(self, motion: ErrorMotion, choices: NDArray[np.int64], reading: Array, variance: Array) -> Array:
         """(m,) by which the standard deviations of the chosen sensors are raised for what a tick itself shows.
 
         Where no heads show the radial error motion, a wrong probe is in it until the next window tells.
         """
-        found = np.ones(len(rows))
-        for chosen, motion, seen in self._seen(rows, choices, reading, variance):
-            chi_square, freedom = disagreements(motion, seen)
+        found = np.ones(len(choices))
+        for chosen, known, seen in self._seen(motion, choices, reading, variance):
+            chi_square, freedom = disagreements(known, seen)
             ratio = chi_square / max(freedom, 1)
             found[chosen] = np.where(ratio > WEAK**2, np.sqrt(ratio), 1.0)
         return found
 
-    def _join(self, rows: Array, choices: NDArray[np.int64], reading: Array, variance: Array) -> None:
-        """Put what the chosen sensors, bit masks (m,), show into the rows."""
-        for chosen, motion, seen in self._seen(rows, choices, reading, variance):
-            rows[chosen] = _with_motion(rows[chosen], extend(motion, seen))
+    def _joined(self, motion: ErrorMotion, choices: NDArray[np.int64], reading: Array, variance: Array) -> ErrorMotion:
+        """With what the chosen sensors, bit masks (m,), show."""
+        found = motion.components.copy(), motion.observable.copy(), motion.covariance.copy()
+        for chosen, known, seen in self._seen(motion, choices, reading, variance):
+            extended = extend(known, seen)
+            upper = np.triu(extended.covariance)  # the two halves differ by rounding, and one half is published
+            symmetric = upper + np.triu(upper, 1).swapaxes(1, 2)
+            for whole, part in zip(found, (extended.components, extended.observable, symmetric), strict=True):
+                whole[chosen] = part
+        return replace(motion, components=found[0], observable=found[1], covariance=found[2])
 
     def _seen(
-        self, rows: Array, choices: NDArray[np.int64], reading: Array, variance: Array
+        self, motion: ErrorMotion, choices: NDArray[np.int64], reading: Array, variance: Array
     ) -> Iterator[tuple[NDArray[np.intp], ErrorMotion, Seen]]:
-        """Places of rows that rest on the same sensors, what is known there without these, and what they see."""
-        observable = rows[:, COLUMN["observable"]].astype(np.int64)
+        """Places of ticks that rest on the same sensors, what is known there without these, and what they see."""
+        observable = np.packbits(motion.observable, axis=1)[:, 0]
         for bits, choice in {(b, c) for b, c in zip(observable.tolist(), choices.tolist(), strict=True) if c}:
             chosen = np.flatnonzero((observable == bits) & (choices == choice))
             sensors = np.flatnonzero(self._bits & choice)
             at = np.ix_(chosen, sensors)
-            yield chosen, _motion(rows[chosen]), Seen(self.sensitivity[sensors], reading[at], variance[at])
+            yield chosen, motion.at(chosen), Seen(self.sensitivity[sensors], reading[at], variance[at])
 
     def _assess(
         self, first: int, shown: ListedTicks, rates: Mapping[str, float]
@@ -191,9 +187,9 @@ class ListedSensors:
             return
         ticks = self._grid.ticks
         samples = np.array([max(1.0, ticks * min(1.0, rates[self._streams[place]] * self._period)) for place in chosen])
-        motion = ErrorMotion(
+        motion = ErrorMotion.of(
             shown.theta[:1],
-            shown.components.sum(axis=0, keepdims=True) / ticks,
+            np.asfortranarray(shown.components).sum(axis=0, keepdims=True) / ticks,
             shown.observable[:1],
             shown.covariance.sum(axis=0, keepdims=True) / ticks,
         )
@@ -267,26 +263,3 @@ def _scatter(values: Array) -> float:
     course = np.arange(count) - 0.5 * (count - 1)
     off = off - course * (float((off * course).sum()) / float((course**2).sum()))
     return float((off**2).sum()) / (count - 2)
-
-
-def _motion(rows: Array) -> ErrorMotion:
-    covariance = np.zeros((len(rows), 6, 6))
-    for (i, j), place in _PLACES.items():
-        covariance[:, i, j] = covariance[:, j, i] = rows[:, place]
-    components = rows[:, [COLUMN[name] for name in COMPONENTS]]
-    observable = observable_of(rows[:, COLUMN["observable"]].astype(np.int64))
-    return ErrorMotion(rows[:, COLUMN["theta"]], components, observable, covariance)
-
-
-def _with_motion(rows: Array, motion: ErrorMotion) -> Array:
-    rows = rows.copy()
-    rows[:, [COLUMN[name] for name in COMPONENTS]] = motion.components
-    for (i, j), place in _PLACES.items():
-        rows[:, place] = motion.covariance[:, i, j]
-    rows[:, COLUMN["observable"]] = (motion.observable << np.arange(6)).sum(axis=1)
-    return rows
-
-
-_PLACES = {key: COLUMN[name] for key, name in COVARIANCES.items()} | {
-    key: len(COLUMNS) + SENSOR_COLUMNS.index(name) for key, name in MORE_COVARIANCES.items()
-}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from itertools import product
 from typing import TypeAlias
 
 import numpy as np
@@ -13,14 +14,16 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.belief import DOUBTS, Verdict
-from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR, COLUMN, COMMAND
 from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
+from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.pipeline.tilt_belief import SIGMAS
-from rotary_error_monitor.signals.blocks import SampleBlock
 
 _UNCERTAIN = ("head_scale", "tilt_scale", "lag", "unresolved", "unresolved_tilt")
+_BY_HEADS = (0, 1, 5)
+"""Places of the components that the heads show."""
 
 
 @dataclass(frozen=True)
@@ -49,19 +52,10 @@ Decisions: TypeAlias = Mapping[int, Decision]
 """Decisions by the stamp (ns) of their tick."""
 
 
-def decisions_from_block(block: SampleBlock) -> dict[int, Decision]:
-    """What the run decided that published a block of error motion.
-
-    Raises:
-        InputError: the block does not say which streams were used.
-    """
-    streams = block.column("streams").astype(np.int64).tolist()
-    times = block.times_ns.tolist()
-    if "doubts" not in block.names:
-        return {time: Decision(mask) for time, mask in zip(times, streams, strict=True)}
-    scale = tuple(name for name in ("sensor_scale", "sensor_conflict") if name in block.names)
-    said = block.columns(("streams", "doubts", *_UNCERTAIN, *scale)).tolist()
-    return {time: Decision(int(row[0]), int(row[1]), *row[2:]) for time, row in zip(times, said, strict=True)}
+def decisions_of(motion: ErrorMotion) -> dict[int, Decision]:
+    """What the run decided that published error motion."""
+    said = (getattr(motion, each.name).tolist() for each in fields(Decision))
+    return {time: Decision(*each) for time, *each in zip(motion.times_ns.tolist(), *said, strict=True)}
 
 
 class Believed:
@@ -108,7 +102,7 @@ class Believed:
 
 
 class Publication:
-    """Turns rows of a stage's error motion into what may be published."""
+    """Turns a stage's error motion into what may be published."""
 
     def __init__(self, stage: StageDescription, bits: Mapping[str, int]) -> None:
         """Publication for `stage`, with the `bits` of its streams."""
@@ -129,14 +123,18 @@ class Publication:
 
     def finish(
         self,
-        rows: NDArray[np.float64],
+        ticks: NDArray[np.int64],
+        motion: ErrorMotion,
         evidence: NDArray[np.float64],
         streams: NDArray[np.int64],
         disagreement: NDArray[np.float64],
         redundancy: NDArray[np.int64],
         believed: Believed,
-    ) -> NDArray[np.bool_]:
-        """Complete the rows (m, k) in place, from the `streams` that are used; give which of them may go out (m,)."""
+    ) -> tuple[ErrorMotion, NDArray[np.bool_]]:
+        """Error motion at ticks (ns) completed, from the `streams` that are used, and which of it may go out (m,).
+
+        Its four first arrays are those of `motion`, changed in place.
+        """
         seen = {name: evidence[:, place] for name, place in INDEX.items()}
         far = ~believed.within("tilt", seen["tilt_surplus_x"], seen["tilt_surplus_y"]) & (seen["tilt"] > 0)
         streams = np.where(far, streams & ~self._bits["autocollimator"], streams)
@@ -145,33 +143,26 @@ class Publication:
         unsettled = (redundancy == 0) & (streams & self._heads & ~believed.settled != 0)
         believed.doubts[unsettled] |= 1 << DOUBTS.index("unverified")
         near = believed.within("radial", seen["surplus_x"], seen["surplus_y"])
-        self._raise_uncertainty(rows, seen, disagreement, redundancy, believed)
+        self._raise_uncertainty(motion, seen, disagreement, redundancy, believed)
         doubts = {name: believed.has(name) for name in DOUBTS}
-        motion = np.hypot(seen["surplus_x"] + seen["described_x"], seen["surplus_y"] + seen["described_y"])
-        ring = doubts["ring"] | (motion > self._most + SIGMAS * np.sqrt(seen["radial_variance"]))
+        radial = np.hypot(seen["surplus_x"] + seen["described_x"], seen["surplus_y"] + seen["described_y"])
+        ring = doubts["ring"] | (radial > self._most + SIGMAS * np.sqrt(seen["radial_variance"]))
         tilt = streams & self._bits["autocollimator"] == 0
         command = streams & self._bits["command"] == 0
-        observable = rows[:, COLUMN["observable"]].astype(np.int64)
-        for which, bits, names in (
-            (ring, 0b11, ("exc", "eyc", "var_exc", "var_eyc", "cov_exc_eyc", "cov_exc_ecc", "cov_eyc_ecc")),
-            (tilt, 0b11000, ("eac", "ebc", "var_eac", "var_ebc")),
-            (command, 0b100000, ("ecc", "var_ecc", "cov_exc_ecc", "cov_eyc_ecc")),
-        ):
+        for which, places in ((ring, (0, 1)), (tilt, (3, 4)), (command, (5,))):
             if which.any():
-                observable[which] &= ~bits
-                for name in names:
-                    rows[which, COLUMN[name]] = 0.0
-        rows[:, COLUMN["observable"]] = observable
-        rows[:, COLUMN["streams"]] = streams
-        for name in ("doubts", *_UNCERTAIN):
-            rows[:, COLUMN[name]] = getattr(believed, name)
+                motion.hide(which, places)
+        said = {name: getattr(believed, name) for name in ("doubts", *_UNCERTAIN)}
+        motion = replace(motion, times_ns=ticks, streams=streams, **said)
         agree = (disagreement <= believed.most) & near & ~doubts["heads"]
         agree &= ~(command & self._commanded)  # without heads all is of the rotation that the command tells
-        return np.asarray(agree & np.isfinite(rows).all(axis=1))
+        numbers = [motion.theta, *motion.components.T, *(said[name] for name in _UNCERTAIN)]
+        finite = np.isfinite(motion.covariance.reshape(-1, 36)).all(axis=1) & np.isfinite(numbers).all(axis=0)
+        return motion, np.asarray(agree & finite)
 
     def _raise_uncertainty(
         self,
-        rows: NDArray[np.float64],
+        motion: ErrorMotion,
         seen: Mapping[str, NDArray[np.float64]],
         disagreement: NDArray[np.float64],
         redundancy: NDArray[np.int64],
@@ -181,9 +172,8 @@ class Publication:
         bounds = np.ones(int(redundancy.max(initial=0)) + 1)
         bounds[1:] = [chi_square_bound(float(freedom)) for freedom in range(1, len(bounds))]
         heads = np.maximum(believed.head_scale**2, disagreement**2 / bounds[redundancy])
-        for name in ("var_exc", "var_eyc", "cov_exc_eyc", "var_ecc", "cov_exc_ecc", "cov_eyc_ecc"):
-            rows[:, COLUMN[name]] *= heads
-        bits = rows[:, COLUMN["observable"]].astype(np.int64)
+        for row, column in product(_BY_HEADS, repeat=2):
+            motion.covariance[:, row, column] *= heads
         unproven = np.where(believed.has("unverified"), self._unproven["radial"], 0.0)
         step = np.where(redundancy == 0, self._unseen, 0.0)
         # a head that is off shows as rotation as well as displacement where no other contradicts it
@@ -194,16 +184,16 @@ class Publication:
         tilt = self._assembly.tilt + 0.5 * believed.unresolved_tilt**2
         tilt += np.where(believed.has("unverified_tilt"), self._unproven["tilt"], 0.0)
         read = (seen["tilt_x"], seen["tilt_y"])
-        for bit, name, added in (
-            (0, "var_exc", step + radial),
-            (1, "var_eyc", step + radial),
-            (3, "var_eac", tilt + self._assembly.tilt_by_reading(*read)),
-            (4, "var_ebc", tilt + self._assembly.tilt_by_reading(*reversed(read))),
-            (5, "var_ecc", (step + head) / self._radius**2 + believed.lag**2 + self._rounding),
+        for place, added in (
+            (0, step + radial),
+            (1, step + radial),
+            (3, tilt + self._assembly.tilt_by_reading(*read)),
+            (4, tilt + self._assembly.tilt_by_reading(*reversed(read))),
+            (5, (step + head) / self._radius**2 + believed.lag**2 + self._rounding),
         ):
-            if name in ("var_eac", "var_ebc"):
-                rows[:, COLUMN[name]] *= believed.tilt_scale**2
-            rows[:, COLUMN[name]] += np.where(bits >> bit & 1 == 1, added, 0.0)
+            if place not in _BY_HEADS:
+                motion.covariance[:, place, place] *= believed.tilt_scale**2
+            motion.covariance[:, place, place] += np.where(motion.observable[:, place], added, 0.0)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.tilt import check_saturation
-from rotary_error_monitor.pipeline.error_motion_rows import AUTOCOLLIMATOR, COMMAND
+from rotary_error_monitor.pipeline.ticks import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.sensors.library import listed_kind
 from rotary_error_monitor.signals.admission import LARGEST_ANGLE, SampleLimits
 from rotary_error_monitor.signals.blocks import SampleBlock

@@ -192,14 +192,15 @@ def _table(analysis: Analysis) -> str:
 
 def estimates_of(replay: Replay) -> Estimates:
     """What an analysis takes of a replay."""
+    motion = replay.motion
     return Estimates(
-        replay.stamp_ns,
-        replay.theta,
+        motion.times_ns,
+        motion.theta,
         replay.error_motion,
         replay.covariance,
-        replay.unresolved,
-        replay.head_scale,
-        np.asarray(replay.doubts & _UNPROVEN == 0),
+        np.stack([motion.unresolved, motion.unresolved_tilt], axis=1),
+        motion.head_scale,
+        np.asarray(motion.doubts & _UNPROVEN == 0),
     )
 
 
@@ -240,7 +241,7 @@ def analyse_bag(
         _stays(replay, stage, streams),
         _tool_offset(replay),
         tuple(streams.health),
-        fall_outs(replay.stamp_ns, replay.streams, bits, period_ns),
+        fall_outs(replay.stamp_ns, replay.motion.streams, bits, period_ns),
         acting,
         (int(replay.stamp_ns[0]), int(replay.stamp_ns[-1])),
         period_ns * 1e-9,

@@ -11,10 +11,12 @@ import numpy as np
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import JointState, Temperature
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Wire, wire_of
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
 from rotary_error_monitor.pipeline.estimation import (
     AUTOCOLLIMATOR,
@@ -24,7 +26,7 @@ from rotary_error_monitor.pipeline.estimation import (
     EstimatorStatus,
 )
 from rotary_error_monitor.pipeline.observability import rotation_is_lacking
-from rotary_error_monitor.pipeline.publication import Decision, Decisions, decisions_from_block
+from rotary_error_monitor.pipeline.publication import Decision, Decisions, decisions_of
 from rotary_error_monitor.recordings.replayed import Collected, Replay, damage_of, remarks_of
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import absence_remarks
@@ -141,16 +143,8 @@ def _replay_described(
         collected.accept_machine(topic, content, compensator, arrival_ns)
         collected.add_compensation(compensator)
     ticks = np.unique(np.array(stamps, np.int64))
-    nothing = np.full((len(ticks), 6, 6), np.nan)
     return Replay(
-        ticks,
-        nothing[:, 0, 0],
-        nothing[:, 0],
-        nothing,
-        np.zeros(len(ticks), np.int64),
-        np.zeros(len(ticks), np.int64),
-        np.zeros((len(ticks), 2)),
-        np.ones(len(ticks)),
+        replace(ErrorMotion.unknown(len(ticks)), times_ns=ticks, theta=np.full(len(ticks), np.nan)),
         collected.offsets_at(ticks),
         tuple(collected.corrections),
         EstimatorStatus(),
@@ -193,7 +187,10 @@ def _machine_topics(reader: BagReader, wire: Wire) -> tuple[str, str]:
 def _published_decisions(reader: BagReader, wire: Wire) -> dict[int, Decision]:
     found: dict[int, Decision] = {}
     for block in _blocks(reader, wire.topic("error_motion_samples").name):
-        found |= decisions_from_block(block)
+        said = decisions_of(error_motion_from_block(block))
+        if "doubts" not in block.names:  # a run of an earlier version
+            said = {time: Decision(each.streams) for time, each in said.items()}
+        found |= said
     return found
 
 

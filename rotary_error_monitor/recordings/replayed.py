@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.corrections import Correction
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorStatus
 from rotary_error_monitor.pipeline.joints import joint_motion_of
 from rotary_error_monitor.signals.admission import ArrivalCheck
@@ -38,15 +37,7 @@ class Replay:
     With a machine that has no monitored axis the ticks are those of the joint states, and no error motion is measured.
 
     Attributes:
-        stamp_ns: (n,) timestamp (ns) of each estimate.
-        theta: (n,) rotation, rad.
-        error_motion: (n, 6) exc eyc ezc eac ebc ecc in m and rad, NaN where not observable.
-        covariance: (n, 6, 6) of it, NaN in rows and columns that are not observable.
-        streams: (n,) bit mask of the input streams that were used.
-        doubts: (n,) bit mask of what was not believed, bits as in `DOUBTS` of the pipeline's belief.
-        unresolved: (n, 2) root mean square of a vector that turns with the rotor, of which it is not told whether it
-            is error motion: radial (m) and tilt (rad); part of the covariance.
-        head_scale: (n,) by which standard deviations from the heads were multiplied.
+        motion: as the estimator gave it.
         tool_offset: (n, 6) x y z a b c in m and rad, NaN where the compensation held; None without a machine.
         corrections: at the correction period; empty without a machine.
         status: counts of the estimator.
@@ -59,14 +50,7 @@ class Replay:
             repeated.
     """
 
-    stamp_ns: NDArray[np.int64]
-    theta: NDArray[np.float64]
-    error_motion: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    streams: NDArray[np.int64]
-    doubts: NDArray[np.int64]
-    unresolved: NDArray[np.float64]
-    head_scale: NDArray[np.float64]
+    motion: ErrorMotion
     tool_offset: NDArray[np.float64] | None
     corrections: tuple[Correction, ...]
     status: EstimatorStatus
@@ -77,15 +61,25 @@ class Replay:
     remarks: tuple[str, ...]
 
     @property
-    def motion(self) -> ErrorMotion:
-        """The same as the core's dataclass, with zeros where not observable."""
-        observable = np.isfinite(self.error_motion)
-        return ErrorMotion(
-            self.theta,
-            np.where(observable, self.error_motion, 0.0),
-            observable,
-            np.where(np.isfinite(self.covariance), self.covariance, 0.0),
-        )
+    def stamp_ns(self) -> NDArray[np.int64]:
+        """(n,) timestamp (ns) of each estimate."""
+        return self.motion.times_ns
+
+    @property
+    def theta(self) -> NDArray[np.float64]:
+        """(n,) rotation, rad."""
+        return self.motion.theta
+
+    @cached_property
+    def error_motion(self) -> NDArray[np.float64]:
+        """(n, 6) exc eyc ezc eac ebc ecc in m and rad, NaN where not observable."""
+        return np.where(self.motion.observable, self.motion.components, np.nan)
+
+    @cached_property
+    def covariance(self) -> NDArray[np.float64]:
+        """(n, 6, 6) of it, NaN in rows and columns that are not observable."""
+        observable = self.motion.observable
+        return np.where(observable[:, :, None] & observable[:, None, :], self.motion.covariance, np.nan)
 
     def save(self, path: Path | str) -> None:
         """Write the arrays to an .npz file; `tool_offset`, `correction_stamp_ns`, `corrections` only with a machine.
@@ -98,8 +92,8 @@ class Replay:
             "theta": self.theta,
             "error_motion": self.error_motion,
             "covariance": self.covariance,
-            "streams": self.streams,
-            "doubts": self.doubts,
+            "streams": self.motion.streams,
+            "doubts": self.motion.doubts,
             "unrepeated": self.unrepeated,
             "lost_stamp_ns": self.lost_ns,
         }
@@ -120,10 +114,10 @@ class Replay:
 
 
 class Collected:
-    """Blocks and corrections as they come."""
+    """Error motion and corrections as they come."""
 
     def __init__(self) -> None:
-        self.motion: list[SampleBlock] = []
+        self.motion: list[ErrorMotion] = []
         self.offsets: list[SampleBlock] = []
         self.corrections: list[Correction] = []
         self.spans: dict[str, MessageSpans] = {}
@@ -146,13 +140,12 @@ class Collected:
         found = {topic: spans.coverage() for topic, spans in self.spans.items()}
         return coverage_remarks({topic: each for topic, each in found.items() if each is not None})
 
-    def add_motion(self, blocks: list[SampleBlock], compensator: Compensator | None) -> None:
+    def add_motion(self, parts: list[ErrorMotion], compensator: Compensator | None) -> None:
         """Take error motion, and with a compensator what it makes of it."""
-        for block in blocks:
-            self.motion.append(block)
-            if compensator is not None:
-                compensator.accept_error_motion(block)
+        self.motion += parts
         if compensator is not None:
+            for part in parts:
+                compensator.accept_error_motion(part)
             self.add_compensation(compensator)
 
     def refuse(self, topic: str, error: InputError) -> None:
@@ -217,9 +210,6 @@ class Collected:
             offset[np.searchsorted(stamps, block.times_ns)] = block.rows[:, 1:7]
         return offset
 
-    def _integers(self, column: str) -> NDArray[np.int64]:
-        return _joined([block.column(column).astype(np.int64) for block in self.motion], np.empty(0, np.int64))
-
     def add_compensation(self, compensator: Compensator, *, last: bool = False) -> None:
         """Take offsets and corrections of what was accepted, and why they are held once they have begun."""
         found = compensator.finish() if last else compensator.advance()
@@ -239,23 +229,12 @@ class Collected:
         absent: tuple[str, ...],
     ) -> Replay:
         """All of it; `live_ns` are the ticks (ns) published live, `lacking` those that lack something, by what."""
-        stamps = _joined([block.times_ns for block in self.motion], np.empty(0, np.int64))
-        found = [error_motion_from_block(block) for block in self.motion]
-        observable = _joined([each.observable for each in found], np.empty((0, 6), np.bool_))
-        components = _joined([each.components for each in found], np.empty((0, 6)))
-        covariance = _joined([each.covariance for each in found], np.empty((0, 6, 6)))
-        both = observable[:, :, None] & observable[:, None, :]
+        motion = ErrorMotion.joined([ErrorMotion.unknown(0), *self.motion])
+        stamps = motion.times_ns
         unrepeated = np.unique(np.concatenate([*lacking.values(), np.empty(0, np.int64)]))
         lost = lost_ticks(live_ns, stamps)
         return Replay(
-            stamps,
-            _joined([each.theta for each in found], np.empty(0)),
-            np.where(observable, components, np.nan),
-            np.where(both, covariance, np.nan),
-            self._integers("streams"),
-            self._integers("doubts"),
-            _joined([block.columns(("unresolved", "unresolved_tilt")) for block in self.motion], np.empty((0, 2))),
-            _joined([block.column("head_scale") for block in self.motion], np.empty(0)),
+            motion,
             self.offsets_at(stamps) if with_machine else None,
             tuple(self.corrections),
             status,
@@ -318,7 +297,3 @@ def remarks_of(reader: BagReader, window: Window | None) -> tuple[str, ...]:
     """What a reader of the bag should know."""
     outside = window.remark if window is not None else None
     return (*reader.remarks, outside) if outside else reader.remarks
-
-
-def _joined(parts: list[NDArray[Any]], empty: NDArray[Any]) -> NDArray[Any]:
-    return np.concatenate(parts) if parts else empty

@@ -115,7 +115,7 @@ def test_the_heights_of_a_moved_lvdt_are_found(seed):
     components = np.zeros((36_000, 6))
     components[:, :2], components[:, 3:5] = radial, tilt
     observable = np.ones((36_000, 6), np.bool_)
-    motion = ErrorMotion(theta, components, observable, np.zeros((36_000, 6, 6)))
+    motion = ErrorMotion.of(theta, components, observable, np.zeros((36_000, 6, 6)))
     stays = compare_stays(stamps, motion, lvdt, stamps, seen)
     assert [stay.height for stay in stays] == pytest.approx(heights, abs=5e-4)
     for stay in stays:
@@ -133,7 +133,7 @@ def test_an_lvdt_that_stays_is_one_stay_at_its_described_height(seed):
     seen = 0.016 * np.stack([tilt[:, 1], -tilt[:, 0]], 1) + off + 5e-8 * rng.normal(size=(36_000, 2))
     components = np.zeros((36_000, 6))
     components[:, 3:5] = tilt
-    motion = ErrorMotion(theta, components, np.ones((36_000, 6), np.bool_), np.zeros((36_000, 6, 6)))
+    motion = ErrorMotion.of(theta, components, np.ones((36_000, 6), np.bool_), np.zeros((36_000, 6, 6)))
     (stay,) = compare_stays(stamps, motion, Lvdt(0.016, 5e-8), stamps, seen)
     assert stay.height == 0.016
 

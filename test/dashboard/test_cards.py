@@ -60,7 +60,7 @@ def model_with(statuses=(), theta=0.3, components=(1e-6, -2e-6, 0, 3e-6, 0, -4e-
     model = CellModel(0.1, rotary=["A", "C"])
     covariance = np.diag([1e-16, 4e-16, 0, 9e-16, 0, 0])[None]
     observable = np.array([[1, 1, 0, 1, 1, 1]], bool)
-    model.take_motion(ErrorMotion(np.array([theta]), np.array([components]), observable, covariance), 0.0, NOW_NS)
+    model.take_motion(ErrorMotion.of(np.array([theta]), np.array([components]), observable, covariance), 0.0, NOW_NS)
     model.take_statuses(statuses, 0.0)
     return model
 

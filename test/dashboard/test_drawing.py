@@ -20,7 +20,7 @@ SVG = "{*}"
 def motion(theta, exc, eyc, observable=True):
     components = np.zeros((len(theta), 6))
     components[:, 0], components[:, 1] = exc, eyc
-    return ErrorMotion(theta, components, np.full((len(theta), 6), observable), np.zeros((len(theta), 6, 6)))
+    return ErrorMotion.of(theta, components, np.full((len(theta), 6), observable), np.zeros((len(theta), 6, 6)))
 
 
 def lines(svg):

@@ -12,8 +12,7 @@ from world import Options, Recording, make_recording
 
 from rotary_error_monitor.description.stage import StageDescription, stage_from_mapping
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.error_motion import COMPONENTS
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
+from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.sensors.library import is_listed
 
@@ -82,7 +81,7 @@ def judge(
         own_clock: what the estimator's own clock shows (ns) at the time of an arrival, where it was set.
     """
     stage = stage_from_mapping(section)
-    estimator, blocks = Estimator(stage), []
+    estimator, parts = Estimator(stage), []
     doubted: dict[str, str] = {}
     awake = 0
     for arrival, topic, block in recording.timeline():
@@ -90,39 +89,37 @@ def judge(
         if stream is None or len(block.rows) == 0:
             continue
         if abs(arrival - awake) > TURN_OF_THE_NODE:
-            blocks += estimator.advance()
+            parts += estimator.advance()
             awake = arrival
             for what, why in estimator.reasons:
                 doubted.setdefault(what, why)
         with suppress(InputError):  # refused and counted
             estimator.accept(stream, block, arrival if own_clock is None else own_clock(arrival))
-    blocks += estimator.advance() + estimator.finish()
+    parts += estimator.advance() + estimator.finish()
     doubted = dict(estimator.reasons) | doubted
-    return _compare(recording, stage, estimator, blocks, doubted, true_times, bound)
+    return _compare(recording, stage, estimator, parts, doubted, true_times, bound)
 
 
 def _compare(
     recording: Recording,
     stage: StageDescription,
     estimator: Estimator,
-    blocks: list,
+    parts: list[ErrorMotion],
     doubted: dict[str, str],
     true_times: Callable[[NDArray[np.int64]], NDArray[np.int64]] | None,
     bound: Callable[[StageDescription], Mapping[str, float]] | None,
 ) -> Judgement:
     total = max(1, round(recording.duration / PERIOD))
-    if not blocks:
+    if not parts:
         nothing = dict.fromkeys(COMPONENTS, 0.0)
         return Judgement(nothing, nothing, nothing, doubted, estimator)
-    times = np.concatenate([block.times_ns for block in blocks])
-    motions = [error_motion_from_block(block) for block in blocks]
-    found = np.concatenate([motion.components for motion in motions])
-    said = np.concatenate([motion.observable for motion in motions])
-    deviation = np.sqrt(np.concatenate([np.diagonal(motion.covariance, axis1=1, axis2=2) for motion in motions]))
+    motion = ErrorMotion.joined(parts)
+    times, said = motion.times_ns, motion.observable
+    deviation = np.sqrt(np.diagonal(motion.covariance, axis1=1, axis2=2))
     truth = recording.truth(times if true_times is None else true_times(times))
     unseen = bound(stage) if bound is not None else {}
     margin = np.array([unseen.get(name, 0.0) for name in COMPONENTS])
-    off = found - np.column_stack([getattr(truth, name) for name in COMPONENTS])
+    off = motion.components - np.column_stack([getattr(truth, name) for name in COMPONENTS])
     off[:, 5] -= 2 * np.pi * np.rint(off[:, 5] / (2 * np.pi))
     wrong: NDArray[np.bool_] = said & ~(np.abs(off) <= margin + SIGMAS * deviation)
     return Judgement(

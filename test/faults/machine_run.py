@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.limits import Outcome
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.corrections import Correction
-from rotary_error_monitor.pipeline.estimation import COLUMNS
-from rotary_error_monitor.signals.blocks import block_from_samples
 
 MACHINE = load_machine("xyzac_trt")
 START = 1_763_700_000_000_000_000
@@ -68,22 +67,20 @@ class Machine:
         """°C."""
         return 20.0 + 0.002 * t
 
-    def motion_block(self, first_ms: int, count: int = 5):
+    def error_motion(self, first_ms: int, count: int = 5) -> ErrorMotion:
         """What a sound estimator publishes."""
         times = START + (first_ms + np.arange(count)) * MS + MS // 2
         t = (times - START) * 1e-9
-        rows = np.zeros((count, len(COLUMNS)))
         command = self.axis("C", t)[0]
-        rows[:, COLUMNS.index("observable")] = 0b111011
-        size = {"exc": 3e-6, "eyc": 3e-6, "eac": 2e-5, "ebc": 2e-5, "ecc": 1e-5}
-        for i, (name, largest) in enumerate(size.items()):
+        motion = replace(ErrorMotion.unknown(count), times_ns=times)
+        size = {0: 3e-6, 1: 3e-6, 3: 2e-5, 4: 2e-5, 5: 1e-5}
+        for i, (place, largest) in enumerate(size.items()):
             a, b, c = self._rotor[i]
-            rows[:, COLUMNS.index(name)] = largest * (
-                0.4 * a * np.cos(command) + 0.3 * b * np.sin(2 * command) + 0.3 * c
-            )
-            rows[:, COLUMNS.index(f"var_{name}")] = (1e-8 if name in ("exc", "eyc") else 1e-7) ** 2
-        rows[:, COLUMNS.index("theta")] = command + rows[:, COLUMNS.index("ecc")]
-        return block_from_samples(times, COLUMNS, rows)
+            wave = 0.4 * a * np.cos(command) + 0.3 * b * np.sin(2 * command) + 0.3 * c
+            motion.components[:, place], motion.observable[:, place] = largest * wave, True
+            motion.covariance[:, place, place] = (1e-8 if place in (0, 1) else 1e-7) ** 2
+        motion.theta[:] = command + motion.components[:, 5]
+        return motion
 
 
 @dataclass
@@ -128,7 +125,7 @@ def run(
                 compensator.accept_joint_state(START + ms * MS + round(ahead(t) * 1e9), *state)
             except InputError as error:
                 found.said.append((t, str(error)))
-        result = compensator.push_error_motion(machine.motion_block(ms))
+        result = compensator.push_error_motion(machine.error_motion(ms))
         for correction in result.corrections:
             found.corrections[correction.stamp_ns] = correction
             if correction.report is not None:

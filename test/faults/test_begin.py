@@ -9,6 +9,7 @@ from world import Options, make_recording, random_stage
 from faults.judging import judge
 from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage import stage_from_mapping
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.signals.blocks import block_from_samples
@@ -36,16 +37,16 @@ def test_heads_that_are_back_before_the_command_are_still_where_they_were(seed, 
     section = next(each for each in drawn if len(each["encoder"]["heads"]) > 3 and "mirror" in each)
     options = Options(motion="steady", odd_rates=False, peak_speed=3.0, clock_wander=0.0, lost_blocks=0.0)
     recording = make_recording(seed, duration=8.0, stage=section, options=options)
-    estimator, blocks = Estimator(stage_from_mapping(section)), []
+    estimator, parts = Estimator(stage_from_mapping(section)), []
     for _, topic, block in recording.timeline():
         name = topic.split("/")[2]
         at = (int(block.times_ns[-1]) - recording.start_ns) * 1e-9 if len(block.rows) else 5.0
         away = 5.0 <= at < 6.0 + later * (name == "command")
         if name in estimator.inputs and not away:
-            blocks += estimator.push(name, block)
-    at = (np.concatenate([block.times_ns for block in blocks]) - recording.start_ns) * 1e-9
-    doubts = np.concatenate([block.column("doubts") for block in blocks]).astype(int)
-    unverified = doubts >> DOUBTS.index("unverified") & 1 == 1
+            parts += estimator.push(name, block)
+    motion = ErrorMotion.joined(parts)
+    at = (motion.times_ns - recording.start_ns) * 1e-9
+    unverified = motion.doubts >> DOUBTS.index("unverified") & 1 == 1
     assert not unverified[(at > 4.5) & (at < 4.9)].any(), "it was verified before"
     after = unverified[(at > 6.6 + later) & (at < 6.9 + later)]
     assert len(after) > 100
@@ -59,7 +60,7 @@ def test_a_command_that_is_away_for_a_moment_is_as_late_as_before(seed):
     section = next(each for each in drawn if len(each["encoder"]["heads"]) > 3 and "mirror" in each)
     options = Options(motion="both_directions", odd_rates=False, peak_speed=3.0, clock_wander=0.0, lost_blocks=0.0)
     recording = make_recording(seed, duration=16.0, stage=section, options=options)
-    estimator, blocks = Estimator(stage_from_mapping(section)), []
+    estimator, parts = Estimator(stage_from_mapping(section)), []
     for _, topic, block in recording.timeline():
         name = topic.split("/")[2]
         if name not in estimator.inputs or len(block.rows) == 0:
@@ -68,15 +69,14 @@ def test_a_command_that_is_away_for_a_moment_is_as_late_as_before(seed):
         if name == "command":
             block = block_from_samples(block.times_ns + LATE_NS, block.names[1:], block.rows[:, 1:])
         if name != "command" or at % 0.4 > 0.08:
-            blocks += estimator.push(name, block)
+            parts += estimator.push(name, block)
     delay = abs(estimator.belief.command.delay)
     assert delay == pytest.approx(LATE_NS * 1e-9, rel=0.3), "it was measured"
     assert not dict(estimator.belief.reasons)
-    theta, lag = (np.concatenate([block.column(name) for block in blocks]) for name in ("theta", "lag"))
-    stamps = np.concatenate([block.times_ns for block in blocks])
-    speed = np.abs(np.gradient(theta, stamps * 1e-9))
+    motion = ErrorMotion.joined(parts)
+    stamps = motion.times_ns
+    speed = np.abs(np.gradient(motion.theta, stamps * 1e-9))
     late = (stamps - recording.start_ns) * 1e-9 > 12.0
-    told = np.concatenate([block.column("observable") for block in blocks]).astype(int) >> 5 & 1 == 1
-    fast = told & late & (speed > 0.5 * np.median(speed[late])) & (np.abs(np.gradient(speed)) < 0.01)
+    fast = motion.observable[:, 5] & late & (speed > 0.5 * np.median(speed[late])) & (np.abs(np.gradient(speed)) < 0.01)
     assert np.count_nonzero(fast) > 500
-    assert (lag[fast] > 0.7 * delay * speed[fast]).mean() > 0.998
+    assert (motion.lag[fast] > 0.7 * delay * speed[fast]).mean() > 0.998

@@ -63,10 +63,9 @@ def test_streams_have_the_bits_of_the_contract_whatever_the_stage_has():
     heads = tuple(section["encoder"]["heads"])
     field = load_wire(heads).topic("error_motion_samples").field("streams")
     assert estimator.inputs == (*(f"head_{head}" for head in heads), "command")
-    blocks = []
+    masks = []
     for _, topic, block in recorded(0).timeline():
         name = topic.split("/")[2]
         if name in estimator.inputs and len(block.rows):
-            blocks += estimator.push(name, block)
-    masks = np.concatenate([block.column("streams") for block in blocks])
-    assert field.names_in(float(np.bitwise_or.reduce(masks.astype(int)))) == estimator.inputs
+            masks += [made.streams for made in estimator.push(name, block)]
+    assert field.names_in(float(np.bitwise_or.reduce(np.concatenate(masks)))) == estimator.inputs

@@ -9,14 +9,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from motion_numbers import assert_same_bits
 from world import Options, Recording, make_recording, random_stage, samples, with_probes, with_probes_alone
 
 from faults.documenting import Row, shows
 from faults.judging import TURNING
-from faults.test_without_heads import published, streams_of
+from faults.test_without_heads import published, repeated, streams_of
 from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.pipeline.estimation import Estimator
-from rotary_error_monitor.pipeline.publication import decisions_from_block
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 COMMAND = "/stage/command/samples"
@@ -72,7 +72,7 @@ def run(recording: Recording):
             for what, _ in estimator.reasons:
                 doubted.setdefault(what, (int(block.times_ns[-1]) - recording.start_ns) * 1e-9)
     named += estimator.finish()
-    return (np.concatenate([block.times_ns for block in named]) - recording.start_ns) * 1e-9, doubted, estimator
+    return (np.concatenate([made.times_ns for made in named]) - recording.start_ns) * 1e-9, doubted, estimator
 
 
 @shows(
@@ -152,15 +152,4 @@ def test_a_replay_of_a_command_that_was_stuck_gives_the_same_bits(velocity):
     recording, _ = stuck(recorded(2), velocity)
     stage, pairs = streams_of(recording)
     live = published(Estimator(stage), pairs)
-    decisions = {stamp: made for block in live for stamp, made in decisions_from_block(block).items()}
-    again, late = [], Estimator(stage, None, decisions)
-    for number, (name, block) in enumerate(pairs):
-        late.accept(name, block)
-        if number % 97 == 0:
-            again += late.advance()
-    again += late.finish()
-    np.testing.assert_array_equal(rows_of(again), rows_of(live))
-
-
-def rows_of(blocks: list[SampleBlock]) -> np.ndarray:
-    return np.concatenate([np.column_stack([block.times_ns, block.rows[:, 1:]]) for block in blocks])
+    assert_same_bits(repeated(stage, pairs, live), live)

@@ -12,14 +12,16 @@ from zlib import crc32
 
 import numpy as np
 import pytest
+from motion_numbers import assert_same_bits
 from world import PROBE_FAULTS, Options, Recording, make_recording, random_stage, with_probes, with_probes_alone
 
 from faults.documenting import Row, shows
 from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage import StageDescription, stage_from_mapping
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
-from rotary_error_monitor.pipeline.publication import decisions_from_block
+from rotary_error_monitor.pipeline.publication import decisions_of
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 SEEDS = range(10)
@@ -47,8 +49,9 @@ def streams_of(recording: Recording) -> tuple[StageDescription, list[tuple[str, 
     ]
 
 
-def published(estimator: Estimator, pairs: list[tuple[str, SampleBlock]]) -> list[SampleBlock]:
-    return [made for name, block in pairs for made in estimator.push(name, block)] + estimator.finish()
+def published(estimator: Estimator, pairs: list[tuple[str, SampleBlock]]) -> ErrorMotion:
+    found = [made for name, block in pairs for made in estimator.push(name, block)] + estimator.finish()
+    return ErrorMotion.joined(found)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -80,7 +83,7 @@ def test_the_uncertainty_of_the_rotation_is_what_the_limits_say():
     section = with_probes_alone(random_stage(2000), 2)
     recording = make_recording(2, duration=2.0, stage=section, options=Options(motion="steady", peak_speed=3.0))
     _, pairs = streams_of(recording)
-    lag = np.concatenate([block.column("lag") for block in published(Estimator(stage_from_mapping(section)), pairs)])
+    lag = published(Estimator(stage_from_mapping(section)), pairs).lag
     expected = np.sqrt(LIMITS.following_error**2 / 3 + 3.0**2 * (LIMITS.latency**2 / 3 + 2e-6**2))
     assert np.median(lag) == pytest.approx(expected, rel=1e-3) and lag.min() > 0.99 * expected
 
@@ -129,19 +132,18 @@ def test_a_replay_gives_the_same_bits_however_blocks_come():
     fault = PROBE_FAULTS["probe_noisy"](recorded(0), np.random.default_rng(4), begin=2.0, size=60.0, topic=None)
     stage, pairs = streams_of(fault.recording)
     live = published(Estimator(stage), pairs)
-    decisions = {stamp: made for block in live for stamp, made in decisions_from_block(block).items()}
-    again, late = [], Estimator(stage, None, decisions)
+    assert_same_bits(repeated(stage, pairs, live), live)
+    assert (live.sensor_conflict > 1.0).any(), "what is repeated was decided"
+
+
+def repeated(stage: StageDescription, pairs: list[tuple[str, SampleBlock]], live: ErrorMotion) -> ErrorMotion:
+    """What a replay makes of the same blocks, many at once, with what a live run decided."""
+    again, late = [], Estimator(stage, None, decisions_of(live))
     for number, (name, block) in enumerate(pairs):
         late.accept(name, block)
         if number % 97 == 0:
             again += late.advance()
-    again += late.finish()
-    assert _rows(again).shape == _rows(live).shape and (_rows(again) == _rows(live)).all()
-    assert (_rows(live)[:, live[0].names.index("sensor_conflict")] > 1.0).any(), "what is repeated was decided"
-
-
-def _rows(blocks: list[SampleBlock]) -> np.ndarray:
-    return np.concatenate([np.column_stack([block.times_ns, block.rows[:, 1:]]) for block in blocks])
+    return ErrorMotion.joined(again + late.finish())
 
 
 def test_without_command_nothing_is_published_and_with_it_again():

@@ -10,6 +10,7 @@ from world import random_stage
 
 from faults.judging import TURN_OF_THE_NODE, record, stream_of
 from rotary_error_monitor.description.stage import stage_from_mapping
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 
@@ -37,7 +38,7 @@ def unverified(seed, *, turned=0.0, command=True):
     section = random_stage(seed)
     recording = record(seed, section, 12.0)
     begin, end = (recording.start_ns + round(each * 1e9) for each in SILENT)
-    estimator, blocks, awake = Estimator(stage_from_mapping(section), EstimatorSettings(check_turns=PART)), [], 0
+    estimator, parts, awake = Estimator(stage_from_mapping(section), EstimatorSettings(check_turns=PART)), [], 0
     for arrival, topic, block in recording.timeline():
         stream = stream_of(topic)
         head = stream is not None and stream.startswith("head_")
@@ -48,12 +49,11 @@ def unverified(seed, *, turned=0.0, command=True):
         if head and block.times_ns[0] >= end:
             block.rows[:, block.names.index("angle")] += turned
         if abs(arrival - awake) > TURN_OF_THE_NODE:
-            blocks += estimator.advance()
+            parts += estimator.advance()
             awake = arrival
         estimator.accept(stream, block, arrival)
-    blocks += estimator.advance() + estimator.finish()
-    times = np.concatenate([block.times_ns for block in blocks])
-    doubtful = np.concatenate([block.column("doubts").astype(int) & UNVERIFIED for block in blocks]) > 0
+    motion = ErrorMotion.joined(parts + estimator.advance() + estimator.finish())
+    times, doubtful = motion.times_ns, motion.doubts & UNVERIFIED > 0
     first = times[times >= end][0]
 
     def part(since, until):

@@ -35,7 +35,7 @@ def known(count: int, **components: tuple[float, float]) -> ErrorMotion:
     for name, (value, std) in components.items():
         place = names.index(name)
         values[:, place], covariance[:, place, place], observable[:, place] = value, std**2, True
-    return ErrorMotion(np.zeros(count), values, observable, covariance)
+    return ErrorMotion.of(np.zeros(count), values, observable, covariance)
 
 
 def test_an_axial_probe_alone_is_the_axial_error_motion():
@@ -108,7 +108,8 @@ def test_estimates_scatter_as_their_covariance_says(seed):
     std = draw.uniform(1e-8, 5e-8, len(rows))
     shown = rows @ truth + draw.normal(size=(count, len(rows))) * std
     found = combine(
-        ErrorMotion(np.zeros(count), components, observable, covariance), Seen(rows, shown, np.tile(std**2, (count, 1)))
+        ErrorMotion.of(np.zeros(count), components, observable, covariance),
+        Seen(rows, shown, np.tile(std**2, (count, 1))),
     )
     assert found.observable.all()
     whitener = np.linalg.inv(np.linalg.cholesky(prior))

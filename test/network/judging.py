@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.codec.messages import Decoder
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import Wire
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.nodes import messages
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.recordings.replayed import Replay
 
 REPEATED = 0.9

@@ -13,7 +13,7 @@ from nodes.plant_samples import assert_figures
 from std_srvs.srv import Trigger
 
 from rotary_error_monitor.description.machine import load_machine
-from rotary_error_monitor.description.wire import Topic
+from rotary_error_monitor.description.wire import Topic, load_wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
@@ -21,12 +21,12 @@ from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.pipeline.corrections import OFFSET
-from rotary_error_monitor.pipeline.estimation import COLUMNS
 from rotary_error_monitor.signals.blocks import block_from_samples
 
 STEP_NS = 20_000_000
 ALL_BUT_AXIAL = 0b111011
 RELAXED = {"age_limit": 1.0, "hold_limit": 600.0}  # the tests share few cores, and look at holds
+COLUMNS = load_wire().topic("error_motion_samples").columns
 
 
 class MotionFeed:

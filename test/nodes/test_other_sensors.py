@@ -12,6 +12,7 @@ import yaml
 from nodes.mock_cells import mock_parameters
 from nodes.replayed_motion import REPEATED, assert_repeated
 
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
@@ -23,7 +24,6 @@ from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.resources import config

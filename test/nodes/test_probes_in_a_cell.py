@@ -8,6 +8,7 @@ from nodes.mock_cells import mock_parameters
 from nodes.probes import INSTEAD, SECOND, stage_with_probes_instead
 from nodes.replayed_motion import assert_repeated
 
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.nodes import messages
@@ -17,7 +18,6 @@ from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.sources.mock import mock_stage

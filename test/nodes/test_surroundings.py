@@ -14,6 +14,7 @@ from nodes.mock_cells import mock_parameters
 from nodes.plant_samples import assert_sample, assert_samples
 from sensor_msgs.msg import JointState, Temperature
 
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.encoder_head import EncoderHead
@@ -21,7 +22,6 @@ from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.nodes.stage_command import StageCommand
 from rotary_error_monitor.nodes.stage_force import StageForce
 from rotary_error_monitor.nodes.stage_temperature import StageTemperature
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.sources.mock import mock_stage
 from rotary_error_monitor.testing import Cell

@@ -13,12 +13,13 @@ from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import Log
 from sensor_msgs.msg import JointState
 
+from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.nodes.visualization import Visualization
-from rotary_error_monitor.pipeline.error_motion_rows import COLUMN, COLUMNS
 from rotary_error_monitor.signals.blocks import block_from_samples
 
 STREAM = "visualization: /stage/error_motion/samples"
 COUNT = 720
+COLUMNS = load_wire().topic("error_motion_samples").columns
 
 
 def turn(observable: int, exc: float = 1e-6, eyc: float = 3e-7, tilt: float = 2e-6):
@@ -31,7 +32,7 @@ def turn(observable: int, exc: float = 1e-6, eyc: float = 3e-7, tilt: float = 2e
         ("eac", tilt),
         ("observable", observable),
     ):
-        rows[:, COLUMN[name]] = values
+        rows[:, COLUMNS.index(name)] = values
     return block_from_samples(time.time_ns() - 1_000_000 * np.arange(COUNT)[::-1], COLUMNS, rows)
 
 

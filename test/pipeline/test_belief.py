@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pipeline.test_estimation import AZIMUTHS, SPEED, STAGE, START, in_order, run, streams, true_motion
 
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, SCATTERING, Window
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
@@ -107,9 +106,8 @@ def test_a_head_of_two_whose_stamps_are_off_makes_no_radial_error_motion(seconds
     found = changed({name: each for name, each in streams().items() if name[-1] not in "cd"}, "head_b", late(seconds))
     apart = SPEED * abs(seconds) * stage.encoder.disc_radius / 2
     assert apart > 10 * stage.limits.radial
-    _, result = run(in_order(found), stage=stage)
-    motion = error_motion_from_block(result)
-    said = motion.observable[:, 1] & (result.times_ns > START + 100_000_000)
+    _, motion = run(in_order(found), stage=stage)
+    said = motion.observable[:, 1] & (motion.times_ns > START + 100_000_000)
     assert not said.any()
 
 
@@ -123,7 +121,7 @@ def test_no_tick_shows_more_than_the_stage_can_do(factor, letters):
         if name[-1] in letters or not name.startswith("head"):
             scale = factor if name.startswith("head") else 1.0
             scaled = SampleBlock(block.stamp_ns, block.names, block.rows * [1.0, *[scale] * (len(block.names) - 1)])
-            for each in map(error_motion_from_block, estimator.push(name, scaled)):
+            for each in estimator.push(name, scaled):
                 seen += np.hypot(*np.where(each.observable, each.components, 0.0)[:, :2].T).tolist()
     assert max(seen, default=0.0) <= stage.limits.radial * 1.1
 
@@ -132,9 +130,8 @@ def test_what_the_stamps_of_opposed_heads_may_be_off_by_is_stated():
     """It contradicts no other head: c late and d early by 3 µs shift the ring's centre by R ω 3 µs."""
     off = 3e-6
     found = changed(changed(streams(), "head_c", late(off)), "head_d", late(-off))
-    _, result = run(in_order(found), settings=EstimatorSettings(check_turns=0.0))
-    motion = error_motion_from_block(result)
-    t = (result.times_ns - START) * 1e-9
+    _, motion = run(in_order(found), settings=EstimatorSettings(check_turns=0.0))
+    t = (motion.times_ns - START) * 1e-9
     judged = t > 0.1
     truth = np.column_stack(true_motion(t)[1:3])
     error = np.abs(motion.components[:, :2] - truth)[judged].max(axis=0)
@@ -159,9 +156,8 @@ def test_a_contradiction_outlives_the_head_that_showed_it(gone, bias):
     for name in ("head_a", "head_b", "head_c", "head_d"):
         off = bias if name == "head_c" else 0.0
         found = changed(found, name, lambda each, off=off: spread(each, off, noise, gen))
-    _, result = run(in_order(found), stage=stage, settings=EstimatorSettings(check_turns=0.0))
-    motion = error_motion_from_block(result)
-    t = (result.times_ns - START) * 1e-9
+    _, motion = run(in_order(found), stage=stage, settings=EstimatorSettings(check_turns=0.0))
+    t = (motion.times_ns - START) * 1e-9
     judged = (t > 0.1) & motion.observable[:, 1]
     assert judged[(t > 0.3) & (t < 0.38)].any()
     truth = np.column_stack(true_motion(t)[1:3])
@@ -187,9 +183,8 @@ def rippled(t0, frequency, size):
 @pytest.mark.parametrize(("name", "size", "component"), [("autocollimator", 8e-6, 3), ("command", 4e-5, 5)])
 def test_a_ripple_in_step_with_the_windows_counts_as_noise(name, size, component, frequency):
     """Its mean over each window is zero; a tenth of a second after it begins its size is in the deviations."""
-    _, result = run(in_order(changed(streams(), name, rippled(0.3, frequency, size))))
-    motion = error_motion_from_block(result)
-    t = (result.times_ns - START) * 1e-9
+    _, motion = run(in_order(changed(streams(), name, rippled(0.3, frequency, size))))
+    t = (motion.times_ns - START) * 1e-9
     judged = (t > 0.4) & motion.observable[:, component]
     truth = true_motion(t)[component] if component < 5 else 1e-5 * np.sin(2.0 * t)
     error = motion.components[:, component] - truth

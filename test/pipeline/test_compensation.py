@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,8 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
 from rotary_error_monitor.machine.limits import Outcome
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
-from rotary_error_monitor.pipeline.estimation import COLUMNS
-from rotary_error_monitor.signals.blocks import block_from_samples
 
 MACHINE = load_machine("xyzac_trt")
 MODEL = arrange_machine(MACHINE)
@@ -33,27 +34,12 @@ def position(letter, t):
 def motion_block(first_ms, count=5, observable=0b111011, command=lambda t: 1.5 * t):
     times = START + (first_ms + np.arange(count)) * MILLISECOND + MILLISECOND // 2
     t = (times - START) * 1e-9
-    rows = np.zeros((count, len(COLUMNS)))
-    values = {
-        "theta": command(t) + 8e-6,
-        "exc": 3e-6 * np.cos(t),
-        "eyc": -2e-6 * np.ones(count),
-        "eac": 1e-5 * np.sin(t),
-        "ebc": 2e-5 * np.ones(count),
-        "ecc": 8e-6 * np.ones(count),
-        "observable": observable * np.ones(count),
-        "var_exc": 1e-14 * np.ones(count),
-        "var_eyc": 2e-14 * np.ones(count),
-        "var_eac": 1e-13 * np.ones(count),
-        "var_ebc": 1e-13 * np.ones(count),
-        "var_ecc": 1e-13 * np.ones(count),
-    }
-    bits = {"exc": 1, "eyc": 2, "eac": 8, "ebc": 16, "ecc": 32}
-    for name, value in values.items():
-        if name in bits and not observable & bits[name]:
-            continue
-        rows[:, COLUMNS.index(name)] = value
-    return block_from_samples(times, COLUMNS, rows)
+    motion = replace(ErrorMotion.unknown(count), theta=command(t) + 8e-6, times_ns=times)
+    for place, value in {0: 3e-6 * np.cos(t), 1: -2e-6, 3: 1e-5 * np.sin(t), 4: 2e-5, 5: 8e-6}.items():
+        if observable >> place & 1:
+            motion.components[:, place], motion.observable[:, place] = value, True
+    motion.covariance[:] = np.diag([1e-14, 2e-14, 0.0, 1e-13, 1e-13, 1e-13])
+    return motion
 
 
 def joint_state(ms, **moved):

@@ -12,11 +12,10 @@ import pytest
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.limits import Outcome
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.metrology.guideway_compensation import count_reversals
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
 from rotary_error_monitor.pipeline.corrections import CompensationOutput, OffsetReport
-from rotary_error_monitor.pipeline.estimation import COLUMNS
-from rotary_error_monitor.signals.blocks import block_from_samples
 
 GRINDER = load_machine("grinder_zhou2023")
 START = 1_763_700_000_000_000_000
@@ -169,6 +168,5 @@ def test_old_or_incomplete_joint_states_are_refused() -> None:
 
 
 def test_error_motion_belongs_to_no_axis_of_it() -> None:
-    block = block_from_samples(np.array([START]), COLUMNS, np.zeros((1, len(COLUMNS))))
     with pytest.raises(InputError, match="machine grinder_zhou2023 has no monitored axis"):
-        Compensator(GRINDER).push_error_motion(block)
+        Compensator(GRINDER).push_error_motion(ErrorMotion.unknown(1))

@@ -15,7 +15,7 @@ def motion(theta, radial, tilt=(0.0, 0.0), observable=(1, 1, 0, 1, 1, 1)):
     components = np.zeros((len(theta), 6))
     components[:, :2], components[:, 3:5] = radial, tilt
     seen = np.tile(np.array(observable, bool), (len(theta), 1))
-    return ErrorMotion(theta, np.where(seen, components, 0.0), seen, np.zeros((len(theta), 6, 6)))
+    return ErrorMotion.of(theta, np.where(seen, components, 0.0), seen, np.zeros((len(theta), 6, 6)))
 
 
 def middles(turns=1):

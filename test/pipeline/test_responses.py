@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from motion_numbers import assert_same_bits
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.writer import write_messages
@@ -15,8 +16,8 @@ from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.mock_cell.figures import lvdt_comparisons
-from rotary_error_monitor.pipeline.error_motion_rows import COLUMNS
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.plant import StagePlant
 from rotary_error_monitor.recordings.replay import replay_bag
@@ -48,14 +49,13 @@ def recorded(stage, seed, duration, streams):
 
 
 def estimated(made, known=None, seed=0, duration=12.0):
-    """Estimator, times and rows of what a stage `made` shows to one that is `known`; and the error beside the truth."""
+    """Estimator and error motion of what a stage `made` shows to one that is `known`; its error beside the truth."""
     estimator = Estimator(known or made)
     plant, pairs = recorded(made, seed, duration, estimator.inputs)
-    out = [block for name, block in pairs for block in estimator.push(name, block)] + estimator.finish()
-    times = np.concatenate([block.times_ns for block in out])
-    rows = np.concatenate([block.rows[:, 1:] for block in out])
-    truth = plant.scene((times - EPOCH) * 1e-9).error_motion
-    return estimator, times, rows, (rows[:, 1:7] - truth)[:, SEEN]
+    out = [made for name, block in pairs for made in estimator.push(name, block)] + estimator.finish()
+    motion = ErrorMotion.joined(out)
+    truth = plant.scene((motion.times_ns - EPOCH) * 1e-9).error_motion
+    return estimator, motion, (motion.components - truth)[:, SEEN]
 
 
 def rms(values):
@@ -101,10 +101,10 @@ def test_a_replay_repeats_the_bits_and_the_lvdt_agrees(tmp_path):
     wire, bag = wire_of(OWN), tmp_path / "bag"
     write_messages(bag, {wire.of_stream(s).name: [b for name, b in pairs if name == s] for s in streams}, wire)
     replayed = replay_bag(bag, OWN)
-    _, times, rows, _ = estimated(OWN, seed=5, duration=6.0)
-    assert np.array_equal(replayed.stamp_ns, times)
-    assert np.array_equal(np.nan_to_num(replayed.error_motion), rows[:, 1:7]), "what cannot be observed is NaN there"
-    assert np.array_equal(replayed.theta, rows[:, COLUMNS.index("theta")])
+    _, motion, _ = estimated(OWN, seed=5, duration=6.0)
+    assert_same_bits(replayed.motion, motion)
+    assert np.array_equal(np.isnan(replayed.error_motion), ~motion.observable), "what cannot be observed is NaN there"
+    assert np.array_equal(np.nan_to_num(replayed.error_motion), motion.components)
     height = OWN.lvdt.height
     whole = SimpleNamespace(heights=[(height, EPOCH, EPOCH + 6_000_000_000)])
     found = dict(lvdt_comparisons(whole, BagReader(bag), wire, OWN, replayed))[height]

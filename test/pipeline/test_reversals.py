@@ -9,10 +9,9 @@ import pytest
 from faults.documenting import Row, shows
 
 from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator
-from rotary_error_monitor.pipeline.estimation import COLUMNS
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
-from rotary_error_monitor.signals.blocks import block_from_samples
 
 MACHINE = load_machine("xyzac_trt")
 START = 1_763_700_000_000_000_000
@@ -55,11 +54,11 @@ class BackAndForth:
 def motion_block(first_ms):
     """A rotor that stands, without error motion."""
     times = START + (first_ms + np.arange(BLOCK)) * MS + MS // 2
-    rows = np.zeros((BLOCK, len(COLUMNS)))
-    rows[:, COLUMNS.index("observable")] = 0b111011
-    for name in ("exc", "eyc", "eac", "ebc", "ecc"):
-        rows[:, COLUMNS.index(f"var_{name}")] = (5e-9 if name in ("exc", "eyc") else 5e-8) ** 2
-    return block_from_samples(times, COLUMNS, rows)
+    motion = replace(ErrorMotion.unknown(BLOCK), times_ns=times)
+    seen = [0, 1, 3, 4, 5]
+    motion.observable[:, seen] = True
+    motion.covariance[:, seen, seen] = np.array([5e-9, 5e-9, 5e-8, 5e-8, 5e-8]) ** 2
+    return motion
 
 
 def reports(motion, duration_ms=3000, machine=MACHINE):

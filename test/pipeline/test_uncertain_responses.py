@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from pipeline.test_responses import IDEAL, RESPONSES, estimated
 
-from rotary_error_monitor.pipeline.estimation import COLUMNS
-
 SEEDS = 8
 KNOWN = RESPONSES["autocollimator"]
 STATED = {"autocollimator.gain": 0.02, "autocollimator.roll": 0.02, "autocollimator.zero": 2e-6}
@@ -25,8 +23,8 @@ def deviations(seed, uncertainty):
     )
     made = replace(IDEAL, responses={"autocollimator": true})
     told = replace(IDEAL, responses={"autocollimator": KNOWN}, uncertainty={**ASSEMBLY, **uncertainty})
-    _, _, rows, error = estimated(made, told, seed, 12.0)
-    variance = rows[:, [COLUMNS.index("var_eac"), COLUMNS.index("var_ebc")]]
+    _, motion, error = estimated(made, told, seed, 12.0)
+    variance = motion.covariance[:, [3, 4], [3, 4]]
     return (error[:, 2:4] / np.sqrt(variance))[-3000::50]  # behind the turn that verifies the description
 
 

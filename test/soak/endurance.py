@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.qos import profile
 from rotary_error_monitor.pipeline.compensation import Compensator
@@ -87,16 +89,15 @@ class Stage:
         made["command"] = block_from_samples(times, ["angle", "velocity"], np.stack([counts * self.step, velocity], 1))
         return made
 
-    def off(self, block: SampleBlock) -> np.ndarray:
-        """How far the rotation of a block of error motion is off where command and all heads are in it, counts."""
+    def off(self, motion: ErrorMotion) -> np.ndarray:
+        """How far the rotation of error motion is off where command and all heads are in it, counts."""
         needed = sum(1 << place for place, name in enumerate(STREAMS) if name != "autocollimator")
-        there = block.column("streams").astype(np.int64) & needed == needed
-        block = SampleBlock(block.stamp_ns, block.names, block.rows[there])
-        since = block.times_ns - FIRST
+        motion = motion.at(motion.streams & needed == needed)
+        since = motion.times_ns - FIRST
         assert (since * COUNTS % SAMPLE == 0).all()
         true = self.counts + since * COUNTS // SAMPLE
-        whole = np.rint(block.column("theta") / self.step)
-        part = (block.column("theta") - whole * self.step) / self.step
+        whole = np.rint(motion.theta / self.step)
+        part = (motion.theta - whole * self.step) / self.step
         return (whole.astype(np.int64) - true) + part
 
     def joint_state(self, group: int, machine: MachineDescription) -> tuple[int, dict[str, float], dict[str, float]]:
@@ -152,10 +153,10 @@ def endure(groups: int, counts: int = 0) -> Endured:
         for name, block in stage.blocks(group).items():
             estimator.accept(name, block)
             blocks += 1
-        for block in estimator.advance():
-            estimates += len(block.rows)
-            worst = max(worst, float(np.abs(stage.off(block)).max(initial=0.0)))
-            compensator.accept_error_motion(block)
+        for made in estimator.advance():
+            estimates += len(made.theta)
+            worst = max(worst, float(np.abs(stage.off(made)).max(initial=0.0)))
+            compensator.accept_error_motion(made)
         offsets += sum(len(block.rows) for block in compensator.advance().offsets)
         if (group + 1) % (groups // MARKS) == 0:
             memory.append(resident())
@@ -209,7 +210,7 @@ def live(cell: Cell, groups: int, counts: int = 0) -> Lived:
         block = decoder.decode(data)
         found.estimates += len(block.rows)
         found.newest_ns = int(block.times_ns[-1])
-        found.worst = max(found.worst, float(np.abs(stage.off(block)).max(initial=0.0)))
+        found.worst = max(found.worst, float(np.abs(stage.off(error_motion_from_block(block))).max(initial=0.0)))
 
     kind = messages.message_class(motion.type)
     cell.node.create_subscription(kind, motion.name, receive, profile(motion), raw=True)

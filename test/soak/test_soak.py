@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from motion_numbers import numbers_of
 
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.pipeline.compensation import Compensator
@@ -38,7 +39,7 @@ def test_ten_thousand_turns_are_counted_to_the_count():
             for found in estimator.advance():
                 off = np.abs(stage.off(found))
                 assert (off < 0.5).all(), f"{off.max()} counts off after {group * SAMPLES * COUNTS} counts"
-                counts, newest = counts + len(off), int(np.rint(found.column("theta")[-1] / stage.step))
+                counts, newest = counts + len(off), int(np.rint(found.theta[-1] / stage.step))
     assert newest > 10_000 * TURN > 10**9
     assert counts > 100 * 80, "estimates, of 200 at a time; a stream that was away counts again after 0.1 s"
 
@@ -56,9 +57,9 @@ def test_error_motion_and_offset_do_not_hang_on_the_turns():
                 compensator.accept_joint_state(*stage.joint_state(group, machine))
             for name, block in stage.blocks(group).items():
                 estimator.accept(name, block)
-            for block in estimator.advance():
-                motion.append(block.rows[:, 2:])
-                compensator.accept_error_motion(block)
+            for made in estimator.advance():
+                motion.append(numbers_of(made)[:, 1:])  # but for the rotation itself
+                compensator.accept_error_motion(made)
             offsets += [block.rows[:, 1:7] for block in compensator.advance().offsets]
         return np.concatenate(motion), np.concatenate(offsets)
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
-from rotary_error_monitor.pipeline.error_motion_rows import error_motion_from_block
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import SampleBlock

@@ -1,4 +1,4 @@
-"""Rows of error motion from what the streams of a stage show at the ticks, and what the ticks say about the streams."""
+"""Error motion from what the streams of a stage show at the ticks, and what the ticks say about the streams."""
 
 from __future__ import annotations
 
@@ -9,58 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.metrology import error_motion as motion
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, RingPose, estimate_ring_pose
+from rotary_error_monitor.metrology.error_motion import (
+    ErrorMotion,
+    bend_variance,
+    head_variance,
+    remove_eccentricity,
+    remove_graduation,
+    remove_mirror,
+    tilt_variance,
+)
 from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.pipeline import evidence
 from rotary_error_monitor.pipeline.standing_rotor import RotorReadings
-from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.resampling import Resampled
 
-COLUMNS = (
-    "theta",
-    *motion.COMPONENTS,
-    "observable",
-    "var_exc",
-    "var_eyc",
-    "cov_exc_eyc",
-    "var_eac",
-    "var_ebc",
-    "var_ecc",
-    "cov_exc_ecc",
-    "cov_eyc_ecc",
-    "streams",
-    "doubts",
-    "head_scale",
-    "tilt_scale",
-    "lag",
-    "unresolved",
-    "unresolved_tilt",
-)
-"""Columns of a block of error motion after `t`; `observable`, `streams` and `doubts` are bit masks."""
-
-COVARIANCES = {
-    (0, 0): "var_exc",
-    (1, 1): "var_eyc",
-    (0, 1): "cov_exc_eyc",
-    (3, 3): "var_eac",
-    (4, 4): "var_ebc",
-    (5, 5): "var_ecc",
-    (0, 5): "cov_exc_ecc",
-    (1, 5): "cov_eyc_ecc",
-}
-"""Names of the covariances of two components that heads and autocollimator make."""
-
-MORE_COVARIANCES = {
-    (i, j): f"var_{motion.COMPONENTS[i]}" if i == j else f"cov_{motion.COMPONENTS[i]}_{motion.COMPONENTS[j]}"
-    for i, j in ((2, 2), (0, 2), (0, 3), (0, 4), (1, 2), (1, 3), (1, 4), (2, 3), (2, 4), (2, 5), (3, 4), (3, 5), (4, 5))
-}
-"""Those that listed sensors make beside."""
-
-SENSOR_COLUMNS = (*MORE_COVARIANCES.values(), "sensor_scale", "sensor_conflict")
-"""Columns that follow on `COLUMNS` where the stage lists sensors."""
-
-COLUMN = {name: place for place, name in enumerate(COLUMNS)}
 AUTOCOLLIMATOR, COMMAND = "autocollimator", "command"
 TURN = 2 * np.pi
 
@@ -70,7 +33,7 @@ class Ticks:
     """What m ticks show that all have the same streams.
 
     Attributes:
-        rows: (m, k) error motion, columns `COLUMNS`, before anything is doubted.
+        motion: error motion, before anything is doubted.
         evidence: (m, l) what they say about their streams, columns as in `pipeline.evidence`.
         parity: (m, h) contradiction of the heads, rad.
         disagreement: (m,) of the heads, in standard deviations.
@@ -78,7 +41,7 @@ class Ticks:
         readings: (m, P) what the instruments read, of a stage without heads; else (m, 0).
     """
 
-    rows: NDArray[np.float64]
+    motion: ErrorMotion
     evidence: NDArray[np.float64]
     parity: NDArray[np.float64]
     disagreement: NDArray[np.float64]
@@ -86,11 +49,11 @@ class Ticks:
     readings: NDArray[np.float64]
 
 
-class RowMaker:
-    """Makes rows of error motion for one stage."""
+class TickMaker:
+    """Makes error motion of samples for one stage."""
 
     def __init__(self, stage: StageDescription, heads: Mapping[str, float], period: float) -> None:
-        """Rows at ticks that are `period` (s) apart; `heads` gives the azimuth (rad) by name of the stream."""
+        """For ticks that are `period` (s) apart; `heads` gives the azimuth (rad) by name of the stream."""
         self._stage = stage
         self._heads = dict(heads)
         self._period = period
@@ -99,7 +62,7 @@ class RowMaker:
 
     @property
     def readings(self) -> int:
-        """Number P of readings that `make` gives beside the rows."""
+        """Number P of readings that `make` gives beside the error motion."""
         return self._readings.count if self._readings else 0
 
     def layout(self, heads: tuple[str, ...]) -> HeadLayout | None:
@@ -118,7 +81,7 @@ class RowMaker:
         used: tuple[str, ...],
         rates: Mapping[str, float],
     ) -> Ticks:
-        """Rows of ticks at which the streams `there` have a value, from those of them that are `used`.
+        """Error motion at ticks at which the streams `there` have a value, from those of them that are `used`.
 
         Args:
             sampled: the streams at the ticks, by name.
@@ -127,31 +90,31 @@ class RowMaker:
             rates: samples per s of each stream.
         """
         count = len(next(iter(sampled.values())).gain)
-        rows, seen = np.zeros((count, len(COLUMNS))), np.zeros((count, len(evidence.COLUMNS)))
+        motion, seen = ErrorMotion.unknown(count), np.zeros((count, len(evidence.COLUMNS)))
         parity, disagreement = np.zeros((count, len(self._heads))), np.zeros(count)
         if not self._heads and COMMAND in there:
-            self._put_commanded(rows, seen, sampled[COMMAND].values)
+            self._put_commanded(motion, seen, sampled[COMMAND].values)
             if AUTOCOLLIMATOR in there:
-                self._put_tilt(rows, seen, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
+                self._put_tilt(motion, seen, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
         heads = tuple(name for name in self._heads if name in used)
         everyone = tuple(name for name in self._heads if name in there)
         layout, ring = self._ring(heads, sampled)
         if layout is not None and ring is not None:
             disagreement = ring.disagreement
             parity[:, : layout.redundancy] = ring.parity
-            self._put_ring(rows, seen, layout, ring)
+            self._put_ring(motion, seen, layout, ring)
             slowest = min(rates[name] for name in heads)
             seen[:, evidence.INDEX["head_samples"]] = min(1.0, slowest * self._period)
             if AUTOCOLLIMATOR in there:
-                self._put_tilt(rows, seen, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
+                self._put_tilt(motion, seen, sampled[AUTOCOLLIMATOR], rates[AUTOCOLLIMATOR])
             if COMMAND in there:
                 bends = np.column_stack([sampled[name].bend for name in (*heads, COMMAND)])
-                self._put_command(rows, seen, sampled[COMMAND].values[:, 0], ring, bends)
+                self._put_command(motion, seen, sampled[COMMAND].values[:, 0], ring, bends)
         whole = ring if everyone == heads else self._ring(everyone, sampled)[1]
         if whole is not None:
             seen[:, evidence.INDEX["agreement"]] = whole.disagreement**2
         readings = self._readings.read(sampled, there, count) if self._readings else np.empty((count, 0))
-        return Ticks(rows, seen, parity, disagreement, layout, readings)
+        return Ticks(motion, seen, parity, disagreement, layout, readings)
 
     def _ring(
         self, heads: tuple[str, ...], sampled: Mapping[str, Resampled]
@@ -162,44 +125,40 @@ class RowMaker:
             return None, None
         encoder = self._stage.ring
         readings = np.column_stack([sampled[name].values for name in heads])
-        readings = motion.remove_graduation(readings, np.array(layout.azimuths), encoder.graduation)
+        readings = remove_graduation(readings, np.array(layout.azimuths), encoder.graduation)
         gain = np.column_stack([sampled[name].gain for name in heads])
         travel = np.column_stack([sampled[name].travel for name in heads])
-        variance = motion.head_variance(encoder, gain, travel)
+        variance = head_variance(encoder, gain, travel)
         return layout, estimate_ring_pose(layout, encoder.disc_radius, readings, variance)
 
-    def _put_ring(
-        self, rows: NDArray[np.float64], seen: NDArray[np.float64], layout: HeadLayout, ring: RingPose
-    ) -> None:
+    def _put_ring(self, motion: ErrorMotion, seen: NDArray[np.float64], layout: HeadLayout, ring: RingPose) -> None:
         stage, index = self._stage, evidence.INDEX
-        rows[:, COLUMN["theta"]] = ring.theta
-        radial = motion.remove_eccentricity(ring.centre, ring.theta, stage.ring)
+        motion.theta[:] = ring.theta
+        radial = remove_eccentricity(ring.centre, ring.theta, stage.ring)
         described = planar_sum(stage.spindle.radial, ring.theta)
-        observable = 0
         for axis, name in enumerate(("x", "y")):
             if name not in layout.observable:
                 continue
-            rows[:, COLUMN[f"e{name}c"]] = radial[:, axis]
-            rows[:, COLUMN[f"var_e{name}c"]] = ring.covariance[:, 1 + axis, 1 + axis]
-            observable |= 1 << axis
+            motion.components[:, axis] = radial[:, axis]
+            motion.covariance[:, axis, axis] = ring.covariance[:, 1 + axis, 1 + axis]
+            motion.observable[:, axis] = True
             seen[:, index[f"centre_{name}"]] = ring.centre[:, axis]
         # what of the displacement is predicted, as far as these heads see it
         described = described @ layout.view[1]
         predicted = (ring.centre - radial) @ layout.view[1] + described
         seen[:, [index["surplus_x"], index["surplus_y"]]] = ring.seen - predicted
         seen[:, [index["described_x"], index["described_y"]]] = described
-        rows[:, COLUMN["cov_exc_eyc"]] = ring.covariance[:, 1, 2]
-        rows[:, COLUMN["observable"]] = observable
+        motion.covariance[:, 0, 1] = motion.covariance[:, 1, 0] = ring.covariance[:, 1, 2]
         seen[:, index["theta"]] = ring.theta
         seen[:, index["heads"]] = 1.0
-        seen[:, index["radial"]] = observable == 3
+        seen[:, index["radial"]] = {"x", "y"} <= set(layout.observable)
         seen[:, index["believed_agreement"]] = ring.disagreement**2
         seen[:, index["radial_variance"]] = self._radial_variance(layout, ring)
 
     @staticmethod
-    def _put_commanded(rows: NDArray[np.float64], seen: NDArray[np.float64], command: NDArray[np.float64]) -> None:
+    def _put_commanded(motion: ErrorMotion, seen: NDArray[np.float64], command: NDArray[np.float64]) -> None:
         """The rotation of a stage without heads; how far it is from the command is not observable."""
-        rows[:, COLUMN["theta"]] = seen[:, evidence.INDEX["theta"]] = command[:, 0]
+        motion.theta[:] = seen[:, evidence.INDEX["theta"]] = command[:, 0]
         seen[:, evidence.INDEX["velocity"]] = command[:, 1]
         seen[:, evidence.INDEX["commanded"]] = 1.0
 
@@ -211,25 +170,23 @@ class RowMaker:
         reading = ring.covariance[:, 0, 0] / (layout.weights[0] ** 2).sum()
         return np.asarray(reading * self._stage.ring.disc_radius**2 * (layout.view[0] ** 2).sum(axis=1).max())
 
-    def _put_tilt(self, rows: NDArray[np.float64], seen: NDArray[np.float64], sampled: Resampled, rate: float) -> None:
+    def _put_tilt(self, motion: ErrorMotion, seen: NDArray[np.float64], sampled: Resampled, rate: float) -> None:
         stage, index = self._stage, evidence.INDEX
-        theta = rows[:, COLUMN["theta"]]
-        tilt = motion.remove_mirror(sampled.values, theta, stage.mirror)
-        surplus = tilt - planar_sum(stage.spindle.tilt, theta)
-        for axis, name in enumerate(("eac", "ebc")):
-            rows[:, COLUMN[name]] = tilt[:, axis]
-            variance = motion.tilt_variance(stage.tilt_instrument, sampled.gain, sampled.travel[:, axis])
-            rows[:, COLUMN[f"var_{name}"]] = variance
-            seen[:, index[f"tilt_{'xy'[axis]}"]] = sampled.values[:, axis]
-            seen[:, index[f"tilt_surplus_{'xy'[axis]}"]] = surplus[:, axis]
-        rows[:, COLUMN["observable"]] += 0b11000
+        tilt = remove_mirror(sampled.values, motion.theta, stage.mirror)
+        surplus = tilt - planar_sum(stage.spindle.tilt, motion.theta)
+        for axis, name in enumerate(("x", "y")):
+            variance = tilt_variance(stage.tilt_instrument, sampled.gain, sampled.travel[:, axis])
+            motion.covariance[:, 3 + axis, 3 + axis] = variance
+            seen[:, index[f"tilt_{name}"]] = sampled.values[:, axis]
+            seen[:, index[f"tilt_surplus_{name}"]] = surplus[:, axis]
+        motion.components[:, 3:5], motion.observable[:, 3:5] = tilt, True
         seen[:, index["tilt"]] = 1.0
         seen[:, index["tilt_samples"]] = min(1.0, rate * self._period)
-        seen[:, index["tilt_variance"]] = rows[:, COLUMN["var_eac"]]
+        seen[:, index["tilt_variance"]] = motion.covariance[:, 3, 3]
 
     def _put_command(
         self,
-        rows: NDArray[np.float64],
+        motion: ErrorMotion,
         seen: NDArray[np.float64],
         command: NDArray[np.float64],
         ring: RingPose,
@@ -241,32 +198,10 @@ class RowMaker:
         turns = np.rint(distance / TURN)
         if turns.any():
             distance = distance - TURN * turns
-            rows[:, COLUMN["theta"]] -= TURN * turns
-        rows[:, COLUMN["ecc"]] = distance
-        rows[:, COLUMN["var_ecc"]] = ring.covariance[:, 0, 0] + motion.bend_variance(bends)
-        rows[:, COLUMN["cov_exc_ecc"]] = ring.covariance[:, 0, 1]
-        rows[:, COLUMN["cov_eyc_ecc"]] = ring.covariance[:, 0, 2]
-        rows[:, COLUMN["observable"]] += 0b100000
+            motion.theta[:] -= TURN * turns
+        motion.components[:, 5], motion.observable[:, 5] = distance, True
+        motion.covariance[:, 5, 5] = ring.covariance[:, 0, 0] + bend_variance(bends)
+        motion.covariance[:, :2, 5] = motion.covariance[:, 5, :2] = ring.covariance[:, 0, 1:]
         seen[:, index["command"]] = 1.0
         seen[:, index["ecc"]] = distance
         seen[:, index["turns"]] = turns
-
-
-def error_motion_from_block(block: SampleBlock) -> motion.ErrorMotion:
-    """Error motion with its (m, 6, 6) covariance from a block with the columns `COLUMNS`, and `SENSOR_COLUMNS` or not.
-
-    Raises:
-        InputError: the block lacks one of the columns.
-    """
-    covariance = np.zeros((len(block.rows), 6, 6))
-    more = {key: name for key, name in MORE_COVARIANCES.items() if name in block.names}
-    for (i, j), name in (COVARIANCES | more).items():
-        covariance[:, i, j] = covariance[:, j, i] = block.column(name)
-    bits = block.column("observable").astype(np.int64)
-    components = np.stack([block.column(name) for name in motion.COMPONENTS], axis=1)
-    return motion.ErrorMotion(block.column("theta"), components, observable_of(bits), covariance)
-
-
-def observable_of(bits: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(m, 6) which components the bit masks (m,) of a column `observable` name."""
-    return np.asarray((bits[:, None] >> np.arange(6)) & 1 == 1)
