@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import fields
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,24 +12,32 @@ from numpy.typing import NDArray
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
-_COMPONENT = {name: place for place, name in enumerate(COMPONENTS)}
 _BITS = 1 << np.arange(len(COMPONENTS))
-_COVARIANCE = {
-    f"var_{first}" if first == second else f"cov_{first}_{second}": (row, column)
-    for first, row in _COMPONENT.items()
-    for second, column in _COMPONENT.items()
-    if row <= column
-}
-_ALWAYS = ("var_exc", "var_eyc", "cov_exc_eyc", "var_eac", "var_ebc", "var_ecc", "cov_exc_ecc", "cov_eyc_ecc")
-"""Those that heads and autocollimator make; the others come of listed sensors."""
+_FIRST, _LAST = len(COMPONENTS), len(COMPONENTS) * (len(COMPONENTS) + 1)
+"""Places of the covariances among all numbers of a time, which are these in their order:"""
 
-_BESIDE = {each.name for each in fields(ErrorMotion)} - {"theta", "components", "observable", "covariance", "times_ns"}
-_MASKS = ("streams", "doubts")
+_BESIDE = tuple(each.name for each in fields(ErrorMotion))[5:]
+_NAMES = (
+    *COMPONENTS,
+    *(
+        f"var_{row}" if row == column else f"cov_{'_'.join(sorted((row, column), key=COMPONENTS.index))}"
+        for row in COMPONENTS
+        for column in COMPONENTS
+    ),
+    *("theta", "observable", *_BESIDE),
+)
+_ALWAYS = (
+    *("theta", *COMPONENTS, "observable", "streams"),
+    *("var_exc", "var_eyc", "cov_exc_eyc", "var_eac", "var_ebc", "var_ecc", "cov_exc_ecc", "cov_eyc_ecc"),
+)
+"""Columns that each stage has; other covariances come of listed sensors."""
 
 
 def block_from_error_motion(motion: ErrorMotion, columns: Sequence[str]) -> SampleBlock:
     """Error motion at one time at least as the columns that the wire contract names after `t`."""
-    return block_from_samples(motion.times_ns, columns, np.stack([_column(motion, name) for name in columns], axis=1))
+    beside = np.array([motion.theta, motion.observable @ _BITS, *(getattr(motion, name) for name in _BESIDE)])
+    numbers = np.hstack([motion.components, motion.covariance.reshape(-1, _LAST - _FIRST), beside.T])
+    return block_from_samples(motion.times_ns, columns, numbers[:, _places_of(tuple(columns))])
 
 
 def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
@@ -38,23 +46,33 @@ def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
     Raises:
         InputError: the block lacks one of the columns that each stage has.
     """
-    count, there = len(block.rows), set(block.names)
-    covariance = np.zeros((count, len(COMPONENTS), len(COMPONENTS)))
-    for name in (*_ALWAYS, *(_COVARIANCE.keys() & there)):
-        row, column = _COVARIANCE[name]
-        covariance[:, row, column] = covariance[:, column, row] = block.column(name)
-    observable = block.column("observable").astype(np.int64)[:, None] & _BITS != 0
-    motion = ErrorMotion.of(block.column("theta"), block.columns(COMPONENTS), observable, covariance)
-    beside: dict[str, Any] = {name: block.column(name) for name in ("streams", *(_BESIDE & there))}
-    beside |= {name: beside[name].astype(np.int64) for name in _MASKS if name in beside}
-    return replace(motion, times_ns=block.times_ns, **beside)
+    for name in _ALWAYS:
+        if name not in block.names:
+            block.column(name)  # says what there is
+    absent = np.tile([0.0, 1.0], (len(block.rows), 1))
+    numbers = np.hstack([block.rows, absent])[:, _places_in(block.names)]
+    theta, observable, streams, doubts, *beside = numbers[:, _LAST:].T
+    return ErrorMotion(
+        theta,
+        numbers[:, :_FIRST],
+        observable.astype(np.int64)[:, None] & _BITS != 0,
+        numbers[:, _FIRST:_LAST].reshape(-1, _FIRST, _FIRST),
+        block.times_ns,
+        streams.astype(np.int64),
+        doubts.astype(np.int64),
+        *beside,
+    )
 
 
-def _column(motion: ErrorMotion, name: str) -> NDArray[Any]:
-    if name in _COMPONENT:
-        return motion.components[:, _COMPONENT[name]]
-    if name in _COVARIANCE:
-        row, column = _COVARIANCE[name]
-        return motion.covariance[:, row, column]
-    found: NDArray[Any] = motion.observable @ _BITS if name == "observable" else getattr(motion, name)
-    return found
+@cache
+def _places_of(columns: tuple[str, ...]) -> NDArray[np.intp]:
+    """Where each column stands in `_NAMES`."""
+    return np.array([_NAMES.index(name) for name in columns], np.intp)
+
+
+@cache
+def _places_in(names: tuple[str, ...]) -> NDArray[np.intp]:
+    """Where each of `_NAMES` stands in columns that are followed by two for those that are absent: zeros and ones."""
+    zeros, ones = len(names), len(names) + 1
+    absent = {name: ones if name.endswith(("_scale", "_conflict")) else zeros for name in _NAMES}
+    return np.array([names.index(name) if name in names else absent[name] for name in _NAMES], np.intp)
