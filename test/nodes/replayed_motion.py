@@ -23,7 +23,7 @@ def assert_repeated(published: Sequence[Any], replayed: Replay) -> None:
     again = {
         int(stamp): (int(mask), row)
         for stamp, mask, row in zip(
-            replayed.stamp_ns, replayed.streams, np.nan_to_num(replayed.error_motion), strict=True
+            replayed.stamp_ns, replayed.motion.streams, np.nan_to_num(replayed.error_motion), strict=True
         )
     }
     recorded_until = max(again)  # the recorder ends before the estimator does

@@ -65,17 +65,17 @@ def rms(values):
 @pytest.mark.parametrize("seed", range(3))
 def test_error_motion_is_that_of_ideal_instruments(seed):
     """Both are noise away from the truth and from one another, and nothing that goes round with the axis is left."""
-    _, when, ideal, off = estimated(IDEAL, seed=seed)
-    estimator, times, rows, error = estimated(OWN, seed=seed)
+    _, ideal, off = estimated(IDEAL, seed=seed)
+    estimator, own, error = estimated(OWN, seed=seed)
     assert not list(estimator.reasons) and estimator.status.saturated == 0
-    assert len(times) > 0.998 * len(when)
+    assert len(own.theta) > 0.998 * len(ideal.theta)
     np.testing.assert_allclose(rms(error), rms(off), rtol=0.05)
     assert (rms(error) < [5e-8, 5e-8, 5e-7, 5e-7, 4e-7]).all()
-    _, i, j = np.intersect1d(when, times, return_indices=True)
-    between = (ideal[i, 1:7] - rows[j, 1:7])[:, SEEN]
+    _, i, j = np.intersect1d(ideal.times_ns, own.times_ns, return_indices=True)
+    between = (ideal.components[i] - own.components[j])[:, SEEN]
     assert (rms(between) < [7e-8, 7e-8, 7e-7, 7e-7, 5e-7]).all()
     for order in range(4):
-        left = np.abs(np.mean(between * np.exp(1j * order * ideal[i, :1]), axis=0))
+        left = np.abs(np.mean(between * np.exp(1j * order * ideal.theta[i, None]), axis=0))
         assert (left < [5e-9, 5e-9, 5e-8, 5e-8, 5e-8]).all(), (order, left)
 
 
