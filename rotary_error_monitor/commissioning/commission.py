@@ -92,6 +92,8 @@ def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> C
         if tilt_unit is not None:
             figures[AUTOCOLLIMATOR] = describe_stream(stream, is_angle=False)
         plain = replace(stage, responses={})
+        # that is calibrated by itself: no rotation tells it from what the rotor does
+        stream = replace(stream, values=stage.response(AUTOCOLLIMATOR).undistorted(stream.values))
         tilt = fit_tilt(plain, angles, heads, stream, recorded.streams.get(FORCE))
     shown = Shown(angles, heads, command, tilt)
     azimuth = stage.uncertainty.get("encoder.azimuth", AZIMUTH)

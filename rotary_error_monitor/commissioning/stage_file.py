@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
+from rotary_error_monitor.calibration.stage_document import in_file, kept_figures, set_value
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.commissioning.bag_streams import read_streams
@@ -18,9 +19,9 @@ from rotary_error_monitor.commissioning.commission import AUTOCOLLIMATOR, Commis
 from rotary_error_monitor.commissioning.findings import is_louder
 from rotary_error_monitor.commissioning.found import Stated, Value
 from rotary_error_monitor.description.provenance import Calibrated
-from rotary_error_monitor.description.sections import locate, place_in_file
+from rotary_error_monitor.description.sections import locate
 from rotary_error_monitor.description.stage import StageDescription, load_stage
-from rotary_error_monitor.description.stage_section import own_places
+from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.errors import InputError
 
 MOVED = 2.0
@@ -55,7 +56,7 @@ def commission_stage(
 def stated_in(stage_file: Path, letters: Iterable[str]) -> Stated:
     """What a stage file states of signs and zeros, of the heads of these letters and of the command."""
     document = YamlDocument(stage_file, "stage")
-    places = {f"head_{letter}": _in_file(document, ("encoder", "heads", letter)) for letter in letters}
+    places = {f"head_{letter}": in_file(document, ("encoder", "heads", letter)) for letter in letters}
     rows = {name: document.get(*place) for name, place in places.items()}
     rows["command"] = document.get("command") or {}
     return Stated(
@@ -105,15 +106,15 @@ def _set_ring(document: YamlDocument, stage: StageDescription, result: Commissio
         before = stage.response(f"head_{letter}")
         place = ("encoder", "heads", letter)
         # with more digits than they are sure of: eccentricity and azimuths belong together
-        _set(document, "encoder", (*place, "azimuth"), number(_within_a_turn(head.azimuth.value)))
+        set_value(document, "encoder", (*place, "azimuth"), number(_within_a_turn(head.azimuth.value)))
         yield f"{letter}.azimuth_uncertainty", head.azimuth.std
-        _set(document, "encoder", (*place, "zero"), rounded(head.zero))
+        set_value(document, "encoder", (*place, "zero"), rounded(head.zero))
         yield f"{letter}.zero_uncertainty", head.zero.std
-        if head.sign != 1 or document.get(*_in_file(document, (*place, "sign"))) is not None:
-            _set(document, "encoder", (*place, "sign"), head.sign)
+        if head.sign != 1 or document.get(*in_file(document, (*place, "sign"))) is not None:
+            set_value(document, "encoder", (*place, "sign"), head.sign)
         _set_latency(document, "encoder", (*place, "latency"), head.latency, before.latency)
         yield f"{letter}.latency_uncertainty", head.latency.std
-    _set(document, "encoder", ("encoder", "eccentricity"), [number(each.value) for each in found.eccentricity])
+    set_value(document, "encoder", ("encoder", "eccentricity"), [number(each.value) for each in found.eccentricity])
     yield "eccentricity_uncertainty", max(each.std for each in found.eccentricity)
     if found.graduation:
         told = {row.order for row, _ in found.graduation}
@@ -122,13 +123,13 @@ def _set_ring(document: YamlDocument, stage: StageDescription, result: Commissio
             {"order": row.order, "cos": rounded(Value(row.cos, std)), "sin": rounded(Value(row.sin, std))}
             for row, std in found.graduation
         ]
-        _set(document, "encoder", ("encoder", "graduation"), Rows(sorted([*kept, *rows], key=_order)))
+        set_value(document, "encoder", ("encoder", "graduation"), Rows(sorted([*kept, *rows], key=_order)))
         yield "largest_graduation_uncertainty", max(std for _, std in found.graduation)
     noise = louder(stage, result, (f"head_{letter}" for letter in stage.azimuths))
     if noise is not None:
-        _set(document, "encoder", ("encoder", "noise"), number(noise))
+        set_value(document, "encoder", ("encoder", "noise"), number(noise))
     azimuth = max(head.azimuth.std for head in found.heads.values())
-    _set(document, "encoder", ("uncertainty", "encoder.azimuth"), number(azimuth))
+    set_value(document, "encoder", ("uncertainty", "encoder.azimuth"), number(azimuth))
 
 
 def _within_a_turn(azimuth: float) -> float:
@@ -165,9 +166,9 @@ def _set_command(document: YamlDocument, stage: StageDescription, result: Commis
         return
     before = stage.response("command")
     if result.found.datum != "command":
-        _set(document, "command", ("command", "zero"), rounded(command.zero))
+        set_value(document, "command", ("command", "zero"), rounded(command.zero))
     if command.sign != 1 or document.get("command", "sign") is not None:
-        _set(document, "command", ("command", "sign"), command.sign)
+        set_value(document, "command", ("command", "sign"), command.sign)
     yield "zero_uncertainty", command.zero.std
     _set_latency(document, "command", ("command", "latency"), command.latency, before.latency)
     yield "latency_uncertainty", command.latency.std
@@ -180,16 +181,17 @@ def _set_autocollimator(document: YamlDocument, stage: StageDescription, result:
     before = stage.response(AUTOCOLLIMATOR)
     noise = louder(stage, result, [AUTOCOLLIMATOR], abs(tilt.gain if tilt.axes_told else before.gain))
     if noise is not None:
-        _set(document, "autocollimator", ("autocollimator", "noise"), number(noise))
-    _set(document, "autocollimator", ("autocollimator", "zero"), [rounded(each) for each in tilt.zero])
+        set_value(document, "autocollimator", ("autocollimator", "noise"), number(noise))
+    set_value(document, "autocollimator", ("autocollimator", "zero"), [rounded(each) for each in tilt.zero])
     yield "zero_uncertainty", max(each.std for each in tilt.zero)
     if tilt.axes_told and tilt.axes is not None:
-        _set(document, "autocollimator", ("autocollimator", "gain"), rounded(Value(tilt.gain, tilt.axes.std)))
-        _set(document, "autocollimator", ("autocollimator", "roll"), rounded(Value(tilt.roll, tilt.axes.std)))
+        set_value(document, "autocollimator", ("autocollimator", "gain"), rounded(Value(tilt.gain, tilt.axes.std)))
+        set_value(document, "autocollimator", ("autocollimator", "roll"), rounded(Value(tilt.roll, tilt.axes.std)))
         yield "gain_uncertainty", tilt.axes.std * abs(tilt.gain)
         yield "roll_uncertainty", tilt.axes.std
     _set_latency(document, "autocollimator", ("autocollimator", "latency"), tilt.latency, before.latency)
     yield "latency_uncertainty", tilt.latency.std
+    yield from kept_figures(document, DISTORTIONS if tilt.axes_told else ("gain", "roll", *DISTORTIONS))
 
 
 def _set_mirror(document: YamlDocument, result: Commissioning) -> Figures:
@@ -197,23 +199,12 @@ def _set_mirror(document: YamlDocument, result: Commissioning) -> Figures:
     if tilt is None or tilt.mirrored:
         return
     values = [rounded(Value(each, tilt.tilt_std)) for each in tilt.tilt]
-    _set(document, "mirror", ("mirror", "tilt"), values)
+    set_value(document, "mirror", ("mirror", "tilt"), values)
     yield "tilt_uncertainty", tilt.tilt_std
-
-
-def _set(document: YamlDocument, part: str, place: tuple[str, ...], value: Any) -> None:  # noqa: ANN401 (YAML content)
-    place = _in_file(document, place)
-    if document.get(*place) != value:
-        document.set(part, ".".join(place), place, value)
-
-
-def _in_file(document: YamlDocument, place: tuple[str, ...]) -> tuple[str, ...]:
-    """Where the file has a place of a section: in its list of sensors, if it lists what the section is of."""
-    return tuple(map(str, place_in_file(place, own_places(document.get("sensors")))))
 
 
 def _set_latency(document: YamlDocument, part: str, place: tuple[str, ...], found: Value, before: float) -> None:
     """A delay that differs from what the file has; none is negative."""
     value = max(0.0, rounded(found))
     if abs(found.value - before) > MOVED * found.std and value != before:
-        _set(document, part, place, value)
+        set_value(document, part, place, value)

@@ -50,3 +50,8 @@ Gain = Annotated[
         size=0.001,
     ),
 ]
+GainDifference = Annotated[
+    float, Expected("gain of the x axis less that of the y axis, as a part of the gain, at most 0.5", -0.5, 0.5)
+]
+CrossCoupling = Annotated[float, Expected("what either axis reads of the other, as a part, at most 0.3", -0.3, 0.3)]
+Cubic = Annotated[float, Expected("a part by which a reading grows, per rad^2, at most 1e9", -1e9, 1e9)]

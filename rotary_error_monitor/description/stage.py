@@ -17,23 +17,26 @@ from rotary_error_monitor.description.response import Response as Response
 from rotary_error_monitor.description.sections import extended, from_content, load, narrowed, write
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.description.stage_section import (
-    RESPONSES,
-    AutocollimatorSection,
     CommandSection,
     EncoderSection,
     Environment,
     Head,
-    LvdtSection,
     StageSection,
     angle_rows,
-    two_axis_rows,
 )
-from rotary_error_monitor.description.stage_section import Autocollimator as Autocollimator
 from rotary_error_monitor.description.stage_section import Encoder as Encoder
-from rotary_error_monitor.description.stage_section import Lvdt as Lvdt
 from rotary_error_monitor.description.stage_section import Mirror as Mirror
 from rotary_error_monitor.description.stage_section import Spindle as Spindle
-from rotary_error_monitor.description.stage_section import Turbulence as Turbulence
+from rotary_error_monitor.description.two_axis_section import (
+    DISTORTIONS,
+    RESPONSES,
+    AutocollimatorSection,
+    LvdtSection,
+    two_axis_rows,
+)
+from rotary_error_monitor.description.two_axis_section import Autocollimator as Autocollimator
+from rotary_error_monitor.description.two_axis_section import Lvdt as Lvdt
+from rotary_error_monitor.description.two_axis_section import Turbulence as Turbulence
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 
@@ -233,6 +236,7 @@ def _calibrated(section: StageSection) -> dict[str, float]:
         if note is not None and f"{rows}_uncertainty" in note.figures:
             found[f"{part}.{rows}"] = note.figures[f"{rows}_uncertainty"]
     if notes.autocollimator is not None:
-        stds = {name: notes.autocollimator.figures.get(f"{name}_uncertainty") for name in RESPONSES}
+        figures = notes.autocollimator.figures
+        stds = {name: figures.get(f"{name}_uncertainty") for name in (*RESPONSES, *DISTORTIONS)}
         found |= {f"autocollimator.{name}": std for name, std in stds.items() if std is not None}
     return found

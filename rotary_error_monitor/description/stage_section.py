@@ -18,23 +18,26 @@ from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.quantities import (
     Angle,
     DisplacementPair,
-    Gain,
-    Height,
     Latency,
     Noise,
     NotNegative,
-    Range,
-    Reading,
-    Resolution,
-    Roll,
     Short,
     Temperature,
     TiltPair,
 )
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.sections import Place, Section, WrongError, narrowed, stated
+from rotary_error_monitor.description.sections import Place, Section, WrongError, stated
 from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SensorSection
 from rotary_error_monitor.description.stage_limits import StageLimits
+from rotary_error_monitor.description.two_axis_section import (
+    DISTORTIONS,
+    RESPONSES,
+    Autocollimator,
+    AutocollimatorSection,
+    Lvdt,
+    LvdtSection,
+    folded,
+)
 
 MOST_STREAMS = 51
 """Heads and listed sensors but inputs: with autocollimator and command as many bits as a float64, in which masks
@@ -78,27 +81,6 @@ class Mirror:
 
 
 @dataclass(frozen=True)
-class Turbulence:
-    """Slow part of the autocollimator's noise."""
-
-    std: Annotated[Noise, Expected("standard deviation of the slow part of the noise in rad")]
-    correlation_time: Annotated[float, Expected("correlation time of the slow part in s", above=0, most=3600)]
-
-
-@dataclass(frozen=True)
-class Autocollimator:
-    """Autocollimator: measuring range ±`range`, `resolution` and `noise` (standard deviation), rad.
-
-    All three are of readings over the absolute gain: what they are in rad of tilt.
-    """
-
-    range: Annotated[Range, Expected("half of the measuring range in rad")]
-    resolution: Annotated[Resolution, Expected("step of a reading in rad")]
-    noise: Annotated[Noise, Expected("standard deviation of one reading in rad")]
-    turbulence: Turbulence | None = None
-
-
-@dataclass(frozen=True)
 class Spindle:
     """Known error motion: radial at the ring and axial (m), tilt (rad), compliances (m/N, rad/N), drift (m/K).
 
@@ -111,15 +93,6 @@ class Spindle:
     tilt_compliance: Annotated[Compliance, Expected("tilt per force in rad/N")] = 0.0
     radial_thermal: Annotated[DisplacementPair, Expected("[x, y] in m/K, each at most 10 mm/K")] = (0.0, 0.0)
     axial: Annotated[Waves, Expected("axial error motion: at most 500 rows {order, cos, sin} in m")] = ()
-
-
-@dataclass(frozen=True)
-class Lvdt:
-    """Two-axis LVDT on an artefact: height above the ring, noise, eccentricity of the artefact on the rotor."""
-
-    height: Annotated[Height, Expected("height of the artefact above the ring in m")]
-    noise: Annotated[Noise, Expected("standard deviation of one reading in m")]
-    artefact_eccentricity: DisplacementPair = (0.0, 0.0)
 
 
 Sign = Literal[1, -1]
@@ -174,39 +147,6 @@ class EncoderSection(Encoder):
     def __post_init__(self) -> None:
         """Azimuths are those of the heads."""
         object.__setattr__(self, "azimuths", {letter: head.azimuth for letter, head in self.heads.items()})
-
-
-@dataclass(frozen=True, kw_only=True)
-class TwoAxisSection:
-    """How an instrument of two axes answers; what is left out has the default of `Response`."""
-
-    gain: Gain | None = None
-    roll: Roll | None = None
-    latency: Latency | None = None
-    zero: tuple[Reading, Reading] | None = None
-
-    @property
-    def response(self) -> Response:
-        """Of the instrument."""
-        return replace(Response((0.0, 0.0)), **stated(narrowed(TwoAxisSection, self)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class AutocollimatorSection(TwoAxisSection, Autocollimator):
-    """The autocollimator and how it answers."""
-
-    zero: Annotated[
-        tuple[Reading, Reading] | None, Expected("reading [x, y] of a mirror without tilt in rad, each at most 0.1 rad")
-    ] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class LvdtSection(TwoAxisSection, Lvdt):
-    """The LVDT and how it answers."""
-
-    zero: Annotated[
-        tuple[Reading, Reading] | None, Expected("reading [x, y] of a perfect axis in m, each at most 100 mm")
-    ] = None
 
 
 @dataclass(frozen=True)
@@ -315,22 +255,14 @@ def angle_rows(response: Response) -> dict[str, Any]:
     return {"zero": response.zero[0], "sign": round(response.gain), "latency": response.latency}
 
 
-def two_axis_rows(response: Response) -> dict[str, Any]:
-    """Fields of `TwoAxisSection`; none of an ideal response."""
-    return {} if response.is_ideal else stated(response)
-
-
 def _names(part: type[Any], *more: str, without: str = "") -> tuple[str, ...]:
     return (*(each.name for each in entries(part) if each.name != without), *more)
 
 
-RESPONSES = ("gain", "roll", "zero")
-"""What may be uncertain of how an instrument of two axes answers."""
-
 PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "encoder": _names(Encoder, "azimuth", "timing", without="azimuths"),
     "mirror": _names(Mirror),
-    "autocollimator": _names(Autocollimator, *RESPONSES, without="turbulence"),
+    "autocollimator": _names(Autocollimator, *RESPONSES, *DISTORTIONS, without="turbulence"),
     "spindle": _names(Spindle),
     "lvdt": _names(Lvdt, *RESPONSES),
     "command": ("timing",),
@@ -355,6 +287,8 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
             if max(map(abs, values)) >= read.range:
                 said = values[0] if len(values) == 1 else list(values)
                 yield ("sensors", name, limit), f"{said} is beyond the range of {read.range} {read.unit}"
+    if section.autocollimator is not None:
+        yield from folded(section.autocollimator)
     yield from _unknown(section, poses)
 
 

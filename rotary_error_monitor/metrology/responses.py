@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.signals.blocks import SampleBlock
@@ -30,3 +32,26 @@ def correct_block(block: SampleBlock, fields: Sequence[str], response: Response 
         rows[:, [block.names.index(name) for name in fields]] = values
     # The stamp alone moves: the distances between samples stay the same to the last bit.
     return SampleBlock(block.stamp_ns - response.latency_ns, block.names, rows)
+
+
+def distortion_variance(
+    roll: float, stds: Sequence[float], along: NDArray[np.float64], across: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(m,) variance of one component of a tilt by a distortion that is uncertain, rad^2.
+
+    To first order, about an instrument that hardly distorts. The larger of both senses of the roll, for of the two
+    components one sees it with the other sign.
+
+    Args:
+        roll: of the instrument, rad.
+        stds: standard uncertainty of its gain difference, its cross-coupling and the cubic term of an axis in 1/rad^2.
+        along: (m,) tilt about the component's own axis, rad.
+        across: (m,) about the other one.
+    """
+    difference, coupling, cubic = (std**2 for std in stds)
+    cosine, found = math.cos(roll), []
+    for sine in (math.sin(roll), -math.sin(roll)):
+        own, other = cosine * along - sine * across, sine * along + cosine * across
+        linear = 0.25 * difference * (cosine * own - sine * other) ** 2 + coupling * (cosine * other + sine * own) ** 2
+        found.append(linear + cubic * (cosine**2 * own**6 + sine**2 * other**6))
+    return np.maximum(*found)

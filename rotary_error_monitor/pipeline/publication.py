@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.metrology.responses import distortion_variance
 from rotary_error_monitor.pipeline.belief import DOUBTS, Verdict
 from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
@@ -207,6 +209,7 @@ class AssemblyVariance:
         mirror, flatness: of the mirror, to the tilt.
         gain, roll, zero: of the autocollimator, to the tilt; the first two for each rad² of what it reads, along the
             same axis and along the other.
+        roll_angle, distortion: roll of the autocollimator, rad, and the standard uncertainties of its distortion.
     """
 
     eccentricity: float
@@ -216,6 +219,8 @@ class AssemblyVariance:
     gain: float = 0.0
     roll: float = 0.0
     zero: float = 0.0
+    roll_angle: float = 0.0
+    distortion: tuple[float, ...] = ()
 
     @staticmethod
     def of(stage: StageDescription) -> AssemblyVariance:
@@ -223,7 +228,7 @@ class AssemblyVariance:
         stated, encoder = stage.uncertainty, stage.encoder or ABSENT
         graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(encoder.graduation))
         flatness = stated.get("mirror.flatness", 0.0) * math.sqrt(len(stage.mirror.flatness))
-        gain = stage.response(AUTOCOLLIMATOR).gain
+        gain, roll = stage.response(AUTOCOLLIMATOR).gain, stage.response(AUTOCOLLIMATOR).roll
         return AssemblyVariance(
             stated.get("encoder.eccentricity", 0.0) ** 2,
             0.5 * (encoder.disc_radius * graduation) ** 2,
@@ -232,6 +237,8 @@ class AssemblyVariance:
             (stated.get("autocollimator.gain", 0.0) / gain) ** 2,
             stated.get("autocollimator.roll", 0.0) ** 2,
             (stated.get("autocollimator.zero", 0.0) / gain) ** 2,
+            roll_angle=roll,
+            distortion=tuple(stated.get(f"autocollimator.{name}", 0.0) for name in DISTORTIONS),
         )
 
     @property
@@ -246,7 +253,10 @@ class AssemblyVariance:
 
     def tilt_by_reading(self, along: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m,) to the tilt about an axis, from what the autocollimator reads of it and of the other, rad."""
-        return self.gain * along**2 + self.roll * across**2
+        linear = self.gain * along**2 + self.roll * across**2
+        if not any(self.distortion):
+            return linear
+        return linear + distortion_variance(self.roll_angle, self.distortion, along, across)
 
 
 def redundancy_of(layout: HeadLayout | None) -> int:

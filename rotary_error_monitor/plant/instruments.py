@@ -45,15 +45,22 @@ def seen(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
 def read_off(shown: Reals, response: Response | None) -> Reals:
     """(n, fields) what an instrument with a zero, a sign, a gain and axes of its own reads where (n, fields) is shown.
 
-    A two-axis instrument has the plane turned before it; the latency is not of the values but of the stamps.
+    A two-axis instrument has the plane turned before it, and may distort it; the latency is not of the values but of
+    the stamps.
     """
     if response is None or response.changes_no_value:
         return shown
     zero = np.array(response.zero or (0.0,) * shown.shape[1])
     if shown.shape[1] == 1:
         return zero + response.gain * shown
-    plane = shown[:, 0] + 1j * shown[:, 1]
-    return as_columns(complex(*zero) + response.gain * np.exp(1j * response.roll) * plane)
+    plane = np.exp(1j * response.roll) * (shown[:, 0] + 1j * shown[:, 1])
+    if not response.is_distorted:
+        return as_columns(complex(*zero) + response.gain * plane)
+    # an ellipse: what goes round makes a part that goes round the other way
+    plane = plane + complex(response.gain_difference / 2, response.cross_coupling) * plane.conj()
+    x_bend, y_bend = response.cubic or (0.0, 0.0)
+    bent = plane + x_bend * plane.real**3 + 1j * y_bend * plane.imag**3
+    return as_columns(complex(*zero) + response.gain * bent)
 
 
 def planar(rows: Sequence[PlanarHarmonic], turns: Turns) -> Plane:

@@ -15,12 +15,15 @@ from rotary_error_monitor.description.stage import (
     PlanarHarmonic,
     StageDescription,
 )
-from rotary_error_monitor.description.stage_section import RESPONSES
+from rotary_error_monitor.description.two_axis_section import DISTORTIONS, RESPONSES
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.sensors.library import instrument_of, sensor_kinds
 
 _ANSWERING = ("autocollimator", "lvdt")
 """Instruments of two axes that answer as `Response` says, each a section and a stream."""
+
+_PAIRS = ("zero", "cubic")
+"""What of their answer is of either axis."""
 
 Part = Any
 """A number, a row of harmonics, or numbers by name or in a row: whatever stands in a description."""
@@ -63,7 +66,7 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
 def _of_section(stage: StageDescription, name: str, uncertainty: float) -> list[UncertainParameter]:
     """All numbers of a parameter of one section, such as `encoder.eccentricity`."""
     section_name, _, key = name.partition(".")
-    if key in RESPONSES and section_name in _ANSWERING:
+    if key in (*RESPONSES, *DISTORTIONS) and section_name in _ANSWERING:
         return _of_response(stage, name, uncertainty)
     section = getattr(stage, section_name, None)
     attribute = "azimuths" if name == "encoder.azimuth" else key
@@ -83,16 +86,16 @@ def _of_section(stage: StageDescription, name: str, uncertainty: float) -> list[
 
 
 def _of_response(stage: StageDescription, name: str, uncertainty: float) -> list[UncertainParameter]:
-    """Gain, roll or zero of an instrument of two axes, such as `autocollimator.gain`; none of one that is not there."""
+    """How an instrument of two axes answers, such as `autocollimator.gain`; nothing of one that is not there."""
     stream, _, key = name.partition(".")
     if getattr(stage, stream) is None:
         return []
-    paths: list[tuple[Any, ...]] = [(0,), (1,)] if key == "zero" else [()]
+    paths: list[tuple[Any, ...]] = [(0,), (1,)] if key in _PAIRS else [()]
 
     def shifter(path: tuple[Any, ...]) -> Callable[[StageDescription, float], StageDescription]:
         def shifted(stage: StageDescription, by: float) -> StageDescription:
             response = stage.response(stream)
-            value = (response.zero or (0.0, 0.0)) if key == "zero" else getattr(response, key)
+            value = getattr(response, key) or ((0.0, 0.0) if key in _PAIRS else 0.0)
             changed = replace(response, **{key: _shift(value, path, by)})
             return replace(stage, responses={**stage.responses, stream: changed})
 

@@ -81,7 +81,7 @@ def load(kind: str, content: Any, folder: Path) -> Any:
 
 @st.composite
 def stages(draw: st.DrawFn) -> Any:
-    """What the section allows, with the uncertainty of parameters that there are, and probes that reach their zero."""
+    """What the section allows, with the uncertainty of parameters that there are, and readings that can be."""
     section = draw(drawn.contents(StageSection))
     for sensor in section.get("sensors", {}).values():
         fields, _ = quantity(sensor["kind"])
@@ -89,6 +89,12 @@ def stages(draw: st.DrawFn) -> Any:
         zeros = [largest * draw(st.floats(-1.0, 1.0)) for _ in fields]
         sensor["zero"] = zeros if len(fields) > 1 else zeros[0]
         sensor["resolution"] = min(sensor["resolution"], 0.5 * sensor["range"])
+    collimator = section.get("autocollimator", {})
+    for axis, (cubic, zero) in enumerate(
+        zip(collimator.get("cubic", ()), collimator.get("zero", (0, 0)), strict=False)
+    ):
+        most = collimator["range"] + abs(zero / collimator.get("gain", 1.0))  # up to there readings rise
+        collimator["cubic"][axis] = max(cubic, -0.1 / max(most, 1e-5) ** 2)
     poses = [name for name, row in section.get("sensors", {}).items() if not is_input(row["kind"])]
     assume("encoder" in section or "autocollimator" in section or poses)
     if "encoder" not in section:
