@@ -76,8 +76,8 @@ class Table:
         return InputError(f"{self.path}:{self.lines[row]}: {problem}")
 
 
-def read_table(path: Path | str, choices: Sequence[Sequence[Column]]) -> Table:
-    """Table with one of the given sets of columns, in any order.
+def read_table(path: Path | str, choices: Sequence[Sequence[Column]], expected: str = "") -> Table:
+    """Table with one of the given sets of columns, in any order; `expected` says them in words where they are many.
 
     Raises:
         InputError: no such file, an empty one, a header that fits no choice, a row with too few or too many values, or
@@ -85,7 +85,7 @@ def read_table(path: Path | str, choices: Sequence[Sequence[Column]]) -> Table:
     """
     path = Path(path)
     rows = _rows(path)
-    expected = " or ".join(",".join(column.name for column in columns) for columns in choices)
+    expected = expected or " or ".join(",".join(column.name for column in columns) for columns in choices)
     if not rows:
         raise InputError(f"{path}:1: the file is empty; expected a header {expected} and rows below it")
     line, header = rows[0][0], [name.strip() for name in rows[0][1]]

@@ -6,15 +6,12 @@ import argparse
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, date, datetime
+from datetime import date
 from pathlib import Path
 
 import numpy as np
 
 from rotary_error_monitor.calibration import reports
-from rotary_error_monitor.calibration.assembly import calibrate_assembly
-from rotary_error_monitor.calibration.assembly_doubts import ARCSEC, Centres
-from rotary_error_monitor.calibration.assembly_report import assembly_text
 from rotary_error_monitor.calibration.axis_lines import calibrate_squareness
 from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
 from rotary_error_monitor.calibration.grinding import flatness_text, predict_flatness
@@ -25,9 +22,17 @@ from rotary_error_monitor.calibration.steps import Job, calibrate_machine, calib
 from rotary_error_monitor.calibration.straightness_step import Reading, calibrate_straightness
 from rotary_error_monitor.calibration.volume import estimate_volumetric_map, rank_errors
 from rotary_error_monitor.calibration.yaml_document import changing
+from rotary_error_monitor.commands import calibrate_stage
+from rotary_error_monitor.commands.calibration_arguments import (
+    NOT_GOOD,
+    Subparsers,
+    add_figure,
+    add_force,
+    today,
+    writing,
+)
 from rotary_error_monitor.commands.values import (
     count_of,
-    finite,
     flatness_um,
     limits_of,
     not_negative,
@@ -35,15 +40,11 @@ from rotary_error_monitor.commands.values import (
     split_word,
 )
 from rotary_error_monitor.description.machine import load_machine, machine_path
-from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
-from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
 from rotary_error_monitor.metrology.splicing import Mirror
 from rotary_error_monitor.metrology.tracker import TrackerNoise
 
-NOT_GOOD = 10
 MACHINE_HELP = "the file to calibrate; the parameters of a twin become a tree of bodies"
-Subparsers = argparse._SubParsersAction  # the type that argparse gives has no public name
 
 
 def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
@@ -58,7 +59,7 @@ def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
     _add_positioning(steps)
     _add_straightness(steps)
     _add_squareness(steps)
-    _add_assembly(steps)
+    calibrate_stage.add(steps)
     _add_machine(steps)
     _add_tables(steps)
     _add_errors(steps)
@@ -76,19 +77,9 @@ def _step(
     parser.add_argument("--machine", type=Path, required=True, metavar="MACHINE.yaml", help=MACHINE_HELP)
     parser.add_argument("-o", "--output", type=Path, help="write here instead of changing MACHINE.yaml")
     parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
-    _add_force(parser)
+    add_force(parser)
     parser.set_defaults(run=run)
     return parser
-
-
-def _add_force(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--force", action="store_true", help="write what does not fit as well, with an uncertainty that covers it"
-    )
-
-
-def _add_figure(parser: argparse.ArgumentParser, help_: str = "draw what was found") -> None:
-    parser.add_argument("--figure", type=Path, metavar="PNG", help=help_)
 
 
 def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -98,7 +89,7 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave flagged readings out of figures and machine file"
     )
-    _add_figure(parser)
+    add_figure(parser)
 
 
 def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -123,7 +114,7 @@ def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave readings out that stand off from those of other runs"
     )
-    _add_figure(parser)
+    add_figure(parser)
     parser.add_argument(
         "--monotone", action="store_true", help="rotate the curve so that its correction never reverses"
     )
@@ -135,41 +126,6 @@ def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--distance-um", type=positive, default=0.5, help="standard uncertainty (default 0.5)")
     parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
     parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
-
-
-def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
-    parser = steps.add_parser("assembly", help="ring and mirror of a stage, from a bag of its shaft between centres")
-    parser.add_argument("source", type=Path, metavar="BAG")
-    parser.add_argument("--stage", type=Path, required=True, metavar="STAGE.yaml", help="the file to calibrate")
-    parser.add_argument("-o", "--output", type=Path, help="write here instead of changing STAGE.yaml")
-    parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
-    parser.add_argument(
-        "--delay-ms",
-        type=finite,
-        default=0.0,
-        help="age of the autocollimator's values beyond its described latency, as far as it is known (default 0)",
-    )
-    parser.add_argument(
-        "--delay-std-ms",
-        type=not_negative,
-        default=DELAY_STD * 1e3,
-        help="its standard uncertainty; matters where one direction and speed only are recorded (default 5)",
-    )
-    parser.add_argument(
-        "--centre-radial-um",
-        type=not_negative,
-        default=Centres().radial * 1e6,
-        help="how far the shaft may go round with its rotation between the centres, which looks like eccentricity: "
-        "standard uncertainty in each direction, a fifth of the total run-out of live centres (default 1)",
-    )
-    parser.add_argument(
-        "--centre-lean-arcsec",
-        type=not_negative,
-        default=Centres().lean * ARCSEC,
-        help="and how far it may lean, which looks like a tilted mirror (default 1)",
-    )
-    _add_force(parser)
-    parser.set_defaults(run=_assembly)
 
 
 def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -200,7 +156,7 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
     parser.add_argument("--map", nargs=2, metavar=("X", "Z"), help="axes of the map (default: the first two)")
-    _add_figure(parser, "draw map and ranked bars")
+    add_figure(parser, "draw map and ranked bars")
     parser.set_defaults(run=_errors)
 
 
@@ -214,7 +170,7 @@ def _add_flatness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     )
     parser.add_argument("--reversal-um", type=not_negative, required=True, help="reversal error of the vertical axis")
     parser.add_argument("--positioning-um", type=not_negative, required=True, help="its positioning error")
-    _add_figure(parser, "draw the three surfaces")
+    add_figure(parser, "draw the three surfaces")
     parser.set_defaults(run=_flatness_step)
 
 
@@ -227,11 +183,7 @@ def _job(arguments: argparse.Namespace) -> Iterator[Job]:
     check_outputs([getattr(arguments, "figure", None)], [arguments.source, profile, arguments.machine, output])
     with changing(output):
         file = MachineFile(arguments.machine)
-        yield Job(arguments.source, file, output, arguments.date or _today(), arguments.force)
-
-
-def _today() -> date:
-    return datetime.now(UTC).date()
+        yield Job(arguments.source, file, output, arguments.date or today(), arguments.force)
 
 
 def _positioning(arguments: argparse.Namespace) -> int:
@@ -241,7 +193,7 @@ def _positioning(arguments: argparse.Namespace) -> int:
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_positioning
 
-        with _writing(arguments.figure):
+        with writing(arguments.figure):
             draw_positioning(arguments.figure, result)
     return 0 if result.written else NOT_GOOD
 
@@ -257,7 +209,7 @@ def _straightness(arguments: argparse.Namespace) -> int:
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_straightness
 
-        with _writing(arguments.figure):
+        with writing(arguments.figure):
             draw_straightness(arguments.figure, result)
     return 0 if result.written else NOT_GOOD
 
@@ -268,23 +220,6 @@ def _squareness(arguments: argparse.Namespace) -> int:
     with _job(arguments) as job:
         result = calibrate_squareness(job, noise)
     print(reports.squareness_text(result, job.output))
-    return 0 if result.written else NOT_GOOD
-
-
-def _assembly(arguments: argparse.Namespace) -> int:
-    output = arguments.output or arguments.stage
-    check_outputs([arguments.output], [arguments.source])
-    with changing(output):
-        result = calibrate_assembly(
-            arguments.source,
-            arguments.stage,
-            output,
-            arguments.date or _today(),
-            delay=(arguments.delay_ms * 1e-3, arguments.delay_std_ms * 1e-3),
-            centres=Centres(arguments.centre_radial_um * 1e-6, arguments.centre_lean_arcsec / ARCSEC),
-            force=arguments.force,
-        )
-    print(assembly_text(result, output))
     return 0 if result.written else NOT_GOOD
 
 
@@ -303,7 +238,7 @@ def _tables(arguments: argparse.Namespace) -> int:
     machine = load_machine(arguments.machine)
     if arguments.axis:
         compensation = predict_axis_compensation(machine, arguments.axis, arguments.rows)
-        with _writing(arguments.output):
+        with writing(arguments.output):
             arguments.output.write_text(comp_file(compensation, arguments.type), encoding="ascii")
         residue = np.rad2deg(compensation.residue) * 3600 if compensation.rotary else compensation.residue * 1e6
         unit = "arcsec" if compensation.rotary else "µm"
@@ -311,7 +246,7 @@ def _tables(arguments: argparse.Namespace) -> int:
         print(f"[JOINT_N] COMP_FILE = {arguments.output.name}, COMP_FILE_TYPE = {arguments.type}; take BACKLASH out")
         return 0
     counts = {name: count_of(value, f"{name}={value}") for name, value in map(split_word, arguments.grid)}
-    with _writing(arguments.output):
+    with writing(arguments.output):
         arguments.output.write_text(volumetric_table(machine, counts), encoding="ascii")
     print(f"{math.prod(counts.values())} poses written to {arguments.output}")
     return 0
@@ -327,7 +262,7 @@ def _errors(arguments: argparse.Namespace) -> int:
 
         axes = tuple(arguments.map or machine.letters[:2])
         chart = estimate_volumetric_map(machine, (axes[0], axes[1]))
-        with _writing(arguments.figure):
+        with writing(arguments.figure):
             draw_errors(arguments.figure, costs, chart)
     return 0
 
@@ -342,16 +277,6 @@ def _flatness_step(arguments: argparse.Namespace) -> int:
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_flatness
 
-        with _writing(arguments.figure):
+        with writing(arguments.figure):
             draw_flatness(arguments.figure, prediction)
     return 0
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror}); give a file in a folder that exists"
-        ) from error
