@@ -242,10 +242,10 @@ def _remarks(calibration: TwoAxisCalibration, before: float) -> Iterator[str]:
         )
     if calibration.outliers:
         yield f"left out of the fit: step {', '.join(names[step] for step in calibration.outliers)}"
-    if calibration.repeat > 1:
+    if (calibration.repeat > 1).any():
         yield (
-            f"visits of a setting scatter {calibration.repeat:.2f} times as much as readings within them say; that is "
-            "counted"
+            f"visits of a setting scatter {calibration.repeat.max():.2f} times as much as readings within them say; "
+            "that is counted"
         )
     if not calibration.fit.prior[10:].all():
         yield "the reference came from one side only along an axis: its lost motion does not show"

@@ -37,10 +37,10 @@ def correct_block(block: SampleBlock, fields: Sequence[str], response: Response 
 def distortion_variance(
     roll: float, stds: Sequence[float], along: NDArray[np.float64], across: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(m,) variance of one component of a tilt by a distortion that is uncertain, rad^2.
+    """(m,) variance of the x component of a tilt by a distortion that is uncertain, rad^2.
 
-    To first order, about an instrument that hardly distorts. The larger of both senses of the roll, for of the two
-    components one sees it with the other sign.
+    To first order, about an instrument that hardly distorts. That of the y component follows with the roll negative,
+    y for x and x for y.
 
     Args:
         roll: of the instrument, rad.
@@ -49,9 +49,7 @@ def distortion_variance(
         across: (m,) about the other one.
     """
     difference, coupling, cubic = (std**2 for std in stds)
-    cosine, found = math.cos(roll), []
-    for sine in (math.sin(roll), -math.sin(roll)):
-        own, other = cosine * along - sine * across, sine * along + cosine * across
-        linear = 0.25 * difference * (cosine * own - sine * other) ** 2 + coupling * (cosine * other + sine * own) ** 2
-        found.append(linear + cubic * (cosine**2 * own**6 + sine**2 * other**6))
-    return np.maximum(*found)
+    cosine, sine = math.cos(roll), math.sin(roll)
+    own, other = cosine * along - sine * across, sine * along + cosine * across
+    linear = 0.25 * difference * (cosine * own - sine * other) ** 2 + coupling * (cosine * other + sine * own) ** 2
+    return np.asarray(linear + cubic * (cosine**2 * own**6 + sine**2 * other**6))

@@ -38,6 +38,9 @@ FEWEST_READINGS = 10
 MOST_OUTLIERS = 0.25
 """Part of the steps that may stand off; where it is more, no model fits and the residual says so."""
 
+LEAST_VARIANCE = 1e-300
+"""By which nothing is divided that is 0."""
+
 SIGMAS = 4.0
 """Standard deviations by which readings at the end of a detector may differ from one another."""
 
@@ -69,7 +72,7 @@ class TwoAxisCalibration:
         short: steps that read less than was shown, at an end of the detector.
         outliers: steps that do not fit the others, the worst first.
         all_steps: fit with the outliers in it; the same as `fit` where there are none.
-        repeat: by how much more visits of a setting scatter than readings within them say; 1 where they do not.
+        repeat: (2,) by how much more visits of a setting scatter than readings within them say; 1 where they do not.
         noise: (2,) standard deviation of a single reading, over the gain, rad.
         variances: (k, 2) of the mean readings by noise, rad^2.
         reference: how sure that is.
@@ -83,7 +86,7 @@ class TwoAxisCalibration:
     short: tuple[int, ...]
     outliers: tuple[int, ...]
     all_steps: Fit
-    repeat: float
+    repeat: Array
     noise: Array
     variances: Array
     reference: Reference
@@ -160,10 +163,14 @@ def calibrate_two_axes(steps: StepReadings, instrument: Instrument, reference: R
     variances = steps.variances(noise, instrument.resolution) + instrument.slow**2
     flat = _flat_ends(steps, np.sqrt(variances), instrument.resolution, reference)
     _check_settings(steps, ~flat)
-    repeat = _repeat(steps, fit_steps(steps, ~flat, variances, reference), variances, ~flat)
-    variances = variances * repeat**2
-    outliers, used = _outliers(steps, ~flat, variances, reference, freedom if freedom >= FEWEST_READINGS else None)
-    fit = fit_steps(steps, used, variances, reference)
+    fit = fit_steps(steps, ~flat, variances, reference)
+    repeat = _repeat(steps, fit, variances, ~flat)
+    if (repeat > 1).any():
+        variances = variances * repeat**2
+        fit = fit_steps(steps, ~flat, variances, reference)
+    chance = FALSE_ALARM / int((~flat).sum())
+    limit = float(chi2.isf(chance, 2) if freedom < FEWEST_READINGS else 2 * f.isf(chance, 2, freedom))
+    outliers, used, fit = _without_outliers(steps, fit, ~flat, limit, variances, reference)
     short = [step for step in outliers if _is_short(steps, fit, used, step)]
     outliers = [step for step in outliers if step not in short]
     all_steps = fit
@@ -232,47 +239,46 @@ def _flat_ends(steps: StepReadings, stds: Array, resolution: float, reference: R
     return flat
 
 
-def _repeat(steps: StepReadings, fit: Fit, variances: Array, used: Mask) -> float:
-    """By how much more visits of a setting scatter than `variances` (k, 2) say, by a median that outliers leave be."""
-    off, freedom = [], 0
-    for setting in np.unique(steps.settings[used]):
-        visits = used & (steps.settings == setting)
+def _repeat(steps: StepReadings, fit: Fit, variances: Array, used: Mask) -> Array:
+    """(2,) by how much more visits of a setting scatter than `variances` (k, 2) say, by a median for outliers.
+
+    1 where they do not, or hardly a setting is visited again.
+    """
+    off, freedom, settings = [], 0, steps.settings
+    for setting in np.unique(settings[used]):
+        visits = used & (settings == setting)
         count = int(visits.sum())
         if count > 1:
             apart = fit.residual[visits] - fit.residual[visits].mean(axis=0)
-            off.append(np.abs(apart) / np.sqrt(np.maximum(variances[visits], 1e-300) * (1 - 1 / count)))
-            freedom += 2 * (count - 1)
+            off.append(np.abs(apart) / np.sqrt(np.maximum(variances[visits], LEAST_VARIANCE) * (1 - 1 / count)))
+            freedom += count - 1
     if freedom < FEWEST_READINGS:
-        return 1.0
-    ratio = float(np.median(np.concatenate(off))) / MEDIAN_OF_ABSOLUTE_NORMAL
-    return ratio if ratio > 1 - ndtri(FALSE_ALARM) / np.sqrt(2 * SCALE_EFFICIENCY * freedom) else 1.0
+        return np.ones(2)
+    ratio = np.median(np.concatenate(off), axis=0) / MEDIAN_OF_ABSOLUTE_NORMAL
+    most = 1 - ndtri(FALSE_ALARM) / np.sqrt(2 * SCALE_EFFICIENCY * freedom)
+    return np.where(ratio > most, ratio, 1.0)
 
 
-def _outliers(
-    steps: StepReadings, used: Mask, variances: Array, reference: Reference, freedom: int | None
-) -> tuple[list[int], Mask]:
-    """Steps that do not fit the others, the worst first, and (k,) those that are left; `freedom` of the noise."""
+def _without_outliers(
+    steps: StepReadings, fit: Fit, used: Mask, limit: float, variances: Array, reference: Reference
+) -> tuple[list[int], Mask, Fit]:
+    """Steps whose chi-square against the others exceeds a limit, the worst first, those left (k,), their fit."""
     found: list[int] = []
-    used = used.copy()
-    chance = FALSE_ALARM / int(used.sum())
-    limit = float(chi2.isf(chance, 2) if freedom is None else 2 * f.isf(chance, 2, freedom))
     while len(found) < MOST_OUTLIERS * len(used):
-        fit = fit_steps(steps, used, variances, reference)
         worst = int(np.argmax(fit.deletion))
         left = used & (np.arange(len(used)) != worst)
         if fit.deletion[worst] <= limit or len(np.unique(steps.settings[left])) < FEWEST_SETTINGS:
             break
-        used = left
         found.append(worst)
-    return found, used
+        used, fit = left, fit_steps(steps, left, variances, reference)
+    return found, used, fit
 
 
 def _end_of(fit: Fit, used: Mask, step: int) -> tuple[int, int]:
     """Axis and end (0 negative, 1 positive) beyond which a step lies farthest, over how far used steps lie."""
     from_middle = fit.fitted - fit.values[:2]
-    over = from_middle[step] / np.where(
-        from_middle[step] > 0, from_middle[used].max(axis=0), -from_middle[used].min(axis=0)
-    )
+    ends = np.where(from_middle[step] > 0, from_middle[used].max(axis=0), -from_middle[used].min(axis=0))
+    over = np.abs(from_middle[step]) / ends
     axis = int(np.argmax(over))
     return axis, int(from_middle[step, axis] > 0)
 

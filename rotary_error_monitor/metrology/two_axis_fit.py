@@ -32,10 +32,16 @@ NAMES = ("zero[0]", "zero[1]", "gain", "roll", "gain_difference", "cross_couplin
 TOLD = 0.5
 """Part of its prior's standard deviation below which that of a term is told."""
 
+LEAST_GAIN, LEAST_RATIO = 1e-3, 0.1
+"""Least gain that a stage file may state, and least part of the other axis' gain that an axis has."""
+
 FLOOR = 1e-9
 """Part of the largest reading that the standard deviation of a mean is at least, so that arithmetic has a scale."""
 
-_ROUNDS = 8
+SETTLED = 1e-6
+"""Part of their standard uncertainties by which the numbers move in the last round."""
+
+_ROUNDS = 20
 _Z, _M, _Q, _RATE, _LOST = slice(0, 2), slice(2, 6), slice(6, 8), slice(8, 10), slice(10, 12)
 
 
@@ -194,7 +200,10 @@ def fit_steps(
         information = jacobian.T @ weights @ jacobian + problem.precision
         pull = jacobian.T @ weights @ problem.off(values) + problem.precision @ (problem.mean - values)
         covariance = _inverse(information, problem.looked_for)
-        values = values + covariance @ pull
+        step = covariance @ pull
+        values = values + step
+        if step @ information @ step < SETTLED**2:
+            break
     off = problem.off(values)
     left = weights - weights @ jacobian @ covariance @ jacobian.T @ weights
     response_of(values)
@@ -251,6 +260,13 @@ class _Problem:
         if rank < 3:
             raise InputError("the steps do not determine zero and gains: both axes of the reference must move, apart")
         z_and_m = found / np.array([1, *self._extent])[:, None]
+        least, most = np.linalg.svd(z_and_m[1:], compute_uv=False)[::-1]
+        if most < LEAST_GAIN or least < LEAST_RATIO * most:
+            raise InputError(
+                f"the readings follow the reference by {most:.3g} along one direction and {least:.3g} across; expected "
+                f"{LEAST_GAIN:g} or more, and no axis less than {LEAST_RATIO:g} of the other: is a channel dead, or "
+                "the unit wrong?"
+            )
         return np.concatenate([z_and_m[0], z_and_m[1:].T.ravel(), np.zeros(6)])
 
     @property

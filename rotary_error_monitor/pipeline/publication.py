@@ -185,12 +185,12 @@ class Publication:
         radial += unproven
         tilt = self._assembly.tilt + 0.5 * believed.unresolved_tilt**2
         tilt += np.where(believed.has("unverified_tilt"), self._unproven["tilt"], 0.0)
-        read = (seen["tilt_x"], seen["tilt_y"])
+        x, y = seen["tilt_x"], seen["tilt_y"]
         for place, added in (
             (0, step + radial),
             (1, step + radial),
-            (3, tilt + self._assembly.tilt_by_reading(*read)),
-            (4, tilt + self._assembly.tilt_by_reading(*reversed(read))),
+            (3, tilt + self._assembly.tilt_by_reading(x, y, 0)),
+            (4, tilt + self._assembly.tilt_by_reading(y, x, 1)),
             (5, (step + head) / self._radius**2 + believed.lag**2 + self._rounding),
         ):
             if place not in _BY_HEADS:
@@ -251,12 +251,19 @@ class AssemblyVariance:
         """To the tilt, all in all, beside what goes with the reading."""
         return self.mirror + self.flatness + self.zero
 
-    def tilt_by_reading(self, along: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(m,) to the tilt about an axis, from what the autocollimator reads of it and of the other, rad."""
+    def tilt_by_reading(
+        self, along: NDArray[np.float64], across: NDArray[np.float64], axis: int | None = None
+    ) -> NDArray[np.float64]:
+        """(m,) to the tilt about an axis (0 x, 1 y), from what the autocollimator reads of it and of the other, rad.
+
+        Without an axis the larger one of both.
+        """
         linear = self.gain * along**2 + self.roll * across**2
         if not any(self.distortion):
             return linear
-        return linear + distortion_variance(self.roll_angle, self.distortion, along, across)
+        rolls = [sign * self.roll_angle for sign in ((1, -1) if axis is None else ((1, -1)[axis],))]
+        found = [distortion_variance(roll, self.distortion, along, across) for roll in rolls]
+        return np.asarray(linear + np.max(found, axis=0))
 
 
 def redundancy_of(layout: HeadLayout | None) -> int:

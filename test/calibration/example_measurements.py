@@ -17,6 +17,9 @@ FOLDER = Path(__file__).parents[2] / "doc" / "calibration"
 REVERSAL = 1.2e-6
 X_TO_Y, Z_TO_X, Z_TO_Y = -16e-6, 11e-6, -19e-6
 STARTUP = 2.5e-6
+ROLL_DEG, DRIFT_ARCSEC_H = 3.0, 2.0
+SPOT_ARCSEC = (500.0, 480.0)
+"""Radius (1/e^2) of the spot on the quadrants, as tilts about x and y."""
 
 
 def positioning_error(x: Array) -> Array:
@@ -87,7 +90,38 @@ def tracker() -> str:
     return "\n".join(lines) + "\n"
 
 
-FILES = {"x_positioning.csv": positioning, "x_straightness.csv": straightness, "tracker.csv": tracker}
+def autocollimator() -> str:
+    """A quadrant detector under a Gaussian spot, turned by 3 degrees, before a reference of ±0.2 arcsec."""
+    rng = np.random.default_rng(4)
+    roll = math.radians(ROLL_DEG)
+    lines = [
+        "# simulated: quadrant detector before a reference autocollimator of ±0.2 arcsec, arcsec and V",
+        "step,time_s,reference_x_arcsec,reference_y_arcsec,q1_V,q2_V,q3_V,q4_V",
+    ]
+    way = [*range(-100, 101, 20), *range(100, -101, -20)]
+    off: dict[tuple[int, int], Array] = {}
+    time = 0.0
+    for step, (x, y) in enumerate([*((x, 0) for x in way), *((0, y) for y in way)], start=1):
+        tilt = np.array([x, y]) + off.setdefault((x, y), 0.115 * rng.normal(size=2))
+        a, b = math.cos(roll) * tilt[0] - math.sin(roll) * tilt[1], math.sin(roll) * tilt[0] + math.cos(roll) * tilt[1]
+        for _ in range(3):
+            time += 2.0
+            drift = DRIFT_ARCSEC_H * time / 3600
+            noise = 0.1 * rng.normal(size=2)
+            right = math.erf(math.sqrt(2) * (b + 6.0 + noise[1]) / SPOT_ARCSEC[1])
+            up = math.erf(-math.sqrt(2) * (a - 3.0 + drift + noise[0]) / SPOT_ARCSEC[0])
+            light = 2.0 + 0.1 * math.sin(time / 50)
+            volts = [light / 4 * (1 + i * right) * (1 + j * up) for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+            lines.append(f"s{step},{time:g},{x},{y}," + ",".join(f"{volt + 0.02:.6f}" for volt in volts))
+    return "\n".join(lines) + "\n"
+
+
+FILES = {
+    "x_positioning.csv": positioning,
+    "x_straightness.csv": straightness,
+    "tracker.csv": tracker,
+    "autocollimator.csv": autocollimator,
+}
 
 
 def main() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -159,5 +161,96 @@ def test_a_file_says_how_its_instruments_answer_and_is_written_back(tmp_path):
     ],
 )
 def test_what_no_instrument_can_be_is_refused_with_its_line(name, rows, told, tmp_path):
+    with pytest.raises(InputError, match=rf"stage\.yaml:\d+: stage\.{told}"):
+        load_stage(described(tmp_path, **{name: rows}))
+
+
+BENT = Response((1e-5, -2e-5), -1.1, 0.3, 0.0, 0.04, -0.02, (-2e4, 3e4))
+
+
+def read_by(response, tilt):
+    """By a matrix and a power: turned, stretched along the axes, bent."""
+    cosine, sine = np.cos(response.roll), np.sin(response.roll)
+    half, both = response.gain_difference / 2, response.cross_coupling
+    straight = np.array([[1 + half, both], [both, 1 - half]]) @ np.array([[cosine, -sine], [sine, cosine]]) @ tilt.T
+    bent = straight + np.array(response.cubic)[:, None] * straight**3
+    return np.array(response.zero) + response.gain * bent.T
+
+
+@pytest.mark.parametrize("cubic", [(-2e4, 3e4), (0.0, 1e9), (-1e-3, 0.0), ()])
+def test_a_distortion_is_taken_off(cubic):
+    response = replace(BENT, cubic=cubic)
+    tilts = np.random.default_rng(3).uniform(-5e-4, 5e-4, (200, 2))
+    read = read_by(replace(response, cubic=cubic or (0.0, 0.0)), tilts)
+    np.testing.assert_allclose(response.readings(tilts), read, rtol=1e-13, atol=1e-20)
+    np.testing.assert_allclose(response.corrected(read), tilts, rtol=0, atol=1e-15)
+    assert (
+        np.abs(replace(response, cubic=(), gain_difference=0.0, cross_coupling=0.0).corrected(read) - tilts).max()
+        > 1e-6
+    )
+
+
+def test_without_a_distortion_no_bit_changes():
+    """The arithmetic of zero, gain and roll alone, written out."""
+    response, readings = Response((1e-5, -2e-5), -1.1, 0.3), np.random.default_rng(4).normal(0, 1e-4, (500, 2))
+    x, y = ((readings - (1e-5, -2e-5)) / -1.1).T
+    cosine, sine = math.cos(-0.3), math.sin(-0.3)
+    assert np.array_equal(
+        response.corrected(readings), np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+    )
+
+
+def test_readings_that_no_tilt_makes_stand_at_the_end_and_are_saturated():
+    response = Response(cubic=(-1e5, 0.0))  # rises to 2/3 of 1/sqrt(3e5)
+    end = 2 / 3 / np.sqrt(3e5)
+    assert response.rises_to(0) == pytest.approx(end) and response.rises_to(1) == np.inf
+    readings = np.array([[2 * end, 0.0], [end / 2, 0.0], [np.inf, 0.0], [np.nan, 0.0]])
+    tilts = response.corrected(readings)
+    assert tilts[0, 0] == pytest.approx(1 / np.sqrt(3e5), rel=1e-7)
+    assert np.isfinite(tilts).all(axis=1).tolist() == [True, True, False, False]
+    found = check_saturation(tilts[:2], Autocollimator(0.9 * end, 1e-7, 1e-7), response)
+    assert found.tolist() == [True, False]
+
+
+def test_the_largest_tilt_holds_those_of_a_distortion():
+    corners = np.array([[x, y] for x in np.linspace(-5e-4, 5e-4, 21) for y in np.linspace(-5e-4, 5e-4, 21)])
+    largest = np.abs(BENT.corrected(corners * -1.1)).max()
+    assert largest <= BENT.largest(5e-4) <= 1.3 * largest
+
+
+def test_an_undistorted_reading_is_one_of_the_same_zero_gain_and_roll():
+    tilts = np.random.default_rng(5).uniform(-4e-4, 4e-4, (100, 2))
+    plain = Response(BENT.zero, BENT.gain, BENT.roll)
+    np.testing.assert_allclose(BENT.undistorted(BENT.readings(tilts)), plain.readings(tilts), rtol=0, atol=1e-15)
+    assert plain.undistorted(tilts) is tilts
+
+
+def test_a_file_states_a_distortion_and_is_written_back(tmp_path):
+    rows = {"gain_difference": 0.04, "cross_coupling": -0.02, "cubic": [-2e4, 3e4]}
+    stage = load_stage(described(tmp_path, autocollimator=rows))
+    assert stage.response("autocollimator") == Response((0.0, 0.0), 1.0, 0.0, 0.0, 0.04, -0.02, (-2e4, 3e4))
+    assert stage_from_mapping(stage_mapping(stage)) == stage
+    assert {name: stage_mapping(stage)["autocollimator"][name] for name in rows} == rows
+    straight = load_stage(described(tmp_path, autocollimator={"cubic": [0.0, 0.0], "gain": 2.0}))
+    assert straight.response("autocollimator") == Response((0.0, 0.0), 2.0)
+    assert "cubic" not in stage_mapping(straight)["autocollimator"]
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "told"),
+    [
+        ("autocollimator", {"cubic": [1e10, 0.0]}, r"autocollimator\.cubic\.0: .*expected: .*at most 1e9"),
+        ("autocollimator", {"cubic": 1e4}, r"autocollimator\.cubic: .*expected: \[x, y\] in 1/rad\^2"),
+        ("autocollimator", {"gain_difference": 0.7}, r"autocollimator\.gain_difference: .*at most 0\.5"),
+        ("autocollimator", {"cross_coupling": -0.5}, r"autocollimator\.cross_coupling: .*at most 0\.3"),
+        (
+            "autocollimator",
+            {"cubic": [0.0, -7e5]},
+            r"autocollimator\.cubic\.1: -700000 lets readings fall .*-6\.3e\+05",
+        ),
+        ("lvdt", {"cubic": [0.0, 0.0]}, r"lvdt: .*'cubic' was unexpected"),
+    ],
+)
+def test_a_distortion_that_no_instrument_can_have_is_refused_with_its_line(name, rows, told, tmp_path):
     with pytest.raises(InputError, match=rf"stage\.yaml:\d+: stage\.{told}"):
         load_stage(described(tmp_path, **{name: rows}))

@@ -70,3 +70,14 @@ def test_an_ideal_response_changes_no_bit():
         plain = StagePlant(STAGE, seed=2).samples(stream, 400, 500)
         ideal = replace(STAGE, responses={stream: Response((0.0, 0.0)[: plain.rows.shape[1] - 1])})
         assert np.array_equal(StagePlant(ideal, seed=2).samples(stream, 400, 500).rows, plain.rows)
+
+
+def test_a_distortion_bends_what_is_shown():
+    """Along the axes of the instrument, which stand 0.3 rad from those of the stage."""
+    x, y = shown("autocollimator").T
+    found = shown("autocollimator", autocollimator=Response((1e-5, 0.0), 1.1, 0.3, 0.0, 0.04, -0.02, (2e6, -3e6)))
+    u, v = np.cos(0.3) * x - np.sin(0.3) * y, np.sin(0.3) * x + np.cos(0.3) * y
+    u, v = 1.02 * u - 0.02 * v, 0.98 * v - 0.02 * u
+    expected = np.stack([1e-5 + 1.1 * u * (1 + 2e6 * u**2), 1.1 * v * (1 - 3e6 * v**2)], axis=1)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-18)
+    assert np.abs(found - np.stack([1e-5 + 1.1 * u, 1.1 * v], axis=1)).max() > 1e-6
