@@ -33,6 +33,11 @@ COMMANDS: Sequence[tuple[Sequence[str], Sequence[str], Sequence[str]]] = [
     (STRAIGHTNESS, ["-o", "--figure"], ["measured.csv", "mirror.csv"]),
     (["calibrate", "squareness", "measured.csv", *SOURCE], ["-o"], ["measured.csv"]),
     (["calibrate", "assembly", "bag", "--stage", "stage.yaml"], ["-o"], ["bag/bag_0.mcap", "bag/metadata.yaml"]),
+    (
+        ["calibrate", "autocollimator", "measured.csv", "--stage", "stage.yaml", "--reference-arcsec", "1"],
+        ["-o", "--figure"],
+        ["measured.csv"],
+    ),
     (["calibrate", "machine", "bag", *SOURCE], ["-o"], ["bag/bag_0.mcap", "bag/metadata.yaml"]),
     (["calibrate", "tables", "machine.yaml", "--axis", "X"], ["-o"], ["machine.yaml"]),
     (["calibrate", "errors", "machine.yaml"], ["--figure"], ["machine.yaml"]),

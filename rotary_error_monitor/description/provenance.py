@@ -33,7 +33,7 @@ class Calibrated:
     source: Annotated[str, Expected("name of the recording or file of measurements")]
     sha256: Annotated[str, Expected("SHA-256 of the recording or file of measurements", pattern="^[0-9a-f]{64}$")]
     uncertainty: Annotated[NotNegative | None, Expected("standard uncertainty in m or rad, from 0 to 1000")] = None
-    figures: Annotated[Mapping[str, float], Expected("figures by name in m, rad or s")] = field(default_factory=dict)
+    figures: Annotated[Mapping[str, float], Expected("figures by name in SI units")] = field(default_factory=dict)
     remark: Annotated[str | None, Expected("what does not fit, where it was written all the same (--force)")] = None
     history: Annotated[
         tuple[Earlier, ...],

@@ -16,6 +16,7 @@ import pytest
 
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.nodes.compensation import Compensation
 from rotary_error_monitor.testing import Cell
 
@@ -78,6 +79,7 @@ def test_commands_print_what_the_page_shows(worked: tuple[Path, list[str]]) -> N
     assert wrong == []
     assert (folder / "straightness.png").stat().st_size > 10_000
     assert (folder / "errors.png").stat().st_size > 10_000
+    assert (folder / "autocollimator.png").stat().st_size > 30_000
     assert (folder / "x.comp").read_text(encoding="ascii").startswith("-240.000000000 ")
     assert len((folder / "volumetric.csv").read_text(encoding="ascii").splitlines()) == 1 + 11 * 11 * 5
 
@@ -102,6 +104,17 @@ def test_the_machine_file_holds_what_was_put_in(worked: tuple[Path, list[str]]) 
     carriage, ram = (np.array(found.body(name).location_error.rotation) for name in ("carriage", "ram"))
     assert carriage[2] == pytest.approx(-EXAMPLE.X_TO_Y, abs=2e-6)
     np.testing.assert_allclose(ram[:2], [EXAMPLE.Z_TO_Y, -EXAMPLE.Z_TO_X], rtol=0, atol=2e-6)
+
+
+def test_the_stage_file_holds_the_instrument_that_was_simulated(worked: tuple[Path, list[str]]) -> None:
+    """A spot of radius w makes a normalised difference of erf(sqrt(2) tilt / w), whose series begins with x - x^3/3."""
+    response = load_stage(worked[0] / "my_stage.yaml").response("autocollimator")
+    slopes = 0.0015 * 2 * np.sqrt(2 / np.pi) / (np.array(EXAMPLE.SPOT_ARCSEC) * np.pi / 648000)
+    assert response.gain == pytest.approx(slopes.mean(), rel=0.005)
+    assert response.gain_difference == pytest.approx(np.subtract(*slopes) / slopes.mean(), abs=0.008)
+    assert response.roll == pytest.approx(np.radians(EXAMPLE.ROLL_DEG), abs=0.002)
+    bends = -2 / 3 / np.square(np.array(EXAMPLE.SPOT_ARCSEC) * np.pi / 648000)
+    np.testing.assert_allclose(response.cubic, bends, rtol=0.3)
 
 
 def test_the_compensation_starts_on_the_file(worked: tuple[Path, list[str]]) -> None:
