@@ -207,6 +207,9 @@ def targets(templates: Path) -> list[Target]:
             ["calibrate", "straightness", CSV / "x_straightness.csv", "--machine", pan, "-o", folder / out, *mirror,
              "--mirror-profile", folder / "profile.csv"]]),
         Target("tracker", "measured.csv", [(CSV / "tracker.csv").read_bytes()], TEXT, calibrate("squareness")),
+        Target("collimator", "measured.csv", [(CSV / "autocollimator.csv").read_bytes()], TEXT, lambda folder: [
+            ["calibrate", "autocollimator", folder / "measured.csv", "--stage", stage, "-o", folder / out,
+             "--reference-arcsec", "0.115", "--sensitivity", "0.0015"]]),
         Target("poses", "measured.csv", [POSES.encode()], TEXT, calibrate("machine")),
         Target("pointings", "pointings.dat", [pointings], TEXT, lambda folder: [
             diagnose(folder / "pointings.dat", CONFIG / "mounts" / "cgx_l.yaml", folder)]),
