@@ -130,7 +130,7 @@ def calibrate_autocollimator(
         (_range(calibration, stage.autocollimator.range), stage.autocollimator.range),
         quadrants if voltages else None,
         tuple(misfits),
-        tuple(_remarks(calibration, stage.autocollimator.range)),
+        (*_remarks(calibration, stage.autocollimator.range), *_moved_zero(calibration, response)),
     )
     if misfits and not force:
         return result
@@ -254,6 +254,19 @@ def _remarks(calibration: TwoAxisCalibration, before: float) -> Iterator[str]:
     for axis, told in zip("xy", calibration.fit.told, strict=True):
         if not told:
             yield f"these steps do not tell the cubic term of axis {axis}; it is as uncertain as they leave it"
+
+
+def _moved_zero(calibration: TwoAxisCalibration, response: Response) -> Iterator[str]:
+    """A zero that is kept is not that about which the cubic terms were found."""
+    moved = np.abs(np.subtract(response.zero, calibration.response.zero) / response.gain)
+    ends = np.square(np.abs(calibration.steps.reference[calibration.used]).max(axis=0))
+    off = float((3 * np.abs(response.cubic) * moved * ends).max()) * ARCSEC
+    if off > float(calibration.expanded(calibration.steps.reference[calibration.used]).max()) * ARCSEC:
+        yield (
+            f"the zero that is kept is up to {float(moved.max()) * ARCSEC:.1f} arcsec from that of these steps, about "
+            f"which the cubic terms hold: readings at the end of the range are off by up to {off:.2f} arcsec; step the "
+            "reference where the instrument stands"
+        )
 
 
 def _write(result: CollimatorResult, source: Path, stage_file: Path, output: Path, day: date) -> None:

@@ -38,8 +38,11 @@ LEAST_GAIN, LEAST_RATIO = 1e-3, 0.1
 FLOOR = 1e-9
 """Part of the largest reading that the standard deviation of a mean is at least, so that arithmetic has a scale."""
 
-SETTLED = 1e-6
+SETTLED = 1e-3
 """Part of their standard uncertainties by which the numbers move in the last round."""
+
+LEAST_SHARE = 1e-4
+"""Part of what the reference is off by that the standard deviation of a mean is at least, for the same reason."""
 
 _ROUNDS = 20
 _Z, _M, _Q, _RATE, _LOST = slice(0, 2), slice(2, 6), slice(6, 8), slice(8, 10), slice(10, 12)
@@ -190,20 +193,16 @@ def fit_steps(
     """Fit the steps that are `used` (k,), whose means have variances (k, 2) by themselves.
 
     Raises:
-        InputError: the steps do not determine zero and M, or tell axes of the wrong hand.
+        InputError: the steps do not determine zero and M, tell axes of the wrong hand, or the readings do not follow.
     """
     problem = _Problem(steps, used, variances, reference, sizes or Sizes())
-    values, weights = problem.start(), np.eye(0)
-    for _ in range(_ROUNDS):
-        weights = problem.weights(values)
-        jacobian = problem.jacobian(values)
-        information = jacobian.T @ weights @ jacobian + problem.precision
-        pull = jacobian.T @ weights @ problem.off(values) + problem.precision @ (problem.mean - values)
-        covariance = _inverse(information, problem.looked_for)
-        step = covariance @ pull
-        values = values + step
-        if step @ information @ step < SETTLED**2:
-            break
+    try:
+        values, covariance, weights, jacobian = _settle(problem)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            "the readings follow the reference neither straight nor bent by a cubic term: are the steps in their "
+            "order, and the columns in one unit?"
+        ) from None
     off = problem.off(values)
     left = weights - weights @ jacobian @ covariance @ jacobian.T @ weights
     response_of(values)
@@ -219,6 +218,25 @@ def fit_steps(
     )
 
 
+def _settle(problem: _Problem) -> tuple[Array, Array, Array, Array]:
+    """Numbers, their covariance, weights and derivatives, by Gauss and Newton.
+
+    Raises:
+        LinAlgError: the numbers do not settle.
+    """
+    values = problem.start()
+    for _ in range(_ROUNDS):
+        weights, jacobian = problem.weights(values), problem.jacobian(values)
+        information = jacobian.T @ weights @ jacobian + problem.precision
+        pull = jacobian.T @ weights @ problem.off(values) + problem.precision @ (problem.mean - values)
+        covariance = _inverse(information, problem.looked_for)
+        step = covariance @ pull
+        values = values + step
+        if step @ information @ step < SETTLED**2:
+            return values, covariance, weights, jacobian
+    raise np.linalg.LinAlgError
+
+
 class _Problem:
     """Readings, their weights and priors, for one fit."""
 
@@ -227,7 +245,8 @@ class _Problem:
     ) -> None:
         self.means, self.reference, self.used = steps.means, steps.reference, used
         self.largest = float(np.ptp(self.means[used], axis=0).max()) / 2
-        self.variances = np.maximum(variances, (FLOOR * self.largest) ** 2)
+        gain = float(np.linalg.norm(self.start()[_M]))
+        self.variances = np.maximum(variances, (FLOOR * self.largest + LEAST_SHARE * gain * reference.step) ** 2)
         self.same = (steps.settings[used][:, None] == steps.settings[used][None, :]) * reference.step**2
         time = steps.mean_times
         self.time = np.zeros(len(used)) if time is None else time

@@ -101,7 +101,7 @@ def test_the_same_steps_in_microradian_say_the_same(tmp_path, stage):
     np.testing.assert_allclose(numbers_of(load_stage(other).response("autocollimator")), arcsec, rtol=2e-3)
 
 
-def test_what_is_kept_stays_and_a_statement_of_the_file_follows(tmp_path, stage):
+def test_what_is_kept_stays_and_a_statement_of_the_file_follows(tmp_path, stage, capsys):
     content = yaml.safe_load(stage.read_text(encoding="utf-8"))
     content["stage"]["autocollimator"] |= {"zero": [1e-5, 2e-5], "roll": 0.7, "gain": -1.0}
     content["stage"]["uncertainty"] |= {"autocollimator.gain": 0.05, "autocollimator.roll": 0.01}
@@ -122,8 +122,25 @@ def test_what_is_kept_stays_and_a_statement_of_the_file_follows(tmp_path, stage)
     assert response.gain == pytest.approx(-ROLLED.truth["gain"], rel=5e-3)
     assert 0 < found.uncertainty["autocollimator.gain"] < 0.005
     assert found.uncertainty["autocollimator.zero"] == 1e-6 and found.uncertainty["autocollimator.roll"] == 0.01
+    assert "the cubic terms hold: readings at the end of the range are off by up to" not in capsys.readouterr().out
     document = YamlDocument(stage, "stage")
     assert dict(kept_figures(document, ("latency",))) == {"latency_uncertainty": 2e-4}
+
+
+def test_a_zero_that_is_kept_far_from_that_of_the_steps_is_told(tmp_path, stage, capsys):
+    """3 cubic d e^2 with d 30 and e 100 arcsec: of a bend by 2.4 % at 100, 2.1 arcsec."""
+    bend = (-0.024 / (100 * ARCSEC) ** 2, 0.0)
+    assert calibrate(taken(tmp_path, Detector((30 * ARCSEC, 0.0), bend=bend)), stage, "--keep", "zero") == 0
+    off = re.search(r"up to (3\d\.\d|29\.\d) arcsec .* off by up to ([\d.]+) arcsec", capsys.readouterr().out)
+    assert off and float(off[2]) == pytest.approx(2.16, rel=0.2)
+
+
+def test_readings_without_noise_and_a_reference_that_is_hardly_off_are_solved(tmp_path, stage):
+    source = taken(tmp_path, ROLLED, Run(repeats=1, noise=0.0, reference=0.0))
+    assert calibrate(source, stage, "--reference-arcsec", "1000", "--force") == 0
+    assert calibrate(source, stage, "--reference-arcsec", "0.0001", "--force") == 0
+    found = numbers_of(load_stage(stage).response("autocollimator"))
+    np.testing.assert_allclose(found[2:6], [ROLLED.truth[name] for name in NAMES[2:6]], atol=1e-4)
 
 
 def test_a_stage_that_lists_its_autocollimator_among_its_sensors(tmp_path, stage):
