@@ -29,6 +29,7 @@ COMMANDS = (
     "calibrate",
     "commission",
     "analyse",
+    "compare",
     "trend",
     "diagnose",
     "effects",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from rotary_error_monitor.description.stage import Lvdt
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion, rotate
 from rotary_error_monitor.metrology.lvdt_comparison import MAX_GAP_NS, LvdtComparison, compare_with_lvdt
+from rotary_error_monitor.metrology.reference_fit import fit_reference
 from rotary_error_monitor.signals.resampling import resample
 
 Array = NDArray[np.float64]
@@ -44,6 +45,119 @@ class Stay:
     begin_ns: int
     end_ns: int
     comparison: LvdtComparison
+
+
+@dataclass(frozen=True)
+class Stand:
+    """A reference at one height, as a comparison takes it.
+
+    Attributes:
+        height: above the ring at which both are compared, m.
+        stated: what the height rests on, in words.
+        recorded: heights that may name it, m: as described, and as the recording shows.
+        begin_ns, end_ns: timestamps (ns) from and until which it stood there.
+    """
+
+    height: float
+    stated: str
+    recorded: tuple[float, ...]
+    begin_ns: int
+    end_ns: int
+
+
+DESCRIBED = "as described"
+SHOWN = "as the tilt of the recording shows it"
+
+
+def stands_of_lvdt(
+    stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array
+) -> tuple[Stand, ...]:
+    """Where the LVDT stood: at its described height, unless it was moved while it was recorded.
+
+    A height by the tilt comes from the estimate that is to be verified. So it counts only beside another one that the
+    LVDT was moved from, never against the description of an LVDT that stayed.
+
+    Args:
+        stamp_ns: (n,) times of the estimate.
+        motion: error motion at these times.
+        lvdt: as described; of its artefact the eccentricity need not be known.
+        times_ns: (k,) times of the LVDT's samples.
+        radial: (k, 2) the samples, m.
+    """
+    if len(stamp_ns) < 2 or len(times_ns) < 2:
+        return ()
+    period = int(np.diff(stamp_ns).min())
+    whole = int(stamp_ns[0]), int(stamp_ns[-1]) + 1
+    eccentricity = _eccentricity(stamp_ns, motion, lvdt, times_ns, radial, period)
+    if eccentricity is None:
+        return (Stand(lvdt.height, DESCRIBED, (lvdt.height,), *whole),)
+    known = replace(lvdt, artefact_eccentricity=eccentricity)
+    stays = list(_stays(stamp_ns, motion, known, times_ns, radial, period))
+    if len(stays) == 1:
+        shown = () if abs(stays[0][0] - lvdt.height) < MOVED else (stays[0][0],)
+        return (Stand(lvdt.height, DESCRIBED, (lvdt.height, *shown), *whole),)
+    found = []
+    for height, begin, end in stays:
+        described = abs(height - lvdt.height) < MOVED
+        at = lvdt.height if described else height
+        found.append(Stand(at, DESCRIBED if described else SHOWN, (at,), begin, end))
+    return tuple(found)
+
+
+NEAREST = 1e-3
+"""Height, m, below which one that no reference has is taken for metres given as millimetres: no stylus is so low."""
+
+
+def stands_at(stands: Mapping[str, Sequence[Stand]], height: float) -> list[tuple[str, Stand]]:
+    """References that stood at a height which somebody names, and where: both are compared at that height.
+
+    Args:
+        stands: of each reference by its name.
+        height: above the ring, m.
+
+    Raises:
+        InputError: none stood within `MOVED` of it; the message says where they did.
+    """
+    found = []
+    for name, own in stands.items():
+        near = [min((abs(height - each) for each in stand.recorded), default=np.inf) for stand in own]
+        if near and min(near) < MOVED and not _is_in_metres(height, own):
+            best = own[int(np.argmin(near))]
+            found.append((name, replace(best, height=height, stated="as given")))
+    if found:
+        return found
+    every = sorted({each for own in stands.values() for stand in own for each in stand.recorded})
+    where = ", ".join(f"{each * 1e3:.4g}" for each in every)
+    meant = [each for each in every for factor in (1e3, 1e-3) if each and abs(height * factor / each - 1) < MEANT]
+    hint = f"; {meant[0] * 1e3:.4g} (mm) may be meant" if meant else ""
+    raise InputError(f"no reference was recorded there, but at {where} mm above the ring{hint}")
+
+
+MEANT = 0.02
+"""Part by which a height in another unit may be off one that was recorded to be taken for it."""
+
+
+def _is_in_metres(height: float, stands: Sequence[Stand]) -> bool:
+    """Whether a height is one of those in metres that was taken for millimetres."""
+    recorded = [each for stand in stands for each in stand.recorded if each]
+    return abs(height) < NEAREST and any(abs(height * 1e3 / each - 1) < MEANT for each in recorded)
+
+
+def _eccentricity(
+    stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array, period_ns: int
+) -> tuple[float, float] | None:
+    """The artefact's, m, whatever the height; None where the rotor leans too little to tell heights."""
+    sampled = resample(times_ns, radial, stamp_ns, period_ns, MAX_GAP_NS)
+    good = np.flatnonzero(sampled.valid & motion.observable[:, [0, 1, 3, 4]].all(axis=1))
+    windows = (stamp_ns[good] - stamp_ns[0]) // WINDOW_NS
+    if len(np.unique(windows)) < LONG:
+        return None
+    exc, eyc, eac, ebc = (motion.components[good, i] for i in (0, 1, 3, 4))
+    lever = np.stack([ebc, -eac], axis=1)
+    difference = sampled.values[good] - np.stack([exc, eyc], axis=1)
+    alone = np.zeros(len(good), np.intp)
+    fit = fit_reference(motion.theta[good], difference, lever, np.eye(2), alone, windows.astype(np.intp))
+    return (float(fit.joint[0]), float(fit.joint[1])) if fit.higher_std < MOVED / 4 else None
 
 
 def compare_stays(stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array) -> tuple[Stay, ...]:

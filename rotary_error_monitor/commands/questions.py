@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from rotary_error_monitor.commands.values import add_naming, naming_of
 from rotary_error_monitor.description.error_motion_limits import limits_of
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.turns import MOST_WAVES
 from rotary_error_monitor.recordings.formats import FORMATS, outputs_of
 
@@ -20,14 +21,7 @@ def add_question(parser: argparse.ArgumentParser) -> None:
     """Describe the arguments that say what is asked, and where the answers go."""
     parser.add_argument("--twin", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
     parser.add_argument("--machine", help="machine YAML, or the name of one that ships, such as xyzac_trt")
-    parser.add_argument(
-        "--height",
-        type=float,
-        nargs="+",
-        default=(),
-        metavar="MM",
-        help="heights above the ring at which radial error motion is told (default: ring, LVDT, probes)",
-    )
+    add_heights(parser, "at which radial error motion is told (default: ring, LVDT, probes)")
     parser.add_argument(
         "--limits",
         nargs="+",
@@ -43,6 +37,18 @@ def add_question(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"cut-off of the filter over the angle, waves a turn, at most (default: {MOST_WAVES})",
     )
+    add_results(parser, required=True)
+
+
+def add_heights(parser: argparse.ArgumentParser, which: str) -> None:
+    """Describe the argument that names heights; `which` says what they are the heights of."""
+    parser.add_argument(
+        "--height", type=float, nargs="+", default=(), metavar="MM", help=f"heights above the ring {which}"
+    )
+
+
+def add_results(parser: argparse.ArgumentParser, required: bool) -> None:
+    """Describe the arguments that say which cell of a bag is meant, and where the answers go."""
     parser.add_argument(
         "--format",
         default="",
@@ -50,7 +56,21 @@ def add_question(parser: argparse.ArgumentParser) -> None:
         help=f"of {','.join(FORMATS)}: files beside one another, by the name of OUT (default: as OUT ends)",
     )
     add_naming(parser)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="file, such as PAGE.html")
+    parser.add_argument("-o", "--output", type=Path, required=required, metavar="OUT", help="file, such as PAGE.html")
+
+
+def heights_of(arguments: argparse.Namespace) -> list[float]:
+    """Heights above the ring, m, ascending.
+
+    Raises:
+        InputError: one of them is out of range.
+    """
+    # what analyses takes long to load, and the help shall not wait for it
+    from rotary_error_monitor.recordings.analysis import HIGHEST, check_height
+
+    for height in arguments.height:
+        check_height(height, HIGHEST * 1e3, "mm", f"--height is {height}")
+    return sorted({height * 1e-3 for height in arguments.height})
 
 
 def question_of(arguments: argparse.Namespace) -> Question:
@@ -60,20 +80,22 @@ def question_of(arguments: argparse.Namespace) -> Question:
         InputError: one of them is out of range, or a file that they name is wrong.
     """
     # what analyses takes long to load, and the help shall not wait for it
-    from rotary_error_monitor.recordings.analysis import HIGHEST, Question, check_height, check_waves
+    from rotary_error_monitor.recordings.analysis import Question, check_waves
 
-    for height in arguments.height:
-        check_height(height, HIGHEST * 1e3, "mm", f"--height is {height}")
+    heights = heights_of(arguments)
     check_waves(arguments.waves, f"--waves is {arguments.waves}")
     limits = limits_of(arguments.limits, arguments.twin)
-    heights = sorted({height * 1e-3 for height in arguments.height})
     return Question(limits, heights, arguments.waves, naming_of(arguments))
 
 
 def files_of(arguments: argparse.Namespace) -> Mapping[str, Path]:
-    """File of each format.
+    """File of each format; none where no output is given.
 
     Raises:
-        InputError: a format that there is not.
+        InputError: a format that there is not, or one without an output.
     """
+    if arguments.output is None:
+        if arguments.format:
+            raise InputError(f"--format is {arguments.format}; it needs -o OUT, by which its files are named")
+        return {}
     return outputs_of(arguments.output, arguments.format)

@@ -1,4 +1,4 @@
-"""Radial error motion held against an LVDT on an artefact (Lou et al. 2019, Figures 13-15)."""
+"""Radial error motion held against a reference on an artefact, such as an LVDT (Lou et al. 2019, Figures 13-15)."""
 
 from __future__ import annotations
 
@@ -19,16 +19,19 @@ from rotary_error_monitor.signals.resampling import resample
 
 MAX_GAP_NS = 20_000_000
 
+BOUND = 1.959964
+"""Standard deviations on either side that hold 95 % of a normal distribution."""
+
 
 @dataclass(frozen=True)
 class LvdtComparison:
-    """Estimated radial error motion minus the LVDT's, at m times.
+    """Estimated radial error motion minus the reference's along p directions, at m times.
 
     Attributes:
         stamp_ns: (m,) timestamp (ns).
-        estimate: (m, 2) radial error motion at the LVDT's height, m.
-        reference: (m, 2) the LVDT's, its artefact's eccentricity removed, m.
-        std: (m, 2) standard deviation of the difference by propagation, m.
+        estimate: (m, p) radial error motion at the reference's height, m; p is 2 of an LVDT, 1 of a probe.
+        reference: (m, p) the reference's, its artefact's eccentricity removed, m.
+        std: (m, p) standard deviation of the difference by propagation, m.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -38,7 +41,7 @@ class LvdtComparison:
 
     @property
     def rms(self) -> float:
-        """Root mean square of the difference, the larger of both components, m."""
+        """Root mean square of the difference, the largest of the components, m."""
         return float(np.sqrt(np.mean((self.estimate - self.reference) ** 2, axis=0)).max())
 
     @property
@@ -49,7 +52,12 @@ class LvdtComparison:
     @property
     def inside(self) -> float:
         """Part of the differences inside their 95 % bounds."""
-        return float(np.mean(np.abs(self.estimate - self.reference) <= 1.959964 * self.std))
+        return float(np.mean(np.abs(self.estimate - self.reference) <= BOUND * self.std))
+
+    def along(self, axis: int) -> LvdtComparison:
+        """The same along one of the directions."""
+        one = slice(axis, axis + 1)
+        return LvdtComparison(self.stamp_ns, self.estimate[:, one], self.reference[:, one], self.std[:, one])
 
 
 def compare_with_lvdt(

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
@@ -157,7 +157,7 @@ class FileAnalysis:
             text = json.dumps(as_mapping(analysis, about) | since, indent=1, allow_nan=False)
             yield "json", f"{text}\n".encode()
         if "csv" in self.outputs:
-            yield "csv", _table(analysis).encode()
+            yield "csv", figures_table(figures_of(analysis)).encode()
         if {"html", "png"} & set(self.outputs):
             # what draws takes long to load
             from rotary_error_monitor.report.analysis_figure import draw, joined
@@ -181,12 +181,12 @@ class FileAnalysis:
         }
 
 
-def _table(analysis: Analysis) -> str:
-    """Every figure as CSV, a row each."""
+def figures_table(figures: Iterable[Figure]) -> str:
+    """Figures as CSV, a row each."""
     buffer = io.StringIO()
     writer = csv.DictWriter(buffer, [each.name for each in fields(Figure)], lineterminator="\n")
     writer.writeheader()
-    writer.writerows(asdict(figure) for figure in figures_of(analysis))
+    writer.writerows(asdict(figure) for figure in figures)
     return buffer.getvalue()
 
 

@@ -67,11 +67,12 @@ def replay_bag(
     settings: EstimatorSettings | None = None,
     compensation_settings: CompensationSettings | None = None,
     naming: Naming = THE_ONLY_CELL,
+    repeat: bool = True,
 ) -> Replay:
     """Run estimator and, with a machine, compensation over a bag.
 
-    Where the bag holds what was published live, the ticks and the choice of inputs are those of the live run; else they
-    follow from `settings` and the stamps alone.
+    Where the bag holds what was published live, the ticks and the choice of inputs are those of the live run; else, or
+    if they are not to be repeated, they follow from `settings` and the stamps alone.
 
     Raises:
         InputError: there is no such bag, it lacks what `input_topics` needs (or joint states, with a machine;
@@ -82,7 +83,7 @@ def replay_bag(
     if machine is not None and machine.monitored is None:
         return _replay_described(reader, wire, machine, compensation_settings)
     inputs = input_topics(reader, wire, stage)
-    decisions = _published_decisions(reader, wire)
+    decisions = _published_decisions(reader, wire) if repeat else {}
     settings = settings or EstimatorSettings()
     if decisions:
         settings = replace(settings, period_ns=_period(decisions, settings.period_ns, reader.path))

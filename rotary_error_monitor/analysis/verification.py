@@ -1,0 +1,323 @@
+"""The monitor held against a reference: radial error motion at a height, by direction of turning, over angle and time.
+
+The reference's zero, by direction and speed, and the eccentricity of its target are found and taken off: neither is
+error motion (ISO 230-7:2015, 3.5). What they take with them, once-per-turn motion that turns with the rotor, no
+reference on a target tells, so it leaves the bounds as well and goes into the uncertainty of the eccentricity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.analysis.comparison import Stand
+from rotary_error_monitor.analysis.reference_judgement import CHANCE, Variances, judge_differences
+from rotary_error_monitor.analysis.runs import Segment, find_segments
+from rotary_error_monitor.analysis.signals import RADIAL, Estimates, radial_at, signals_of
+from rotary_error_monitor.analysis.verification_result import AxisFigures, ReferenceComparison, TurningComparison
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.error_motion import reading_variance, rotate
+from rotary_error_monitor.metrology.lvdt_comparison import BOUND, MAX_GAP_NS, LvdtComparison
+from rotary_error_monitor.metrology.reference_fit import ReferenceFit, fit_reference
+from rotary_error_monitor.metrology.spindle_figures import COVERAGE
+from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TURN, TurnProfiles, cut_turns
+from rotary_error_monitor.pipeline.publication import AssemblyVariance
+from rotary_error_monitor.pipeline.reference_readings import Reference
+from rotary_error_monitor.signals.resampling import resample
+
+Array = NDArray[np.float64]
+
+FEWEST = 8
+"""Stretches in which the scatter of a direction is seen, at least: fewer turns are cut."""
+
+BENT = 9 / 384
+"""Part of the third difference of a reference's samples that a cubic through them misses at most."""
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Estimate and reference at n ticks where both are known, and the variance of what is between them.
+
+    Attributes:
+        turning: (n,) variance of what turns with the rotor and is not told from eccentricity.
+        lever: (n, 2) growth of the radial error motion with the height, rad.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    theta: Array
+    estimate: Array
+    reference: Array
+    variances: tuple[Variances, ...]
+    turning: Array
+    lever: Array
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One direction at one speed of what is compared.
+
+    Attributes:
+        segment: with its runs among the n ticks.
+        turns: profiles of its whole turns, p of the estimate and p of the reference.
+        rows: (m,) its ticks.
+        cluster: (m,) number of the stretch of each, other ones than any other part has.
+    """
+
+    segment: Segment
+    turns: TurnProfiles
+    rows: NDArray[np.intp]
+    cluster: NDArray[np.intp]
+
+
+def compare_reference(
+    estimates: Estimates, stage: StageDescription, reference: Reference, stand: Stand, origin: str
+) -> ReferenceComparison:
+    """Compare the estimates with what a reference shows while it stood at one height.
+
+    Args:
+        estimates: of a replay that does not use the reference.
+        stage: as described.
+        reference: with all its samples.
+        stand: where it stood, from when until when.
+        origin: of the recording, for messages.
+
+    Raises:
+        InputError: tilt or radial motion is not observable, nothing is common to both, or no whole turn is.
+    """
+    chosen = np.flatnonzero((estimates.stamp_ns >= stand.begin_ns) & (estimates.stamp_ns < stand.end_ns))
+    period = int(np.diff(estimates.stamp_ns).min())
+    where = f"{origin}: {reference.name} at {stand.height * 1e3:g} mm"
+    pairs, remarks = _pairs(estimates, stage, reference, stand.height, chosen, period, where)
+    parts, more = _parts(pairs, reference, where)
+    every = np.concatenate([part.rows for part in parts])
+    fit = fit_reference(
+        pairs.theta[every],
+        pairs.reference[every] - pairs.estimate[every],
+        pairs.lever[every],
+        reference.directions,
+        np.repeat(np.arange(len(parts)), [len(part.rows) for part in parts]),
+        np.concatenate([part.cluster for part in parts]),
+    )
+    left = np.split(fit.left, np.cumsum([len(part.rows) for part in parts])[:-1])
+    chance = CHANCE / (len(parts) * len(reference.axes))
+    turnings = [
+        _turning(part, pairs, reference, fit.eccentricity, zero, own, chance)
+        for part, zero, own in zip(parts, fit.zeros, left, strict=True)
+    ]
+    return ReferenceComparison(
+        reference.name,
+        reference.axes,
+        stand.height,
+        stand.stated,
+        reference.eccentricity,
+        fit.eccentricity,
+        _expanded(fit, stage, reference, stand.height, pairs, every),
+        fit.higher,
+        COVERAGE * fit.higher_std,
+        tuple(turnings),
+        (*remarks, *more),
+    )
+
+
+def _pairs(
+    estimates: Estimates,
+    stage: StageDescription,
+    reference: Reference,
+    height: float,
+    chosen: NDArray[np.intp],
+    period: int,
+    where: str,
+) -> tuple[_Pairs, list[str]]:
+    """Both where they are known; estimates from before the description was proven are left out where there are others.
+
+    Raises:
+        InputError: there is no such time.
+    """
+    signal = next((s for s in signals_of(estimates, stage, (height,), chosen) if s.quantity == RADIAL), None)
+    if signal is None:
+        lacking = "radial error motion" if not height else "radial or tilt error motion"
+        raise InputError(f"{where}: {lacking} is not observable; give --height 0, or record heads and autocollimator")
+    moved, spread = radial_at(estimates.error_motion[chosen], estimates.covariance[chosen], height)
+    stamps = estimates.stamp_ns[chosen]
+    seen = resample(reference.times_ns, reference.readings, stamps, period, MAX_GAP_NS)
+    both = seen.valid & np.isfinite(moved).all(axis=1)
+    if not both.any():
+        raise InputError(f"{where}: no time in common with the estimate, or its samples are over 20 ms apart")
+    proven = both & estimates.proven[chosen]
+    remarks = []
+    if proven.any():
+        early = int((both & ~proven).sum()) * period * 1e-9
+        remarks += (
+            [f"{early:.2g} s are left out: the description was not yet held against a whole turn"] if early else []
+        )
+        both = proven
+    rows = chosen[both]
+    theta, motion = estimates.theta[rows], moved[both]
+    tilt = np.nan_to_num(estimates.error_motion[rows, 3:5])
+    lever = np.stack([np.tan(tilt[:, 1]), -np.tan(tilt[:, 0])], axis=1)
+    slow = _slow(stage, tilt, height) + signal.shape
+    stamps_apart = _part_by_stamps(estimates, stage, rows, signal.still[both])
+    variances = []
+    for axis, along in enumerate(reference.directions):
+        own = _along(spread[both], along) - signal.turning[both] - slow
+        own = own - stamps_apart * _by_heads(estimates, stage, rows, along)
+        across = motion @ np.array([-along[1], along[0]])
+        stated = (reference.gain * (motion @ along)) ** 2 + (reference.roll * across) ** 2
+        stated = stated + (reference.place * (lever @ along)) ** 2 + reference.lasting
+        noise = reading_variance(reference.noise, reference.resolution, seen.gain[both], seen.travel[both, axis])
+        noise = noise + (BENT * seen.bend[both, axis]) ** 2
+        variances.append(Variances(np.maximum(own, 0.0), noise, slow + stated))
+    reading = seen.values[both] - reference.form_at(theta)
+    estimate = motion @ reference.directions.T
+    return _Pairs(stamps[both], theta, estimate, reading, tuple(variances), signal.turning[both], lever), remarks
+
+
+def _along(covariance: Array, along: Array) -> Array:
+    """(n,) variance along a unit vector by covariances (n, 2, 2)."""
+    return np.asarray(np.einsum("i,nij,j->n", along, covariance, along))
+
+
+def _by_heads(estimates: Estimates, stage: StageDescription, rows: NDArray[np.intp], along: Array) -> Array:
+    """(n,) variance at the ring along a unit vector by the readings of the heads, m²."""
+    assembly = AssemblyVariance.of(stage).radial + 0.5 * estimates.unresolved[rows, 0] ** 2
+    return np.maximum(_along(estimates.covariance[rows, :2, :2], along) - assembly, 0.0)
+
+
+def _part_by_stamps(estimates: Estimates, stage: StageDescription, rows: NDArray[np.intp], still: Array) -> Array:
+    """(n,) part of that variance which stands still at one speed: of a difference of large numbers little is left, so
+    that it must be the same part along all directions.
+    """
+    whole = _by_heads(estimates, stage, rows, np.array([1.0, 0.0]))
+    return np.asarray(np.minimum(still / np.maximum(whole, np.finfo(float).tiny), 1.0))
+
+
+def _slow(stage: StageDescription, tilt: Array, height: float) -> Array:
+    """(n,) variance of the estimate that lasts: air before the autocollimator, and what its answer is off by."""
+    air = None if stage.autocollimator is None else stage.autocollimator.turbulence
+    assembly = AssemblyVariance.of(stage)
+    read = np.maximum(
+        assembly.tilt_by_reading(tilt[:, 0], tilt[:, 1]), assembly.tilt_by_reading(tilt[:, 1], tilt[:, 0])
+    )
+    return np.asarray(height**2 * ((0.0 if air is None else air.std**2) + read))
+
+
+def _parts(pairs: _Pairs, reference: Reference, where: str) -> tuple[list[_Part], list[str]]:
+    """Each direction and speed that has a whole turn, and what is left out.
+
+    Raises:
+        InputError: none has one.
+    """
+    rate = 1e9 / float(np.median(np.diff(reference.times_ns)))
+    signals = np.hstack([pairs.estimate, pairs.reference])
+    found, remarks, begin = [], list[str](), 0
+    for segment in find_segments(pairs.stamp_ns, pairs.theta):
+        waves = min(MOST_WAVES, int(rate * TURN / abs(segment.speed) / SAMPLES_A_WAVE))
+        turns = cut_turns(pairs.theta, signals, segment.runs, waves)
+        if turns is None or not len(turns.profiles):
+            remarks.append(f"{segment.name}: no whole turn, left out")
+            continue
+        cluster = _clusters(pairs.theta, segment, turns.whole, begin)
+        begin = int(cluster.max()) + 1
+        rows = np.concatenate([np.arange(*run) for run in segment.runs])
+        found.append(_Part(segment, turns, rows, cluster))
+    if not found:
+        turned = float(np.ptp(pairs.theta)) / TURN
+        raise InputError(
+            f"{where}: {turned:.2g} turns in common with the estimate, none of them whole at one speed or in one "
+            "direction; record a whole turn at least"
+        )
+    senses = {part.segment.speed > 0 for part in found}
+    if len(senses) == 1:
+        way = "forward" if True in senses else "backward"
+        remarks.append(f"it turned {way} alone: what differs by the direction of turning is not told")
+    return found, remarks
+
+
+def _clusters(theta: Array, segment: Segment, turned: float, begin: int) -> NDArray[np.intp]:
+    """Number of the stretch of each sample, from `begin` on: a turn, or a part of one where there are few."""
+    parts = max(1, int(np.ceil(FEWEST / turned)))
+    found = []
+    for first, last in segment.runs:
+        passed = np.abs(theta[first:last] - theta[first]) * (parts / TURN)
+        found.append(begin + passed.astype(np.intp))
+        begin = int(found[-1].max()) + 1
+    return np.concatenate(found)
+
+
+def _turning(
+    part: _Part,
+    pairs: _Pairs,
+    reference: Reference,
+    eccentricity: Array,
+    zero: Array,
+    left: Array,
+    chance: float,
+) -> TurningComparison:
+    """Figures of one direction and speed, from what is left (m, p) of reference minus estimate."""
+    rows, turns, count = part.rows, part.turns, len(reference.axes)
+    mean = turns.profiles.mean(axis=0)
+    once = turns.transmission[1] * rotate((eccentricity[0], eccentricity[1]), turns.angles)
+    mean[:, count:] -= zero + once @ reference.directions.T
+    variances = [each.at(rows) for each in pairs.variances]
+    std = np.stack([each.std for each in variances], axis=1)
+    estimate = pairs.estimate[rows]
+    samples = LvdtComparison(pairs.stamp_ns[rows], estimate, estimate + left, std)
+    bound = BOUND * np.sqrt((std**2).mean(axis=0))
+    axes = [
+        AxisFigures(
+            name,
+            samples.along(axis).rms,
+            samples.along(axis).maximum,
+            int(samples.stamp_ns[np.argmax(np.abs(left[:, axis]))]),
+            float(bound[axis]),
+            float(np.ptp(mean[:, axis] - mean[:, count + axis])),
+            judge_differences(left[:, axis], variances[axis], part.cluster, chance),
+        )
+        for axis, name in enumerate(reference.axes)
+    ]
+    runs = part.segment.runs
+    turned = sum(abs(float(pairs.theta[last - 1] - pairs.theta[first])) for first, last in runs) / TURN
+    return TurningComparison(
+        part.segment.name,
+        part.segment.speed,
+        turned,
+        len(turns.profiles),
+        zero,
+        samples,
+        pairs.theta[rows],
+        turns.angles,
+        mean,
+        bound,
+        tuple(axes),
+    )
+
+
+def _expanded(
+    fit: ReferenceFit,
+    stage: StageDescription,
+    reference: Reference,
+    height: float,
+    pairs: _Pairs,
+    every: NDArray[np.intp],
+) -> Array:
+    """(2,) expanded uncertainty of the eccentricity: scatter, and all that looks like an eccentricity.
+
+    That is what of the estimate turns with the rotor (ring and mirror), the stated graduation and flatness, of which
+    orders beside the first look like it, and what gain, directions and height of the reference make of it.
+    """
+    assembly, lever = AssemblyVariance.of(stage), height**2
+    mirror = 0.5 * float(np.dot(stage.mirror.tilt, stage.mirror.tilt))
+    alike = float(pairs.turning[every].mean()) + assembly.graduation
+    alike += lever * (assembly.flatness + (assembly.gain + assembly.roll) * mirror)
+    size = float(fit.eccentricity @ fit.eccentricity)
+    alike += (reference.gain**2 + reference.roll**2) * size + reference.lasting
+    cos, sin = np.cos(pairs.theta[every]), np.sin(pairs.theta[every])
+    leaned = pairs.lever[every]
+    leans = (
+        np.mean(leaned[:, 0] * cos + leaned[:, 1] * sin) ** 2 + np.mean(leaned[:, 1] * cos - leaned[:, 0] * sin) ** 2
+    )
+    alike += reference.place**2 * float(leans)
+    return np.asarray(COVERAGE * np.sqrt(np.diag(fit.covariance) + alike))

@@ -1,0 +1,177 @@
+"""The monitor held against the references of a recording, from files to files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rotary_error_monitor.analysis.comparison import DESCRIBED, Stand, stands_at, stands_of_lvdt
+from rotary_error_monitor.analysis.verification import compare_reference
+from rotary_error_monitor.analysis.verification_result import Verification, as_mapping, figures_of
+from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
+from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.wire import wire_of
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import check_outputs, check_places, write_all
+from rotary_error_monitor.pipeline.reference_readings import (
+    LVDT,
+    Array,
+    Reference,
+    Times,
+    reference_names,
+    reference_of,
+    without_references,
+)
+from rotary_error_monitor.recordings.analysis import estimates_of, figures_table
+from rotary_error_monitor.recordings.diagnosis import recorded_span
+from rotary_error_monitor.recordings.replay import check_estimated, replay_bag
+from rotary_error_monitor.recordings.replayed import Replay
+from rotary_error_monitor.recordings.stream_health import read_streams
+from rotary_error_monitor.report.page import made_by
+from rotary_error_monitor.report.verification import page
+from rotary_error_monitor.resources import config
+
+
+@dataclass(frozen=True)
+class FileVerification:
+    """What is compared, and where the results go.
+
+    Attributes:
+        recording: bag.
+        stage_file: YAML with a section `stage`; None for the embedded one.
+        heights: above the ring, m; none, and they are those at which references were recorded.
+        references: names of references; none, and it is the LVDT, or where none was recorded all radial probes.
+        naming: which cell of a bag it is, and how the bag calls its topics.
+        outputs: file of each format (`html`, `json`, `csv`, `png`).
+    """
+
+    recording: Path
+    stage_file: Path | None
+    heights: Sequence[float]
+    references: Sequence[str]
+    naming: Naming
+    outputs: Mapping[str, Path]
+
+    def run(self) -> Verification:
+        """Compare, and write the results: all of them, or what stood there stays.
+
+        Raises:
+            InputError: as `verify_bag`, or a result cannot be written.
+        """
+        check_outputs(self.outputs.values(), [self.recording, self._stage_file])
+        check_places(self.outputs.values())
+        stage = load_stage(self.stage_file)
+        found = verify_bag(self.recording, stage, self.heights, self.references, self.naming)
+        write_all({self.outputs[suffix]: content for suffix, content in self._contents(found)})
+        return found
+
+    @property
+    def _stage_file(self) -> Path:
+        return self.stage_file or config("stage.yaml")
+
+    def _contents(self, found: Verification) -> Iterator[tuple[str, bytes]]:
+        about = {
+            "recording": str(self.recording),
+            "recorded": recorded_span(self.recording),
+            "stage": str(self._stage_file),
+            "made by": made_by(),
+        }
+        if "json" in self.outputs:
+            yield "json", f"{json.dumps(as_mapping(found, about), indent=1, allow_nan=False)}\n".encode()
+        if "csv" in self.outputs:
+            yield "csv", figures_table(figures_of(found)).encode()
+        if {"html", "png"} & set(self.outputs):
+            # what draws takes long to load
+            from rotary_error_monitor.report.verification_figure import draw, joined
+
+            pictures = draw(found)
+            if "html" in self.outputs:
+                title = "/".join(self.recording.resolve().parts[-2:])
+                yield "html", page(found, pictures, title, about).encode()
+            if "png" in self.outputs:
+                yield "png", joined(pictures)
+
+
+def verify_bag(
+    bag: Path | str,
+    stage: StageDescription,
+    heights: Sequence[float] = (),
+    names: Sequence[str] = (),
+    naming: Naming = THE_ONLY_CELL,
+) -> Verification:
+    """Hold the radial error motion of a replay against the references that were recorded beside it.
+
+    A listed probe is an input of the live estimate. As a reference it is held out: the replay does without it, and so
+    does not repeat what the live run decided.
+
+    Args:
+        bag: recording.
+        stage: as described.
+        heights: above the ring, m; none, and they are those at which references were recorded.
+        names: of references: `lvdt`, or radial probes as the section `sensors` calls them.
+        naming: which cell of a bag it is, and how the bag calls its topics.
+
+    Raises:
+        InputError: there is no such bag, reference, or height with one, or not a whole turn of what is compared.
+    """
+    reader, wire = BagReader(bag, naming), wire_of(stage)
+    streams = read_streams(reader, wire, stage).streams
+    samples = {name: (stream.times_ns, stream.values) for name, stream in streams.items()}
+    references = _references(stage, names, samples, str(bag))
+    monitor = without_references(stage, tuple(references))
+    replay = replay_bag(bag, monitor, naming=naming, repeat=monitor is stage)
+    check_estimated(replay, bag, monitor, least=2)
+    stands = {name: _stands(each, stage, replay) for name, each in references.items()}
+    chosen = [(name, stand) for name, own in stands.items() for stand in own]
+    if heights:
+        chosen = [pair for height in heights for pair in _at(stands, height, str(bag))]
+    estimates = estimates_of(replay)
+    compared = [
+        compare_reference(estimates, monitor, _during(references[name], stand), stand, str(bag))
+        for name, stand in chosen
+    ]
+    return Verification(tuple(compared), (int(replay.stamp_ns[0]), int(replay.stamp_ns[-1])), replay.remarks)
+
+
+def _references(
+    stage: StageDescription, names: Sequence[str], samples: Mapping[str, tuple[Times, Array]], bag: str
+) -> dict[str, Reference]:
+    """Those that are asked for, or the LVDT, or else the radial probes.
+
+    Raises:
+        InputError: one that is asked for was not recorded, or none was.
+    """
+    known = reference_names(stage)
+    asked = names or [name for name in known if name == LVDT] or known
+    found = {name: reference_of(stage, name, samples) for name in asked}
+    if not names and not any(found.values()):
+        found = {name: reference_of(stage, name, samples) for name in known}
+    there = {name: each for name, each in found.items() if each is not None}
+    lacking = [name for name, each in found.items() if each is None]
+    if not there or (names and lacking):
+        have = f"the stage has {', '.join(known)}" if known else "the stage has neither LVDT nor radial probe"
+        what = f"no samples of the reference {', '.join(lacking)}" if lacking else "no reference"
+        raise InputError(f"{bag}: {what}; {have}: record one beside heads and autocollimator")
+    return there
+
+
+def _stands(reference: Reference, stage: StageDescription, replay: Replay) -> tuple[Stand, ...]:
+    """Where a reference stood; a listed probe stays where it is described."""
+    if reference.name == LVDT and stage.lvdt is not None:
+        return stands_of_lvdt(replay.stamp_ns, replay.motion, stage.lvdt, reference.times_ns, reference.readings)
+    begin, end = int(replay.stamp_ns[0]), int(replay.stamp_ns[-1]) + 1
+    return (Stand(reference.height, DESCRIBED, (reference.height,), begin, end),)
+
+
+def _at(stands: Mapping[str, Sequence[Stand]], height: float, bag: str) -> list[tuple[str, Stand]]:
+    try:
+        return stands_at(stands, height)
+    except InputError as error:
+        raise InputError(f"{bag}: --height is {height * 1e3:g} (mm): {error}") from error
+
+
+def _during(reference: Reference, stand: Stand) -> Reference:
+    return reference.within(stand.begin_ns, stand.end_ns)

@@ -1,0 +1,186 @@
+"""The page and the table of a verification: the monitor against references, by direction, what was taken off, words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from rotary_error_monitor.analysis.verification_result import (
+    AxisFigures,
+    ReferenceComparison,
+    TurningComparison,
+    Verification,
+)
+from rotary_error_monitor.effects.effect import Estimate
+from rotary_error_monitor.gap.quantities import number, quantity, shared_power
+from rotary_error_monitor.report.drawn import Drawn
+from rotary_error_monitor.report.page import (
+    Tone,
+    about,
+    bullets,
+    images,
+    paragraph,
+    section,
+    table,
+    terms,
+    verdict,
+    whole_page,
+)
+
+_TERMS = {
+    "difference": "reference less monitor, the reference's zero and the eccentricity of its target taken off",
+    "95 % bound": "1.96 standard deviations of one difference: by the covariance of the estimate, the noise of the "
+    "reference and what is stated of its gain, directions, height and form; root mean square over the time",
+    "inside": "part of the differences that is inside its own bound; 95 % is expected where the statement is right",
+    "needed": "part from which chance does not explain that it is less: by the scatter from turn to turn, by what is "
+    "the same in all turns, and with a noise of the reference that is known to a third; all directions of one "
+    "comparison together are wrong in 1 % of the cases",
+    "mean over turns": "largest less smallest of the mean of the differences at each angle",
+    "zero": "mean of the difference by direction and speed: no error motion, for that is about its mean (ISO 230-7)",
+    "eccentricity": "of the target in the rotor's frame: once-per-turn motion that turns with the rotor, which no "
+    "reference on a target tells from it. ± U is the expanded uncertainty, k = 2 (about 95 %)",
+    "height that fits best": "where the differences would be least, by the tilt; ± U as above. It is told, not used",
+}
+
+_HEAD = ("direction", "axis", "turns", "RMS", "largest", "95 % bound", "inside", "needed", "mean over turns", "agrees")
+
+
+def verdict_sentence(found: Verification) -> str:
+    """What is said first."""
+    names = [_named(each) for each in found.comparisons]
+    if found.agrees:
+        least = min(_axes(found), key=lambda row: row[2].judgement.inside)
+        told = f"{least[2].judgement.inside:.1%} or more of the differences are inside their 95 % bounds"
+        return f"The monitor agrees with the reference within its stated uncertainty ({', '.join(names)}): {told}."
+    wrong = [row for row in _axes(found) if not row[2].judgement.agrees]
+    worst = min(wrong, key=lambda row: row[2].judgement.inside)
+    each, turning, axis = worst
+    return (
+        "The monitor does not agree with the reference within its stated uncertainty: "
+        f"{_named(each)}, {turning.name}, {axis.axis}: {axis.judgement.inside:.1%} of the differences are inside their "
+        f"95 % bounds (needed {axis.judgement.needed:.1%}), {_length(axis.rms)} RMS against a bound of "
+        f"{_length(axis.bound)}. {len(wrong)} of {len(list(_axes(found)))} directions disagree."
+    )
+
+
+def notes_of(found: Verification) -> Iterator[str]:
+    """What a reader should know, of each comparison and of the recording."""
+    for each in found.comparisons:
+        name = _named(each)
+        if each.stated != "as described":
+            yield f"{name}: the height is {each.stated}"
+        if abs(each.higher) > each.higher_expanded and not each.agrees:
+            better = quantity(Estimate(each.height + each.higher, each.higher_expanded), "m")
+            yield f"{name}: the differences are least for a reference at {better}: check where it stood"
+        apart = np.abs(each.eccentricity - np.array(each.described)) > each.expanded
+        if apart.any() and any(each.described):
+            yield f"{name}: the eccentricity of its target is not the one that is described"
+        yield from (f"{name}: {remark}" for remark in each.remarks)
+    yield from found.remarks
+
+
+def text_table(found: Verification) -> str:
+    """The figures as lines for a terminal."""
+    parts = []
+    for each in found.comparisons:
+        unit, rows = _rows(each)
+        head = [f"{name}, {unit}" if name in _LENGTHS else name for name in _HEAD]
+        lines = [head, *rows]
+        widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
+        parts.append(f"{_named(each)} ({each.stated})")
+        parts += [
+            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
+        ]
+        parts += [f"taken off: {text}" for text in _taken(each)]
+    return "\n".join(parts)
+
+
+def page(found: Verification, pictures: Mapping[str, Sequence[Drawn]], title: str, facts: Mapping[str, str]) -> str:
+    """The whole page.
+
+    Args:
+        found: what is shown.
+        pictures: by the place of each comparison, as `verification_figure.draw` gives them.
+        title: of the page.
+        facts: what was compared, when it was recorded, and by what this was made.
+    """
+    tone, badge = (Tone.GOOD, "✓ Agrees") if found.agrees else (Tone.BAD, "✗ Does not agree")
+    notes = list(notes_of(found))
+    sections = [
+        verdict(tone, badge, verdict_sentence(found)),
+        section("Notes", bullets(notes)) if notes else "",
+        *(_section(each, pictures.get(each.place, ())) for each in found.comparisons),
+        terms(_TERMS),
+        about(facts),
+    ]
+    return whole_page("Comparison", title, sections)
+
+
+def _section(each: ReferenceComparison, pictures: Sequence[Drawn]) -> str:
+    unit, rows = _rows(each)
+    head = [f"{name}, {unit}" if name in _LENGTHS else name for name in _HEAD]
+    return section(
+        f"{_named(each)}",
+        paragraph(f"Height {each.stated}. Differences: reference less monitor."),
+        table(head, rows),
+        images(pictures),
+        section("What was taken off", bullets(list(_taken(each))), level=3),
+    )
+
+
+_LENGTHS = ("RMS", "largest", "95 % bound", "mean over turns")
+
+
+def _rows(each: ReferenceComparison) -> tuple[str, list[list[str]]]:
+    """Unit of the lengths, and a row for each direction."""
+    axes = [(turning, axis) for turning in each.turnings for axis in turning.axes]
+    unit, power = shared_power([axis.largest for _, axis in axes], "m")
+    rows = [
+        [
+            turning.name,
+            axis.axis,
+            f"{turning.turned:.3g}",
+            *(number(value, 0.0, power) for value in (axis.rms, axis.largest, axis.bound)),
+            f"{axis.judgement.inside:.1%}",
+            f"{axis.judgement.needed:.1%}",
+            number(axis.synchronous, 0.0, power),
+            "✓ yes" if axis.judgement.agrees else "✗ no",
+        ]
+        for turning, axis in axes
+    ]
+    return unit, rows
+
+
+def _taken(each: ReferenceComparison) -> Iterator[str]:
+    """What was found and taken off, in sentences."""
+    x, y = (float(value) for value in each.eccentricity)
+    parts = (quantity(Estimate(v, float(u)), "m") for v, u in zip((x, y), each.expanded, strict=True))
+    size, angle = _length(math.hypot(x, y)), math.degrees(math.atan2(y, x))
+    described = ", ".join(_length(value) for value in each.described)
+    yield (
+        f"eccentricity of the target: x {next(parts)}, y {next(parts)} (k = 2), that is {size} at {angle:.1f}°; "
+        f"described as {described}"
+    )
+    zeros = "; ".join(
+        f"{turning.name} {', '.join(_length(float(value)) for value in turning.zero)}" for turning in each.turnings
+    )
+    yield f"zero of {', '.join(each.axes)}: {zeros}"
+    if math.isfinite(each.higher_expanded):
+        best = quantity(Estimate(each.height + each.higher, each.higher_expanded), "m")
+        yield f"not taken off: the height that fits best is {best} (k = 2)"
+
+
+def _axes(found: Verification) -> Iterator[tuple[ReferenceComparison, TurningComparison, AxisFigures]]:
+    for each in found.comparisons:
+        for turning in each.turnings:
+            yield from ((each, turning, axis) for axis in turning.axes)
+
+
+def _named(each: ReferenceComparison) -> str:
+    return f"{each.reference} at {each.height * 1e3:.4g} mm"
+
+
+def _length(value: float) -> str:
+    return quantity(Estimate(value, 0.0), "m")
