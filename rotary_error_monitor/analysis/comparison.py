@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from rotary_error_monitor.description.stage import Lvdt
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion, rotate
 from rotary_error_monitor.metrology.lvdt_comparison import MAX_GAP_NS, LvdtComparison, compare_with_lvdt
-from rotary_error_monitor.metrology.reference_fit import fit_reference
+from rotary_error_monitor.metrology.reference_fit import ReferenceFit, fit_reference
 from rotary_error_monitor.signals.resampling import resample
 
 Array = NDArray[np.float64]
@@ -88,13 +89,13 @@ def stands_of_lvdt(
         return ()
     period = int(np.diff(stamp_ns).min())
     whole = int(stamp_ns[0]), int(stamp_ns[-1]) + 1
-    eccentricity = _eccentricity(stamp_ns, motion, lvdt, times_ns, radial, period)
-    if eccentricity is None:
+    fit = _fitted(stamp_ns, motion, lvdt, times_ns, radial, period)
+    if fit is None or not fit.higher_std < MOVED / 4:
         return (Stand(lvdt.height, DESCRIBED, (lvdt.height,), *whole),)
-    known = replace(lvdt, artefact_eccentricity=eccentricity)
+    known = replace(lvdt, artefact_eccentricity=(float(fit.joint[0]), float(fit.joint[1])))
     stays = list(_stays(stamp_ns, motion, known, times_ns, radial, period))
-    if len(stays) == 1:
-        shown = () if abs(stays[0][0] - lvdt.height) < MOVED else (stays[0][0],)
+    if len(stays) == 1 or not _are_apart(stays, stamp_ns, motion, lvdt, times_ns, radial, period):
+        shown = () if abs(fit.higher - lvdt.height) < MOVED else (fit.higher,)
         return (Stand(lvdt.height, DESCRIBED, (lvdt.height, *shown), *whole),)
     found = []
     for height, begin, end in stays:
@@ -143,21 +144,48 @@ def _is_in_metres(height: float, stands: Sequence[Stand]) -> bool:
     return abs(height) < NEAREST and any(abs(height * 1e3 / each - 1) < MEANT for each in recorded)
 
 
-def _eccentricity(
+def _fitted(
     stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array, period_ns: int
-) -> tuple[float, float] | None:
-    """The artefact's, m, whatever the height; None where the rotor leans too little to tell heights."""
+) -> ReferenceFit | None:
+    """The artefact's eccentricity and the height above the ring, whatever is described; None of less than `LONG`."""
     sampled = resample(times_ns, radial, stamp_ns, period_ns, MAX_GAP_NS)
     good = np.flatnonzero(sampled.valid & motion.observable[:, [0, 1, 3, 4]].all(axis=1))
-    windows = (stamp_ns[good] - stamp_ns[0]) // WINDOW_NS
-    if len(np.unique(windows)) < LONG:
+    windows, number = np.unique((stamp_ns[good] - stamp_ns[:1]) // WINDOW_NS, return_inverse=True)
+    if len(windows) < LONG:
         return None
     exc, eyc, eac, ebc = (motion.components[good, i] for i in (0, 1, 3, 4))
     lever = np.stack([ebc, -eac], axis=1)
     difference = sampled.values[good] - np.stack([exc, eyc], axis=1)
-    alone = np.zeros(len(good), np.intp)
-    fit = fit_reference(motion.theta[good], difference, lever, np.eye(2), alone, windows.astype(np.intp))
-    return (float(fit.joint[0]), float(fit.joint[1])) if fit.higher_std < MOVED / 4 else None
+    return fit_reference(motion.theta[good], difference, lever, np.eye(2), np.zeros(len(good), np.intp), number)
+
+
+APART = 3.0
+"""Standard uncertainties by which two heights must differ to be two."""
+
+
+def _are_apart(
+    stays: Sequence[tuple[float, int, int]],
+    stamp_ns: Times,
+    motion: ErrorMotion,
+    lvdt: Lvdt,
+    times_ns: Times,
+    radial: Array,
+    period_ns: int,
+) -> bool:
+    """Whether stays differ by more than their uncertainty as the scatter from window to window has it.
+
+    What errors of the estimate, which are no white noise, make of the height of a window is not in the LVDT's noise.
+    """
+    fits = []
+    for _, begin, end in stays:
+        when = np.flatnonzero((stamp_ns >= begin) & (stamp_ns < end))
+        there = (times_ns >= begin) & (times_ns < end)
+        fits.append(_fitted(stamp_ns[when], motion.at(when), lvdt, times_ns[there], radial[there], period_ns))
+    found = [(fit.higher, fit.higher_std) for fit in fits if fit is not None]
+    return len(found) == len(stays) and all(
+        abs(one - other) > max(MOVED, APART * float(np.hypot(std, other_std)))
+        for (one, std), (other, other_std) in pairwise(found)
+    )
 
 
 def compare_stays(stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array) -> tuple[Stay, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.comparison import Stand
-from rotary_error_monitor.analysis.reference_judgement import CHANCE, Variances, judge_differences
+from rotary_error_monitor.analysis.reference_judgement import CHANCE, Variances, judge
 from rotary_error_monitor.analysis.runs import Segment, find_segments
 from rotary_error_monitor.analysis.signals import RADIAL, Estimates, radial_at, signals_of
 from rotary_error_monitor.analysis.verification_result import AxisFigures, ReferenceComparison, TurningComparison
@@ -61,7 +61,7 @@ class _Part:
 
     Attributes:
         segment: with its runs among the n ticks.
-        turns: profiles of its whole turns, p of the estimate and p of the reference.
+        turns: profiles of its whole turns, p of the estimate, p of the reference, and two of the lever.
         rows: (m,) its ticks.
         cluster: (m,) number of the stretch of each, other ones than any other part has.
     """
@@ -96,7 +96,7 @@ def compare_reference(
     fit = fit_reference(
         pairs.theta[every],
         pairs.reference[every] - pairs.estimate[every],
-        pairs.lever[every],
+        np.concatenate([_lever(part, pairs) for part in parts]),
         reference.directions,
         np.repeat(np.arange(len(parts)), [len(part.rows) for part in parts]),
         np.concatenate([part.cluster for part in parts]),
@@ -139,13 +139,19 @@ def _pairs(
     signal = next((s for s in signals_of(estimates, stage, (height,), chosen) if s.quantity == RADIAL), None)
     if signal is None:
         lacking = "radial error motion" if not height else "radial or tilt error motion"
-        raise InputError(f"{where}: {lacking} is not observable; give --height 0, or record heads and autocollimator")
+        raise InputError(
+            f"{where}: {lacking} is not observable: a sensor is missing, not believed, or its samples are more than "
+            f"{MAX_GAP_NS * 1e-6:g} ms apart; record heads and autocollimator, or compare at 0 mm"
+        )
     moved, spread = radial_at(estimates.error_motion[chosen], estimates.covariance[chosen], height)
     stamps = estimates.stamp_ns[chosen]
     seen = resample(reference.times_ns, reference.readings, stamps, period, MAX_GAP_NS)
     both = seen.valid & np.isfinite(moved).all(axis=1)
     if not both.any():
-        raise InputError(f"{where}: no time in common with the estimate, or its samples are over 20 ms apart")
+        raise InputError(
+            f"{where}: at no time there is an estimate as well; record both at once, and samples at most "
+            f"{MAX_GAP_NS * 1e-6:g} ms apart"
+        )
     proven = both & estimates.proven[chosen]
     remarks = []
     if proven.any():
@@ -163,13 +169,13 @@ def _pairs(
     variances = []
     for axis, along in enumerate(reference.directions):
         own = _along(spread[both], along) - signal.turning[both] - slow
-        own = own - stamps_apart * _by_heads(estimates, stage, rows, along)
+        apart = stamps_apart * _by_heads(estimates, stage, rows, along)
         across = motion @ np.array([-along[1], along[0]])
         stated = (reference.gain * (motion @ along)) ** 2 + (reference.roll * across) ** 2
         stated = stated + (reference.place * (lever @ along)) ** 2 + reference.lasting
         noise = reading_variance(reference.noise, reference.resolution, seen.gain[both], seen.travel[both, axis])
         noise = noise + (BENT * seen.bend[both, axis]) ** 2
-        variances.append(Variances(np.maximum(own, 0.0), noise, slow + stated))
+        variances.append(Variances(np.maximum(own - apart, 0.0), apart, noise, slow + stated))
     reading = seen.values[both] - reference.form_at(theta)
     estimate = motion @ reference.directions.T
     return _Pairs(stamps[both], theta, estimate, reading, tuple(variances), signal.turning[both], lever), remarks
@@ -211,7 +217,7 @@ def _parts(pairs: _Pairs, reference: Reference, where: str) -> tuple[list[_Part]
         InputError: none has one.
     """
     rate = 1e9 / float(np.median(np.diff(reference.times_ns)))
-    signals = np.hstack([pairs.estimate, pairs.reference])
+    signals = np.hstack([pairs.estimate, pairs.reference, pairs.lever])
     found, remarks, begin = [], list[str](), 0
     for segment in find_segments(pairs.stamp_ns, pairs.theta):
         waves = min(MOST_WAVES, int(rate * TURN / abs(segment.speed) / SAMPLES_A_WAVE))
@@ -236,6 +242,17 @@ def _parts(pairs: _Pairs, reference: Reference, where: str) -> tuple[list[_Part]
     return found, remarks
 
 
+def _lever(part: _Part, pairs: _Pairs) -> Array:
+    """(m, 2) growth of the radial error motion with the height, as it is alike in all turns, at the ticks of a part.
+
+    The noise of the tilt is in the estimate as well: a height that is fitted by single readings comes out too small.
+    """
+    mean = part.turns.profiles[:, :, -2:].mean(axis=0)
+    angles = part.turns.angles
+    theta = pairs.theta[part.rows]
+    return np.stack([np.interp(theta, angles, column, period=TURN) for column in mean.T], axis=1)
+
+
 def _clusters(theta: Array, segment: Segment, turned: float, begin: int) -> NDArray[np.intp]:
     """Number of the stretch of each sample, from `begin` on: a turn, or a part of one where there are few."""
     parts = max(1, int(np.ceil(FEWEST / turned)))
@@ -258,9 +275,9 @@ def _turning(
 ) -> TurningComparison:
     """Figures of one direction and speed, from what is left (m, p) of reference minus estimate."""
     rows, turns, count = part.rows, part.turns, len(reference.axes)
-    mean = turns.profiles.mean(axis=0)
+    profiles = turns.profiles[:, :, : 2 * count].copy()
     once = turns.transmission[1] * rotate((eccentricity[0], eccentricity[1]), turns.angles)
-    mean[:, count:] -= zero + once @ reference.directions.T
+    profiles[:, :, count:] -= zero + once @ reference.directions.T
     variances = [each.at(rows) for each in pairs.variances]
     std = np.stack([each.std for each in variances], axis=1)
     estimate = pairs.estimate[rows]
@@ -273,8 +290,13 @@ def _turning(
             samples.along(axis).maximum,
             int(samples.stamp_ns[np.argmax(np.abs(left[:, axis]))]),
             float(bound[axis]),
-            float(np.ptp(mean[:, axis] - mean[:, count + axis])),
-            judge_differences(left[:, axis], variances[axis], part.cluster, chance),
+            judge(
+                left[:, axis],
+                variances[axis],
+                part.cluster,
+                profiles[:, :, count + axis] - profiles[:, :, axis],
+                chance,
+            ),
         )
         for axis, name in enumerate(reference.axes)
     ]
@@ -289,7 +311,7 @@ def _turning(
         samples,
         pairs.theta[rows],
         turns.angles,
-        mean,
+        profiles.mean(axis=0),
         bound,
         tuple(axes),
     )

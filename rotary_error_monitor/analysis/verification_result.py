@@ -26,7 +26,6 @@ class AxisFigures:
         rms, largest: of the differences, m.
         largest_ns: timestamp (ns) of the largest.
         bound: their 95 % bound, root mean square, m.
-        synchronous: range of the mean of the differences over the turns, m.
         judgement: whether they are as large as stated.
     """
 
@@ -35,7 +34,6 @@ class AxisFigures:
     largest: float
     largest_ns: int
     bound: float
-    synchronous: float
     judgement: Judgement
 
 
@@ -154,7 +152,8 @@ def _of_axis(each: ReferenceComparison, turning: TurningComparison, axis: AxisFi
     for name, value, unit in (
         ("difference_rms", axis.rms, "m"),
         ("difference_largest", axis.largest, "m"),
-        ("difference_synchronous", axis.synchronous, "m"),
+        ("difference_mean_rms", axis.judgement.mean, "m"),
+        ("difference_mean_most", axis.judgement.most, "m"),
         ("bound_95_percent", axis.bound, "m"),
         ("inside_95_percent_bounds", axis.judgement.inside, "1"),
         ("inside_needed", axis.judgement.needed, "1"),

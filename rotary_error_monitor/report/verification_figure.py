@@ -77,9 +77,11 @@ def _angle_differences(each: ReferenceComparison) -> Iterator[Sketch]:
         title = f"{_title(each, name)}: reference less monitor"
         label(figure, ax, title, "angle, °", "mean over turns, µm")
         ranges = ", ".join(
-            f"{turning.axes[axis].synchronous * _MICRO:.2g} µm {turning.name}" for turning in each.turnings
+            f"{turning.axes[axis].judgement.mean * _MICRO:.2g} µm {turning.name}" for turning in each.turnings
         )
-        yield Sketch(figure, f"{title} over the angle; range {ranges}; bound of one difference ±{bound:.2g} µm")
+        yield Sketch(
+            figure, f"{title} over the angle; root mean square {ranges}; bound of one difference ±{bound:.2g} µm"
+        )
 
 
 def _over_time(each: ReferenceComparison, begin_ns: int) -> Iterator[Sketch]:
