@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rotary_error_monitor.commands.questions import add_heights, heights_of
 from rotary_error_monitor.commands.values import add_naming, naming_of
 from rotary_error_monitor.description.machine import load_machine, machine_path
 from rotary_error_monitor.description.stage import load_stage
@@ -36,6 +37,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("--twin", type=Path, help="YAML with a section 'stage' (default: config/stage.yaml)")
     parser.add_argument("--machine", help="machine YAML, or the name of one that ships, such as xyzac_trt")
     add_naming(parser)
+    add_heights(parser, "at which radial error motion is written as well (default: none)")
     parser.add_argument("--period-ms", type=float, default=1.0, help="distance of estimates where the bag tells none")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz")
     parser.set_defaults(run=run)
@@ -43,6 +45,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay the bag and write OUT.npz."""
+    heights = heights_of(arguments)
     period_ns = period_of(arguments.period_ms, 1_000_000, f"--period-ms is {arguments.period_ms}")
     read = [arguments.bag, arguments.twin or config("stage.yaml")]
     check_outputs([arguments.output], [*read, machine_path(arguments.machine) if arguments.machine else None])
@@ -53,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     for remark in result.remarks:
         print(f"note: {one_line(remark)}", file=sys.stderr)
     check_estimated(result, arguments.bag, stage)
-    result.save(arguments.output)
+    result.save(arguments.output, heights)
     duration = (result.stamp_ns[-1] - result.stamp_ns[0]) * 1e-9
     what = "joint states" if machine is not None and machine.monitored is None else "estimates"
     print(f"{len(result.stamp_ns)} {what} over {duration:.1f} s written to {arguments.output}")

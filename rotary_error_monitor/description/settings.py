@@ -27,7 +27,7 @@ class Setting:
     Attributes:
         default: value without an override; its type is the parameter's type.
         meaning: what it does, with its unit.
-        bounds: smallest and largest value, for numbers.
+        bounds: smallest and largest value, for numbers; of a list, of each.
         choices: the values allowed, for text; empty where any text will do.
         at_start: given at the start or never, for what runs programs: who may set parameters shall not run any.
         required: of a text that has no default: empty says that nobody has given it, and no node configures so.
@@ -47,7 +47,9 @@ class Setting:
     def expected(self) -> str:
         """What a right value looks like, in words."""
         kind = _KINDS[type(self.default)]
-        if self.bounds is not None:
+        if self.bounds is not None and isinstance(self.default, list):
+            kind = f"a list of numbers with a point, each from {self.bounds[0]:g} to {self.bounds[1]:g}, such as [5.0]"
+        elif self.bounds is not None:
             kind += f", from {self.bounds[0]:g} to {self.bounds[1]:g}"
         if self.choices:
             kind = f"one of {', '.join(self.choices)}"
@@ -68,13 +70,15 @@ class Setting:
             raise InputError(f"{where}: default {self.default!r}; expected: {self.expected}")
 
     def check(self, value: object, where: str) -> None:
-        """Hold a value against choices and finiteness, which a descriptor of ROS cannot express.
+        """Hold a value against choices, finiteness, and the bounds of a list, which a descriptor of ROS cannot express.
 
         Raises:
             InputError: naming parameter, value and what is expected.
         """
         finite = all(math.isfinite(number) for number in _numbers(value))
         lacking = self.required and value == ""
+        if isinstance(self.default, list) and self.bounds is not None:
+            finite = finite and all(self.bounds[0] <= number <= self.bounds[1] for number in _numbers(value))
         if not finite or (self.choices and value not in self.choices and not lacking):
             raise InputError(f"{where}: parameter '{self.name}' is {value!r}; expected: {self.expected}")
 

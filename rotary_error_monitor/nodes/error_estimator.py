@@ -24,6 +24,7 @@ from rotary_error_monitor.nodes.pace import Pace
 from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.pipeline.estimation import COMMAND, Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
+from rotary_error_monitor.pipeline.radial_heights import HIGHEST, figures_of, radial_block
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 NAME = "error_estimator"
@@ -70,6 +71,12 @@ class ErrorEstimator(ManagedNode):
             "part of a turn against which the stage's description is held before it counts as verified; 0.0 for none",
             (0.0, 1.0),
         ),
+        Setting(
+            "heights",
+            [],
+            "heights above the ring at which radial error motion is published as well, m",
+            (-HIGHEST, HIGHEST),
+        ),
         Setting("max_age", 1.0, "samples older than this at their arrival are dropped, s", (0.01, 60.0)),
     )
 
@@ -91,6 +98,7 @@ class ErrorEstimator(ManagedNode):
         self._figures_topic = self.wire.topic("error_motion_figures")
         self._sample_publisher, self._pose_publisher = self.publish_on(self._samples), self.publish_on(self._pose)
         self._figures_publisher = self.publish_on(self._figures_topic)
+        self._open_heights()
         self._pose_pace, self._figures_pace = Pace(_POSE_PERIOD), Pace(_FIGURES_PERIOD)
         self._reported = (0, 0, 0)
         self._observable = np.zeros(len(COMPONENTS), np.bool_)
@@ -104,6 +112,15 @@ class ErrorEstimator(ManagedNode):
         self.after_messages(self._estimate)
         self.serve(Trigger, "~/reset", self._reset)
         self.every(_WATCH_PERIOD, self._watch)
+
+    def _open_heights(self) -> None:
+        """Publishers of radial error motion at heights, if anybody has named some."""
+        self._heights = [float(height) for height in self.setting("heights")]
+        if self._heights:
+            self._at_heights = self.wire.topic("error_motion_heights_samples")
+            self._heights_figures = self.wire.topic("error_motion_heights_figures")
+            self._heights_publisher = self.publish_on(self._at_heights)
+            self._heights_figures_publisher = self.publish_on(self._heights_figures)
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """Each stream that comes in, and the estimate."""
@@ -169,8 +186,20 @@ class ErrorEstimator(ManagedNode):
         self._output.observe(block, self.now_ns())
         self._observable = estimate.observable[-1]
         pose, figures = self._pose_pace.is_due(block.stamp_ns), self._figures_pace.is_due(block.stamp_ns)
+        if self._heights:
+            self._publish_heights(estimate, figures)
         if pose or figures:
             self._publish_for_people(estimate, pose, figures)
+
+    def _publish_heights(self, estimate: ErrorMotion, figures: bool) -> None:
+        block = radial_block(estimate, self._heights)
+        self._heights_publisher.publish(messages.block_bytes(block, self._at_heights.frame))
+        if figures:
+            names, values, deviations = figures_of(block)
+            stamp_ns, frame = int(block.times_ns[-1]), self._heights_figures.frame
+            self._heights_figures_publisher.publish(
+                messages.joint_state_message(stamp_ns, frame, names, values, efforts=deviations)
+            )
 
     def _publish_for_people(self, estimate: ErrorMotion, pose: bool, figures: bool) -> None:
         """The latest of it."""

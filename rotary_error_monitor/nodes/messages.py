@@ -123,8 +123,9 @@ def joint_state_message(
     names: Sequence[str],
     positions: Iterable[float],
     velocities: Iterable[float] | None = None,
+    efforts: Iterable[float] | None = None,
 ) -> JointState:
-    """Joint state in m and rad; velocity and effort are always filled, with zeros where unknown.
+    """Joint state in m and rad, or as its topic says; velocity and effort are always filled, zeros where unknown.
 
     An empty sequence at the end of the message is serialised with stray bytes behind it, which other readers refuse.
     """
@@ -133,7 +134,7 @@ def joint_state_message(
         name=list(names),
         position=array("d", positions),
         velocity=array("d", np.zeros(len(names)) if velocities is None else velocities),
-        effort=array("d", bytes(_DOUBLE * len(names))),
+        effort=array("d", bytes(_DOUBLE * len(names)) if efforts is None else efforts),
     )
 
 

@@ -25,7 +25,7 @@ _QOS = "qos_overrides."
 def descriptor_of(setting: Setting) -> ParameterDescriptor:
     """The description that `ros2 param describe` shows and rclpy holds values against."""
     descriptor = ParameterDescriptor(name=setting.name, description=setting.expected, read_only=setting.at_start)
-    if setting.bounds is None:
+    if setting.bounds is None or isinstance(setting.default, list):
         return descriptor
     low, high = setting.bounds
     if isinstance(setting.default, float):
@@ -62,13 +62,24 @@ def declare(node: Node, settings: Iterable[Setting]) -> None:
     where = node.get_fully_qualified_name()
     for setting in settings:
         try:
-            value = node.declare_parameter(setting.name, setting.default, descriptor_of(setting)).value
+            value = _declared(node, setting)
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             wrong = _overrides(node)[setting.name].value
             raise InputError(
                 f"{where}: parameter '{setting.name}' is {wrong!r}; expected: {setting.expected}"
             ) from error
         setting.check(value, where)
+
+
+def _declared(node: Node, setting: Setting) -> ParameterValue:
+    """Declare one setting; give its value. Of an empty list rclpy would guess that it is one of bytes."""
+    if setting.default != []:
+        return node.declare_parameter(setting.name, setting.default, descriptor_of(setting)).value
+    kind = Parameter.Type.DOUBLE_ARRAY
+    value = node.declare_parameter(setting.name, kind, descriptor_of(setting)).value
+    if value is None:
+        node.set_parameters([Parameter(setting.name, kind, [])])
+    return value or []
 
 
 def check_given(node: Node, settings: Iterable[Setting]) -> None:

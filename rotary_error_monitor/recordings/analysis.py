@@ -33,6 +33,7 @@ from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES, TURN
 from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, COMMAND
+from rotary_error_monitor.pipeline.radial_heights import HIGHEST as HIGHEST
 from rotary_error_monitor.recordings.diagnosis import recorded_span
 from rotary_error_monitor.recordings.replay import check_estimated, replay_bag
 from rotary_error_monitor.recordings.replayed import Replay
@@ -42,9 +43,6 @@ from rotary_error_monitor.report.page import made_by
 from rotary_error_monitor.resources import config
 
 _UNPROVEN = sum(1 << DOUBTS.index(name) for name in ("unverified", "unverified_tilt"))
-
-HIGHEST = 10.0
-"""Height above the ring, m, that no stage is larger than."""
 
 PUSHED = 1.0
 """Force on the shaft from which it is said that values hold what it does, N."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.analysis.signals import radial_at
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.codec.contents import Content, JointState, Temperature
@@ -81,8 +82,13 @@ class Replay:
         observable = self.motion.observable
         return np.where(observable[:, :, None] & observable[:, None, :], self.motion.covariance, np.nan)
 
-    def save(self, path: Path | str) -> None:
+    def save(self, path: Path | str, heights: Sequence[float] = ()) -> None:
         """Write the arrays to an .npz file; `tool_offset`, `correction_stamp_ns`, `corrections` only with a machine.
+
+        Args:
+            path: of the file.
+            heights: above the ring, m, at which radial error motion is given as well: `heights` (h,), `radial`
+                (n, h, 2) and `radial_covariance` (n, h, 2, 2), NaN where not observable.
 
         Raises:
             InputError: the file cannot be written.
@@ -97,6 +103,13 @@ class Replay:
             "unrepeated": self.unrepeated,
             "lost_stamp_ns": self.lost_ns,
         }
+        if heights:
+            at = [radial_at(self.error_motion, self.covariance, height) for height in heights]
+            told = [np.isfinite(radial).all(axis=1)[:, None, None] for radial, _ in at]
+            arrays["heights"] = np.array(heights)
+            arrays["radial"] = np.stack([radial for radial, _ in at], axis=1)
+            spreads = (np.where(seen, spread, np.nan) for seen, (_, spread) in zip(told, at, strict=True))
+            arrays["radial_covariance"] = np.stack(list(spreads), axis=1)
         if self.tool_offset is not None:
             arrays["tool_offset"] = self.tool_offset
             arrays["correction_stamp_ns"] = np.array([each.stamp_ns for each in self.corrections], np.int64)

@@ -45,6 +45,10 @@ ELSEWHERE = {
         "rotary_error_monitor analyse BAG --twin STAGE.yaml --height 0 60 "
         "--limits radial_synchronous_um=2 tilt_total_urad=50 -o PAGE.html"
     ): ("test/recordings/test_analyse_command.py", '"analyse", str(bag), "--height", "0", "60"'),
+    "rotary_error_monitor compare BAG --twin STAGE.yaml --height 16 -o PAGE.html": (
+        "test/recordings/test_compare_command.py",
+        '"compare", str(bag), "--twin", str(twin), "--height", "16"',
+    ),
     (
         "rotary_error_monitor trend FOLDER --twin STAGE.yaml --height 0 60 "
         "--limits radial_synchronous_um=2 tilt_total_urad=50 -o PAGE.html"

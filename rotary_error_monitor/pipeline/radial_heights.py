@@ -1,0 +1,61 @@
+"""Radial error motion at heights of the user's choice, from the estimate as it is published."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.metrology.error_motion import ErrorMotion, radial_covariance_at, radial_error_motion_at
+from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
+
+Array = NDArray[np.float64]
+
+COLUMNS = ("height", "radial_x", "radial_y", "observable", "var_x", "var_y", "cov_xy")
+"""Columns of a block after `t`; each tick has a row for each height, in the order in which they were given."""
+
+HIGHEST = 10.0
+"""Height above the ring, m, that no stage is larger than."""
+
+
+def radial_block(motion: ErrorMotion, heights: Sequence[float]) -> SampleBlock:
+    """Block of the radial error motion at heights above the ring.
+
+    Args:
+        motion: error motion at m ticks.
+        heights: above the ring, m.
+
+    Returns:
+        Block of m times as many rows as there are heights, columns `COLUMNS`; zero where not observable.
+    """
+    parts = np.zeros((len(motion.times_ns), len(heights), len(COLUMNS)))
+    for place, height in enumerate(heights):
+        seen = is_observable_at(motion.observable, height)
+        covariance = radial_covariance_at(motion.covariance, height)
+        parts[:, place, 0], parts[:, place, 3] = height, seen
+        parts[seen, place, 1:3] = radial_error_motion_at(motion.components[seen], height)
+        for column, (i, j) in enumerate(((0, 0), (1, 1), (0, 1)), start=4):
+            parts[seen, place, column] = covariance[seen, i, j]
+    rows = parts.reshape(-1, len(COLUMNS))
+    return block_from_samples(np.repeat(motion.times_ns, len(heights)), COLUMNS, rows)
+
+
+def is_observable_at(observable: NDArray[np.bool_], height: float) -> NDArray[np.bool_]:
+    """(m,) whether radial motion is, by components (m, 6) that are; at the ring itself the tilt does not count."""
+    components = [0, 1] if height == 0.0 else [0, 1, 3, 4]
+    return np.asarray(observable[:, components].all(axis=1))
+
+
+def figures_of(block: SampleBlock) -> tuple[tuple[str, ...], Array, Array]:
+    """Latest radial error motion of a block as people read it: names, µm, and standard uncertainties in µm.
+
+    Names are such as `radial_x_at_60mm`; what is not observable is NaN.
+    """
+    latest = block.rows[block.column("t") == block.column("t")[-1]]
+    row = dict(zip(block.names, latest.T, strict=True))
+    names = [f"radial_{axis}_at_{height * 1e3:g}mm".replace("-", "minus_") for height in row["height"] for axis in "xy"]
+    seen = np.repeat(row["observable"] == 1.0, 2)
+    values = np.stack([row["radial_x"], row["radial_y"]], axis=1).ravel()
+    stds = np.sqrt(np.stack([row["var_x"], row["var_y"]], axis=1)).ravel()
+    return tuple(names), np.where(seen, values * 1e6, np.nan), np.where(seen, stds * 1e6, np.nan)
