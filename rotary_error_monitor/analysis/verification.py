@@ -117,6 +117,7 @@ def compare_reference(
         _expanded(fit, stage, reference, stand.height, pairs, every),
         fit.higher,
         COVERAGE * fit.higher_std,
+        *_lean(fit, pairs, every),
         tuple(turnings),
         (*remarks, *more),
     )
@@ -315,6 +316,19 @@ def _turning(
         bound,
         tuple(axes),
     )
+
+
+DOUBTED = 4.0
+"""Standard uncertainties by which a height that is fitted may be off by chance: of few turns Student's t is wide."""
+
+
+def _lean(fit: ReferenceFit, pairs: _Pairs, every: NDArray[np.intp]) -> tuple[float, float]:
+    """What the height that fits best makes of the differences, and the largest that nothing speaks against, m."""
+    if not np.isfinite(fit.higher_std):
+        return 0.0, 0.0
+    own = [each.at(every) for each in pairs.variances]
+    reading = np.mean([each.reading + BOUND**2 * float(np.mean(each.lasting)) for each in own])
+    return abs(fit.higher) * fit.leaning, float(np.sqrt(reading)) + DOUBTED * fit.higher_std * fit.leaning
 
 
 def _expanded(

@@ -81,6 +81,8 @@ class ReferenceComparison:
         eccentricity: (2,) as found and taken off, m.
         expanded: (2,) expanded uncertainty of it.
         higher, higher_expanded: by how much the reference seems to stand higher, and its expanded uncertainty, m.
+        lean: root mean square of what that height makes of the differences, m.
+        lean_most: the largest that is within the uncertainty of one reading, and of what is fitted, m.
         turnings: by direction and speed.
         remarks: what a reader should know.
     """
@@ -94,13 +96,21 @@ class ReferenceComparison:
     expanded: Array
     higher: float
     higher_expanded: float
+    lean: float
+    lean_most: float
     turnings: tuple[TurningComparison, ...]
     remarks: tuple[str, ...]
 
     @property
     def agrees(self) -> bool:
-        """Whether the monitor agrees with this reference in all directions."""
-        return all(axis.judgement.agrees for turning in self.turnings for axis in turning.axes)
+        """Whether the monitor agrees with this reference in all directions, and as the rotor leans."""
+        directions = (axis.judgement.agrees for turning in self.turnings for axis in turning.axes)
+        return self.stands_as_stated and all(directions)
+
+    @property
+    def stands_as_stated(self) -> bool:
+        """Whether the differences do not follow the tilt, as they do where the reference stands at another height."""
+        return self.lean <= self.lean_most
 
     @property
     def place(self) -> str:
@@ -145,6 +155,8 @@ def figures_of(verification: Verification) -> Iterator[Figure]:
             yield Figure(f"{each.place}.artefact_eccentricity_{name}", "", float(value), float(expanded), "m")
         if np.isfinite(each.higher_expanded):
             yield Figure(f"{each.place}.higher_than_stated", "", each.higher, each.higher_expanded, "m")
+            yield Figure(f"{each.place}.difference_by_that_height_rms", "", each.lean, None, "m")
+            yield Figure(f"{each.place}.difference_by_that_height_most", "", each.lean_most, None, "m")
 
 
 def _of_axis(each: ReferenceComparison, turning: TurningComparison, axis: AxisFigures) -> Iterator[Figure]:

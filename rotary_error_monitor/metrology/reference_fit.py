@@ -36,6 +36,8 @@ class ReferenceFit:
         joint: (2,) eccentricity where the height is unknown as well, m.
         higher: by how much the reference seems to stand higher than stated, m.
         higher_std: standard uncertainty of that by scatter alone, m; infinite where no tilt tells.
+        leaning: root mean square along a direction of the lever, what looks like zero or eccentricity left out, rad:
+            times `higher` it is what the height makes of the differences.
     """
 
     zeros: Array
@@ -45,6 +47,7 @@ class ReferenceFit:
     joint: Array
     higher: float
     higher_std: float
+    leaning: float
 
 
 def fit_reference(
@@ -71,10 +74,11 @@ def fit_reference(
     count = np.bincount(group).astype(np.float64)
     design = columns - _means(columns, group, count)[group]
     target = difference - _means(difference, group, count)[group]
-    found, covariance, left = _solve(design[:, :, :2], target, cluster)
+    found, covariance, left, _ = _solve(design[:, :, :2], target, cluster)
     zeros = _means(difference - columns[:, :, :2] @ found, group, count)
-    whole, spread, _ = _solve(design, target, cluster)
-    return ReferenceFit(zeros, found, covariance, left, whole[:2], float(whole[2]), float(np.sqrt(spread[2, 2])))
+    whole, spread, _, alone = _solve(design, target, cluster)
+    std, leaning = float(np.sqrt(spread[2, 2])), float(np.sqrt(alone[2] / target.size))
+    return ReferenceFit(zeros, found, covariance, left, whole[:2], float(whole[2]), std, leaning)
 
 
 def _means(values: Array, group: NDArray[np.intp], count: Array) -> Array:
@@ -88,8 +92,11 @@ _TOLD = 1e-9
 """Part of the largest eigenvalue of the normal matrix below which a combination of unknowns is not told."""
 
 
-def _solve(design: Array, target: Array, cluster: NDArray[np.intp]) -> tuple[Array, Array, Array]:
-    """Unknowns (k,), their covariance by clusters (k, k), and what is left (n, p)."""
+def _solve(design: Array, target: Array, cluster: NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
+    """Unknowns (k,), their covariance by clusters (k, k), what is left (n, p), and squares of columns (k,).
+
+    The last are of the part of each column that no other column makes.
+    """
     scale = np.sqrt((design**2).sum(axis=(0, 1)))
     told = scale > 0.0
     safe = np.where(told, scale, 1.0)
@@ -105,4 +112,5 @@ def _solve(design: Array, target: Array, cluster: NDArray[np.intp]) -> tuple[Arr
     wider = clusters / degrees * (float(stdtrit(degrees, 0.975)) / COVERAGE) ** 2
     covariance = wider * inverse @ scores.T @ scores @ inverse
     covariance[~told, ~told] = np.inf
-    return found, covariance, left
+    alone = np.where(told, 1.0 / np.where(told, np.diag(inverse), 1.0), 0.0)
+    return found, covariance, left, alone

@@ -51,8 +51,8 @@ _LENGTHS = ("RMS", "largest", "95 % bound", "mean, RMS", "mean, at most")
 _HEAD = ("direction", "axis", "turns", *_LENGTHS[:3], "inside", "needed", *_LENGTHS[3:], "agrees")
 
 
-_CLEARLY = 1.5
-"""Expanded uncertainties from which a height that fits better is worth a note: one in a few hundred by chance."""
+_CLEARLY = 2.0
+"""Expanded uncertainties from which a height that fits better is worth a note: hardly ever by chance."""
 
 
 def verdict_sentence(found: Verification) -> str:
@@ -62,15 +62,26 @@ def verdict_sentence(found: Verification) -> str:
         least = min(_axes(found), key=lambda row: row[2].judgement.inside)
         told = f"{least[2].judgement.inside:.1%} or more of the differences are inside their 95 % bounds"
         return f"The monitor agrees with the reference within its stated uncertainty ({', '.join(names)}): {told}."
+    said = "The monitor does not agree with the reference within its stated uncertainty"
     wrong = [row for row in _axes(found) if not row[2].judgement.agrees]
+    if not wrong:
+        return f"{said}: {'; '.join(_leaning(each) for each in found.comparisons if not each.stands_as_stated)}."
     each, turning, axis = max(wrong, key=lambda row: row[2].judgement.mean / row[2].judgement.most)
     judged = axis.judgement
     told = f"{judged.inside:.1%} of the differences are inside their 95 % bounds (needed {judged.needed:.1%})"
     mean = f"their mean over the turns is {_length(judged.mean)} RMS (at most {_length(judged.most)})"
     return (
-        "The monitor does not agree with the reference within its stated uncertainty, in "
-        f"{len(wrong)} of {len(list(_axes(found)))} directions. Farthest off is {_named(each)}, {turning.name}, "
-        f"{axis.axis}: {told}, {mean}."
+        f"{said}, in {len(wrong)} of {len(list(_axes(found)))} directions. Farthest off is {_named(each)}, "
+        f"{turning.name}, {axis.axis}: {told}, {mean}."
+    )
+
+
+def _leaning(each: ReferenceComparison) -> str:
+    way = "higher" if each.higher > 0 else "lower"
+    off = quantity(Estimate(abs(each.higher), each.higher_expanded), "m")
+    return (
+        f"the differences from {_named(each)} follow the tilt as if it stood {off} {way}: {_length(each.lean)} RMS (at "
+        f"most {_length(each.lean_most)})"
     )
 
 
@@ -176,7 +187,8 @@ def _taken(each: ReferenceComparison) -> Iterator[str]:
     yield f"zero of {', '.join(each.axes)}: {zeros}"
     if math.isfinite(each.higher_expanded):
         best = quantity(Estimate(each.height + each.higher, each.higher_expanded), "m")
-        yield f"not taken off: the height that fits best is {best} (k = 2)"
+        lean = f"by it the differences are {_length(each.lean)} RMS (at most {_length(each.lean_most)})"
+        yield f"not taken off: the height that fits best is {best} (k = 2); {lean}"
 
 
 def _axes(found: Verification) -> Iterator[tuple[ReferenceComparison, TurningComparison, AxisFigures]]:
