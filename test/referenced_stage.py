@@ -17,8 +17,8 @@ LEANING = 2e-5
 
 
 def leaning_stages(count: int, skip: int = 0) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Seed and section `stage` of drawn stages with four heads or more, which lean by `LEANING` at orders 1 to 3."""
-    seeds = (seed for seed in range(10_000) if len(random_stage(seed)["encoder"]["heads"]) >= 4)
+    """Seed and section `stage` of drawn stages with fine heads, which lean by `LEANING` at orders 1 to 3."""
+    seeds = (seed for seed in range(10_000) if _is_fine(random_stage(seed)["encoder"]))
     for _, seed in zip(range(skip + count), seeds, strict=False):
         if skip:
             skip -= 1
@@ -39,6 +39,12 @@ def leaning_stages(count: int, skip: int = 0) -> Iterator[tuple[int, dict[str, A
             "artefact_eccentricity": [float(size * np.cos(angle)), float(size * np.sin(angle))],
         }
         yield seed, section
+
+
+def _is_fine(encoder: Mapping[str, Any]) -> bool:
+    """Whether there are four heads or more, and a reading and a count of them stay below what such a tilt makes."""
+    count = 2 * np.pi / (encoder["lines_per_revolution"] * encoder["counts_per_line"])
+    return len(encoder["heads"]) >= 4 and encoder["disc_radius"] * max(encoder["noise"], count / 2) < 8e-8
 
 
 def record(folder, seed: int, section: Mapping[str, Any], seconds: float = 16.0, **options: Any):

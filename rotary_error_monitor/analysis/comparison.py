@@ -90,12 +90,13 @@ def stands_of_lvdt(
     period = int(np.diff(stamp_ns).min())
     whole = int(stamp_ns[0]), int(stamp_ns[-1]) + 1
     fit = _fitted(stamp_ns, motion, lvdt, times_ns, radial, period)
-    if fit is None or not fit.higher_std < MOVED / 4:
+    if fit is None:
         return (Stand(lvdt.height, DESCRIBED, (lvdt.height,), *whole),)
     known = replace(lvdt, artefact_eccentricity=(float(fit.joint[0]), float(fit.joint[1])))
     stays = list(_stays(stamp_ns, motion, known, times_ns, radial, period))
     if len(stays) == 1 or not _are_apart(stays, stamp_ns, motion, lvdt, times_ns, radial, period):
-        shown = () if abs(fit.higher - lvdt.height) < MOVED else (fit.higher,)
+        is_told = fit.higher_std < MOVED / 4 and abs(fit.higher - lvdt.height) >= MOVED
+        shown = (fit.higher,) if is_told else ()
         return (Stand(lvdt.height, DESCRIBED, (lvdt.height, *shown), *whole),)
     found = []
     for height, begin, end in stays:

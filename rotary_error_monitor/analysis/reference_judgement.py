@@ -123,8 +123,8 @@ def _outside(variances: Variances, chance: float) -> float:
 def _left_in_mean(profiles: Array, variances: Variances, chance: float) -> float:
     """Largest mean square, m², that what scatters from turn to turn leaves in the mean, with what lasts.
 
-    Each order scatters by itself. The sum of their squares is as one of chi-square with the degrees of freedom by
-    Satterthwaite (1946), and the scatter is known from as many turns less one: Fisher's F.
+    Each order scatters by itself, at worst in one phase alone. The sum of their squares is as one of chi-square with
+    the degrees of freedom by Satterthwaite (1946), and the scatter is known from as many turns less one: Fisher's F.
     """
     once = float(ndtri(1 - 0.5 * chance)) ** 2  # of one number, which is the same at all angles in the worst case
     lasting = once * float(np.mean(variances.lasting))
@@ -137,5 +137,5 @@ def _left_in_mean(profiles: Array, variances: Variances, chance: float) -> float
     total = float(scatter.sum())
     if total == 0.0:
         return lasting
-    degrees = 2 * total**2 / float((scatter**2).sum())
+    degrees = total**2 / float((scatter**2).sum())
     return lasting + total * float(fdtri(degrees, degrees * (turns - 1), 1 - chance))
