@@ -14,7 +14,7 @@ from rotary_error_monitor.analysis.verification_result import (
     Verification,
 )
 from rotary_error_monitor.effects.effect import Estimate
-from rotary_error_monitor.gap.quantities import quantity, shared_power
+from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.page import (
     Tone,
@@ -47,8 +47,10 @@ _TERMS = {
     "height that fits best": "where the differences would be least, by the tilt; ± U as above. It is told, not used",
 }
 
-_LENGTHS = ("RMS", "largest", "95 % bound", "mean, RMS", "mean, at most")
-_HEAD = ("direction", "axis", "turns", *_LENGTHS[:3], "inside", "needed", *_LENGTHS[3:], "agrees")
+_HEAD = (
+    *("direction", "axis", "turns", "RMS, µm", "largest, µm", "95 % bound, µm", "inside", "needed"),
+    *("mean, RMS, µm", "mean, at most, µm", "agrees"),
+)
 
 
 _CLEARLY = 2.0
@@ -106,15 +108,13 @@ def text_table(found: Verification) -> str:
     """The figures as lines for a terminal."""
     parts = []
     for each in found.comparisons:
-        unit, rows = _rows(each)
-        head = [f"{name}, {unit}" if name in _LENGTHS else name for name in _HEAD]
-        lines = [head, *rows]
-        widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
+        lines = [_HEAD, *_rows(each)]
+        widths = [max(len(line[k]) for line in lines) for k in range(len(_HEAD))]
         parts.append(f"{_named(each)} ({each.stated})")
         parts += [
             "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
         ]
-        parts += [f"taken off: {text}" for text in _taken(each)]
+        parts += [*_taken(each)]
     return "\n".join(parts)
 
 
@@ -140,35 +140,34 @@ def page(found: Verification, pictures: Mapping[str, Sequence[Drawn]], title: st
 
 
 def _section(each: ReferenceComparison, pictures: Sequence[Drawn]) -> str:
-    unit, rows = _rows(each)
-    head = [f"{name}, {unit}" if name in _LENGTHS else name for name in _HEAD]
     return section(
         f"{_named(each)}",
         paragraph(f"Height {each.stated}. Differences: reference less monitor."),
-        table(head, rows),
+        table(_HEAD, _rows(each)),
         images(pictures),
-        section("What was taken off", bullets(list(_taken(each))), level=3),
+        section("What was found and taken off", bullets(list(_taken(each))), level=3),
     )
 
 
-def _rows(each: ReferenceComparison) -> tuple[str, list[list[str]]]:
-    """Unit of the lengths, and a row for each direction."""
-    axes = [(turning, axis) for turning in each.turnings for axis in turning.axes]
-    unit, power = shared_power([axis.largest for _, axis in axes], "m")
-    rows = [
+_MICRO = 1e6
+
+
+def _rows(each: ReferenceComparison) -> list[list[str]]:
+    """A row for each direction, lengths in µm."""
+    return [
         [
             turning.name,
             axis.axis,
             f"{turning.turned:.3g}",
-            *(_digits(value, power) for value in (axis.rms, axis.largest, axis.bound)),
+            *map(_micrometres, (axis.rms, axis.largest, axis.bound)),
             f"{axis.judgement.inside:.1%}",
             f"{axis.judgement.needed:.1%}",
-            *(_digits(value, power) for value in (axis.judgement.mean, axis.judgement.most)),
+            *map(_micrometres, (axis.judgement.mean, axis.judgement.most)),
             "✓ yes" if axis.judgement.agrees else "✗ no",
         ]
-        for turning, axis in axes
+        for turning in each.turnings
+        for axis in turning.axes
     ]
-    return unit, rows
 
 
 def _taken(each: ReferenceComparison) -> Iterator[str]:
@@ -178,17 +177,18 @@ def _taken(each: ReferenceComparison) -> Iterator[str]:
     size, angle = _length(math.hypot(x, y)), math.degrees(math.atan2(y, x))
     described = ", ".join(_length(value) for value in each.described)
     yield (
-        f"eccentricity of the target: x {next(parts)}, y {next(parts)} (k = 2), that is {size} at {angle:.1f}°; "
-        f"described as {described}"
+        f"taken off: eccentricity of the target, x {next(parts)}, y {next(parts)} (k = 2), that is {size} at "
+        f"{angle:.1f}°; described as {described}"
     )
     zeros = "; ".join(
-        f"{turning.name} {', '.join(_length(float(value)) for value in turning.zero)}" for turning in each.turnings
+        f"{turning.name} {', '.join(_micrometres(float(value)) for value in turning.zero)} µm"
+        for turning in each.turnings
     )
-    yield f"zero of {', '.join(each.axes)}: {zeros}"
+    yield f"taken off: zero of {', '.join(each.axes)}, {zeros}"
     if math.isfinite(each.higher_expanded):
         best = quantity(Estimate(each.height + each.higher, each.higher_expanded), "m")
         lean = f"by it the differences are {_length(each.lean)} RMS (at most {_length(each.lean_most)})"
-        yield f"not taken off: the height that fits best is {best} (k = 2); {lean}"
+        yield f"not taken off: the height that fits best, {best} (k = 2); {lean}"
 
 
 def _axes(found: Verification) -> Iterator[tuple[ReferenceComparison, TurningComparison, AxisFigures]]:
@@ -206,5 +206,7 @@ def _length(value: float) -> str:
     return quantity(Estimate(float(f"{value:.3g}"), 0.0), "m")
 
 
-def _digits(value: float, power: int) -> str:
-    return f"{value / 10.0**power:#.3g}".removesuffix(".")
+def _micrometres(value: float) -> str:
+    """A length in µm to three digits, but none below a tenth of a nanometre."""
+    digits = max(0, min(4, 2 - math.floor(math.log10(max(abs(value) * _MICRO, 1e-4)))))
+    return f"{value * _MICRO:.{digits}f}"

@@ -24,7 +24,10 @@ _MOST_POINTS = 4000
 
 _MICRO = 1e6
 _DEGREES = 180 / np.pi
-_BOUND = "95 % bound of one difference"
+_BOUND, _MOST = "95 % bound of one difference", "limit of the mean, RMS"
+
+_BEYOND = 2.0
+"""Times the largest difference from which a bound is not shown to its end: it would press the line together."""
 
 Array = NDArray[np.float64]
 
@@ -66,22 +69,20 @@ def _over_angle(each: ReferenceComparison) -> Iterator[Sketch]:
 def _angle_differences(each: ReferenceComparison) -> Iterator[Sketch]:
     """Their difference over the angle, of every direction and speed."""
     for axis, name in enumerate(each.axes):
-        figure, ax = new_axes(WIDE, _HEIGHT, [*(turning.name for turning in each.turnings), _BOUND])
-        bound = max(float(turning.bound[axis]) for turning in each.turnings) * _MICRO
+        figure, ax = new_axes(WIDE, _HEIGHT, [*(turning.name for turning in each.turnings), _MOST])
+        most = max(turning.axes[axis].judgement.most for turning in each.turnings) * _MICRO
         for place, turning in enumerate(each.turnings):
             difference = (turning.profiles[:, len(each.axes) + axis] - turning.profiles[:, axis]) * _MICRO
             angles = _closed(turning.angles * _DEGREES, 360.0)
             ax.plot(angles, _closed(difference), color=colour(place), lw=1.0, label=turning.name)
-        _draw_bound(ax, bound)
+        _draw_bound(ax, most, _MOST)
         _angle_axis(ax)
         title = f"{_title(each, name)}: reference less monitor"
         label(figure, ax, title, "angle, °", "mean over turns, µm")
         ranges = ", ".join(
             f"{turning.axes[axis].judgement.mean * _MICRO:.2g} µm {turning.name}" for turning in each.turnings
         )
-        yield Sketch(
-            figure, f"{title} over the angle; root mean square {ranges}; bound of one difference ±{bound:.2g} µm"
-        )
+        yield Sketch(figure, f"{title} over the angle; root mean square {ranges}; limit of it {most:.2g} µm")
 
 
 def _over_time(each: ReferenceComparison, begin_ns: int) -> Iterator[Sketch]:
@@ -112,15 +113,19 @@ def _time_differences(each: ReferenceComparison, begin_ns: int) -> Iterator[Sket
             samples = turning.samples
             time, line = _thinned(turning, samples.reference[:, axis] - samples.estimate[:, axis], begin_ns)
             ax.plot(time, line * _MICRO, color=colour(place), lw=0.6, label=turning.name)
-        _draw_bound(ax, bound)
+        _draw_bound(ax, bound, _BOUND)
         title = f"{_title(each, name)}: reference less monitor"
         label(figure, ax, title, "time after the first estimate, s", "difference, µm")
         largest = max(turning.axes[axis].largest for turning in each.turnings) * _MICRO
         yield Sketch(figure, f"{title} over time; largest {largest:.2g} µm, bound of one difference ±{bound:.2g} µm")
 
 
-def _draw_bound(ax: Axes, bound: float) -> None:
-    ax.axhspan(-bound, bound, color=GREY, alpha=0.12, lw=0, label=_BOUND)
+def _draw_bound(ax: Axes, bound: float, name: str) -> None:
+    """A band on either side of zero; as much of it as leaves what is drawn already to be seen."""
+    largest = max(float(np.nanmax(np.abs(line.get_ydata()))) for line in ax.get_lines())
+    ax.axhspan(-bound, bound, color=GREY, alpha=0.12, lw=0, label=name)
+    shown = max(1.1 * largest, min(1.1 * bound, _BEYOND * largest))
+    ax.set_ylim(-shown, shown)
     ax.grid(alpha=0.3)
 
 
