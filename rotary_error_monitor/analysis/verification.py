@@ -190,7 +190,7 @@ def _along(covariance: Array, along: Array) -> Array:
 def _by_heads(estimates: Estimates, stage: StageDescription, rows: NDArray[np.intp], along: Array) -> Array:
     """(n,) variance at the ring along a unit vector by the readings of the heads, m²."""
     assembly = AssemblyVariance.of(stage).radial + 0.5 * estimates.unresolved[rows, 0] ** 2
-    return np.maximum(_along(estimates.covariance[rows, :2, :2], along) - assembly, 0.0)
+    return np.asarray(np.maximum(_along(estimates.covariance[rows, :2, :2], along) - assembly, 0.0))
 
 
 def _part_by_stamps(estimates: Estimates, stage: StageDescription, rows: NDArray[np.intp], still: Array) -> Array:

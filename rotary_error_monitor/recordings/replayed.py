@@ -105,7 +105,7 @@ class Replay:
         }
         if heights:
             at = [radial_at(self.error_motion, self.covariance, height) for height in heights]
-            told = [np.isfinite(radial).all(axis=1)[:, None, None] for radial, _ in at]
+            told = [np.asarray(np.isfinite(radial).all(axis=1))[:, None, None] for radial, _ in at]
             arrays["heights"] = np.array(heights)
             arrays["radial"] = np.stack([radial for radial, _ in at], axis=1)
             spreads = (np.where(seen, spread, np.nan) for seen, (_, spread) in zip(told, at, strict=True))

@@ -82,6 +82,34 @@ def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sens
     cell.wait_for_status("error_estimator: /stage/head_a/samples", "alive")
 
 
+def test_radial_error_motion_goes_out_at_the_heights_that_are_named(cell, sensors, plant):
+    heights = [0.016, -0.06]
+    received = cell.collect(cell.wire.topic("error_motion_heights_samples"))
+    figures = cell.collect(cell.wire.topic("error_motion_heights_figures"))
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0, heights=heights)
+    cell.wait_until(lambda: len(received) > 10 and len(figures) > 4, "radial error motion at heights", 30)
+    for message in received[2:]:
+        block = messages.block_from_message(message)
+        height, seen = block.column("height"), block.column("observable") == 1.0
+        assert height.tolist() == heights * (len(height) // 2)
+        motion = plant.scene((block.times_ns - plant.epoch_ns) * 1e-9).error_motion
+        truth = np.stack([motion[:, 0] + height * motion[:, 4], motion[:, 1] - height * motion[:, 3]], axis=1)
+        for axis, name in enumerate("xy"):
+            bound = SIGMAS * np.sqrt(block.column(f"var_{name}"))
+            assert (np.abs(block.column(f"radial_{name}") - truth[:, axis]) <= bound)[seen].all()
+    assert block.column("observable").any() and np.median(bound[seen]) < 1e-4
+    latest = figures[-1]
+    assert list(latest.name) == [f"radial_{axis}_at_{place}mm" for place in ("16", "minus_60") for axis in "xy"]
+    stamped = {messages.ns_from_stamp(message.header.stamp) for message in figures}
+    blocks = [messages.block_from_message(message) for message in received]
+    same = [block for block in blocks if int(block.times_ns[-1]) in stamped]
+    assert same
+    shown = {messages.ns_from_stamp(message.header.stamp): message for message in figures}[int(same[-1].times_ns[-1])]
+    rows = same[-1].rows[-2:]
+    assert list(shown.position) == pytest.approx(rows[:, 2:4].ravel() * 1e6, nan_ok=True)
+    assert list(shown.effort) == pytest.approx(np.sqrt(rows[:, 5:7]).ravel() * 1e6, nan_ok=True)
+
+
 @shows(
     Row(
         "heads",
