@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -145,22 +146,29 @@ class Verification:
 
 def figures_of(verification: Verification) -> Iterator[Figure]:
     """Every figure."""
-    for each in verification.comparisons:
+    for place, each in _placed(verification.comparisons):
         for turning in each.turnings:
             for axis in turning.axes:
-                yield from _of_axis(each, turning, axis)
+                yield from _of_axis(f"{place}.{axis.axis}", turning, axis)
             for name, zero in zip(each.axes, turning.zero, strict=True):
-                yield Figure(f"{each.place}.zero_{name}", turning.name, float(zero), None, "m")
+                yield Figure(f"{place}.zero_{name}", turning.name, float(zero), None, "m")
         for name, value, expanded in zip("xy", each.eccentricity, each.expanded, strict=True):
-            yield Figure(f"{each.place}.artefact_eccentricity_{name}", "", float(value), float(expanded), "m")
+            yield Figure(f"{place}.artefact_eccentricity_{name}", "", float(value), float(expanded), "m")
         if np.isfinite(each.higher_expanded):
-            yield Figure(f"{each.place}.higher_than_stated", "", each.higher, each.higher_expanded, "m")
-            yield Figure(f"{each.place}.difference_by_that_height_rms", "", each.lean, None, "m")
-            yield Figure(f"{each.place}.difference_by_that_height_most", "", each.lean_most, None, "m")
+            yield Figure(f"{place}.higher_than_stated", "", each.higher, each.higher_expanded, "m")
+            yield Figure(f"{place}.difference_by_that_height_rms", "", each.lean, None, "m")
+            yield Figure(f"{place}.difference_by_that_height_most", "", each.lean_most, None, "m")
 
 
-def _of_axis(each: ReferenceComparison, turning: TurningComparison, axis: AxisFigures) -> Iterator[Figure]:
-    place = f"{each.place}.{axis.axis}"
+def _placed(comparisons: Sequence[ReferenceComparison]) -> Iterator[tuple[str, ReferenceComparison]]:
+    """Each with its place, and a number from the second of the same place on: a reference may come back."""
+    seen = Counter[str]()
+    for each in comparisons:
+        seen[each.place] += 1
+        yield each.place if seen[each.place] == 1 else f"{each.place}_{seen[each.place]}", each
+
+
+def _of_axis(place: str, turning: TurningComparison, axis: AxisFigures) -> Iterator[Figure]:
     for name, value, unit in (
         ("difference_rms", axis.rms, "m"),
         ("difference_largest", axis.largest, "m"),

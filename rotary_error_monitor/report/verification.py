@@ -118,12 +118,12 @@ def text_table(found: Verification) -> str:
     return "\n".join(parts)
 
 
-def page(found: Verification, pictures: Mapping[str, Sequence[Drawn]], title: str, facts: Mapping[str, str]) -> str:
+def page(found: Verification, pictures: Sequence[Sequence[Drawn]], title: str, facts: Mapping[str, str]) -> str:
     """The whole page.
 
     Args:
         found: what is shown.
-        pictures: by the place of each comparison, as `verification_figure.draw` gives them.
+        pictures: of each comparison, as `verification_figure.draw` gives them.
         title: of the page.
         facts: what was compared, when it was recorded, and by what this was made.
     """
@@ -132,7 +132,7 @@ def page(found: Verification, pictures: Mapping[str, Sequence[Drawn]], title: st
     sections = [
         verdict(tone, badge, verdict_sentence(found)),
         section("Notes", bullets(notes)) if notes else "",
-        *(_section(each, pictures.get(each.place, ())) for each in found.comparisons),
+        *(_section(each, own) for each, own in zip(found.comparisons, pictures, strict=True)),
         terms(_TERMS),
         about(facts),
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,19 +32,19 @@ _BEYOND = 2.0
 Array = NDArray[np.float64]
 
 
-def draw(found: Verification) -> dict[str, list[Drawn]]:
-    """Pictures by the place of each comparison: of each kind, one for each direction of the reference."""
+def draw(found: Verification) -> list[list[Drawn]]:
+    """Pictures of each comparison: of each kind, one for each direction of the reference."""
     begin = found.span_ns[0]
-    return {
-        each.place: [drawn(*sketch) for kind in (_over_angle, _angle_differences) for sketch in kind(each)]
+    return [
+        [drawn(*sketch) for kind in (_over_angle, _angle_differences) for sketch in kind(each)]
         + [drawn(*sketch) for sketch in (*_over_time(each, begin), *_time_differences(each, begin))]
         for each in found.comparisons
-    }
+    ]
 
 
-def joined(pictures: Mapping[str, Sequence[Drawn]]) -> bytes:
+def joined(pictures: Sequence[Sequence[Drawn]]) -> bytes:
     """One PNG of all."""
-    return tiled([row for each in pictures.values() for row in in_rows(each, _COLUMNS)])
+    return tiled([row for each in pictures for row in in_rows(each, _COLUMNS)])
 
 
 def _over_angle(each: ReferenceComparison) -> Iterator[Sketch]:

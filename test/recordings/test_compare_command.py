@@ -14,6 +14,7 @@ from mock_bags import write_stage_bag
 from referenced_stage import leaning_stages, raised, record
 from world import Options, make_recording, random_stage, with_probes
 
+from rotary_error_monitor.analysis.verification_result import figures_of
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.stage import load_stage, stage_from_mapping
@@ -140,6 +141,20 @@ def test_a_bag_that_tells_nothing_is_named_and_an_old_page_stays(tmp_path, capsy
         told = capsys.readouterr().err
         assert re.search(said, told) and str(bag) in told
     assert out.read_text() == "old"
+
+
+def test_what_is_read_is_not_written_over(bag, tmp_path, capsys):
+    twin = tmp_path / "stage.json"
+    shutil.copy(config("stage.yaml"), twin)
+    assert main(["compare", str(bag), "--twin", str(twin), "-o", str(twin)]) == 2
+    assert "not written, for it is the input" in capsys.readouterr().err
+
+
+def test_an_lvdt_that_comes_back_is_compared_each_time(bag):
+    """Two stands at one height have figures of their own names."""
+    found = verify_bag(bag, load_stage())
+    names = [figure.name for figure in figures_of(replace(found, comparisons=found.comparisons * 2))]
+    assert {name.partition(".")[0] for name in names} == {"lvdt_at_16mm", "lvdt_at_16mm_2"}
 
 
 def test_a_stage_without_any_reference_says_what_is_lacking(bag):
