@@ -114,13 +114,12 @@ class ErrorEstimator(ManagedNode):
         self.every(_WATCH_PERIOD, self._watch)
 
     def _open_heights(self) -> None:
-        """Publishers of radial error motion at heights, if anybody has named some."""
+        """Publishers of radial error motion at heights, which are silent while nobody names any."""
         self._heights = [float(height) for height in self.setting("heights")]
-        if self._heights:
-            self._at_heights = self.wire.topic("error_motion_heights_samples")
-            self._heights_figures = self.wire.topic("error_motion_heights_figures")
-            self._heights_publisher = self.publish_on(self._at_heights)
-            self._heights_figures_publisher = self.publish_on(self._heights_figures)
+        self._at_heights = self.wire.topic("error_motion_heights_samples")
+        self._heights_figures = self.wire.topic("error_motion_heights_figures")
+        self._heights_publisher = self.publish_on(self._at_heights)
+        self._heights_figures_publisher = self.publish_on(self._heights_figures)
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """Each stream that comes in, and the estimate."""
