@@ -9,7 +9,9 @@ from world import Options, make_recording, random_stage
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.cli import main
+from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion
 from rotary_error_monitor.description.stage import stage_from_mapping
+from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
 from rotary_error_monitor.pipeline.estimation import Estimator
@@ -45,7 +47,7 @@ def test_the_truth_is_inside_the_bounds_that_go_out_with_it():
         recording = recorded(seed)
         for block in estimated(recording):
             found = at_heights(block)
-            assert found.names == ("t", *COLUMNS) and len(found.rows) == len(HEIGHTS) * len(block.rows)
+            assert found.names == ("t", *COLUMNS) and len(found.rows) == len(HEIGHTS) * len(block.theta)
             pose = recording.truth(found.times_ns)
             height, angle = found.column("height"), np.hypot(pose.eac, pose.ebc)
             lean = height * np.sinc(angle / np.pi)  # Rodrigues' formula for (0, 0, height)
@@ -79,7 +81,7 @@ def test_without_tilt_only_the_ring_is_told():
 
 def test_figures_are_the_latest_in_micrometres_and_have_gaps():
     (seed, *_) = WITH_FOUR
-    block = next(each for each in estimated(recorded(seed)) if len(each.rows) > 1)
+    block = next(each for each in estimated(recorded(seed)) if len(each.theta) > 1)
     found = at_heights(block)
     names, values, stds = figures_of(found)
     assert names[:4] == ("radial_x_at_0mm", "radial_y_at_0mm", "radial_x_at_16mm", "radial_y_at_16mm")
@@ -95,7 +97,9 @@ def test_a_replay_gives_the_same_bits(tmp_path):
     (seed, *_) = WITH_FOUR
     recording = recorded(seed)
     published = estimated(recording)
-    write_messages(tmp_path / "bag", {**recording.blocks, "/stage/error_motion/samples": published})
+    columns = wire_of(stage_from_mapping(recording.stage)).topic("error_motion_samples").columns
+    blocks = [block_from_error_motion(each, columns) for each in published]
+    write_messages(tmp_path / "bag", {**recording.blocks, "/stage/error_motion/samples": blocks})
     twin, out = tmp_path / "stage.yaml", tmp_path / "out.npz"
     twin.write_text(yaml.safe_dump({"stage": recording.stage}), encoding="utf-8")
     arguments = ["replay", str(tmp_path / "bag"), "--twin", str(twin), "--height", "0", "16", "-100", "200"]
