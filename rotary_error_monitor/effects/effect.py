@@ -279,6 +279,11 @@ class Cause:
         return Cause(self.effect, self.location, values)
 
 
+def values_of(causes: Sequence[Cause]) -> tuple[tuple[str, str, bytes], ...]:
+    """Names, locations and values of causes: what is kept of one set of them is kept by these."""
+    return tuple((*cause.key, cause.values.tobytes()) for cause in causes)
+
+
 def among(cause: Cause, others: Sequence[Cause]) -> tuple[Cause, ...]:
     """The others with the cause in the place of that of its name and location, else behind them.
 

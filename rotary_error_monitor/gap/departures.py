@@ -149,17 +149,25 @@ def amplitude_sizes(cause: Cause) -> Array:
     return np.array([float(np.sqrt(np.mean(np.square(alike[unit[i]])))) for i in linear])
 
 
-def modulated(signature: Array, amplitudes: Array, sizes: Array, modulations: Sequence[Modulation]) -> Array:
-    """(n, k, q) columns of a signature (n, k, p): `SHARE` times the cause's size times each modulation."""
-    whole = signature @ amplitudes
-    parts = []
-    for modulation in modulations:
-        values = modulation.values if modulation.values.ndim == 2 else modulation.values[:, None]
-        if modulation.each:
-            parts.append(signature * sizes * (SHARE * values)[:, :, None])
-        else:
-            parts.append((whole * (SHARE * values))[:, :, None])
-    return np.concatenate(parts, axis=2) if parts else np.zeros((*whole.shape, 0))
+def modulated(
+    signature: Array, amplitudes: Array, sizes: Array, modulations: Sequence[Modulation], beside: Sequence[Array] = ()
+) -> Array:
+    """(n, k, q) columns of a signature (n, k, p): `SHARE` times the cause's size times each modulation.
+
+    Those that stand `beside` come last, each (n, k, …). Every column is contiguous along the first axis, as filters and
+    sums run.
+    """
+    whole, each = (signature @ amplitudes).T, np.ascontiguousarray((signature * sizes).T)
+    widths = [len(each) if modulation.each else 1 for modulation in modulations]
+    columns, place = np.empty((sum(widths) + sum(part.shape[2] for part in beside), *whole.shape)), 0
+    for modulation, width in zip(modulations, widths, strict=True):
+        values = SHARE * np.atleast_2d(modulation.values.T)
+        np.multiply(each if modulation.each else whole, values, out=columns[place : place + width])
+        place += width
+    for part in beside:
+        columns[place : place + part.shape[2]] = part.T
+        place += part.shape[2]
+    return columns.T
 
 
 def modulations_by_size(signal: Array, size: float) -> list[Modulation]:

@@ -15,6 +15,7 @@ from rotary_error_monitor.gap.normal import (
     acting_on,
     combine,
     grams_by_channel,
+    own_products,
     solve_scaled,
     stack,
     subtract,
@@ -102,7 +103,7 @@ def fit_causes(
     extra = sum(map(width_of, departing))
     # Columns that stay as they are from step to step come first: their products with one another are summed once.
     fixed = [uncertain, *departing]
-    leading = None if near is None else near.blocks.gram[:, :count, :count]
+    leading = own_products(problem, uncertain) if near is None else near.blocks.gram[:, :count, :count]
     settled = _SETTLED if near is None else _NEARLY_SETTLED
     for step in range(MOST_STEPS + 1):
         columns = tuple(_columns(problem, fitted))

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.bounded import descend_within
-from rotary_error_monitor.gap.normal import BlockNormal, Normal, stack, width_of
+from rotary_error_monitor.gap.normal import BlockNormal, Normal, own_products, stack, width_of
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Problem, Rows
 
@@ -90,8 +90,9 @@ class HypothesisTable:
         self.candidates = tuple(candidates[i] for i in seen)
         self.nuisances = width_of(nuisance)
         self.conditions: Conditions = problem.conditions.joined()
+        leading = own_products(problem, nuisance, self.conditions)
         self.blocks: BlockNormal = stack(
-            problem, data, [nuisance, *(columns[i] for i in seen)], conditions=self.conditions
+            problem, data, [nuisance, *(columns[i] for i in seen)], leading, self.conditions
         )
         scales = [candidate.effect.scales()[candidate.linear] for candidate in self.candidates]
         self._scale = np.concatenate([np.zeros(0), *scales])
@@ -164,7 +165,7 @@ class HypothesisTable:
         """(k,) what the evidence of each set is less than half its reduction, by the power of each of its members."""
         owner = self._owner[index]
         together = (owner[:, :, None] == owner[:, None, :]) & shown[:, :, None] & shown[:, None, :]
-        power = np.einsum("kij,ki,kj->ki", np.where(together, gram, 0.0), amplitudes, amplitudes)
+        power = amplitudes * (np.where(together, gram, 0.0) @ amplitudes[:, :, None])[:, :, 0]
         # Of each column: the power of its member, and the number of columns that this has.
         each, count = np.einsum("kij,kj->ki", together, power), np.maximum(together.sum(axis=2), 1)
         return np.asarray(np.sum(np.where(shown, price_of(each, count) / count, 0.0), axis=1), np.float64)

@@ -53,7 +53,7 @@ class BlockNormal:
         """(b,) squares of the data minus the columns times their amplitudes, in each block."""
         index = np.asarray(columns, np.intp)
         gram = self.gram[:, index[:, None], index]
-        fitted = np.einsum("bij,i,j->b", gram, amplitudes, amplitudes) - 2 * self.moment[:, index] @ amplitudes
+        fitted = gram @ amplitudes @ amplitudes - 2 * self.moment[:, index] @ amplitudes
         return np.asarray(self.power + fitted, np.float64)
 
 
@@ -128,6 +128,25 @@ def stack(
         gram[:, done:, :done] = gram[:, :done, done:].transpose(0, 2, 1)
         gram[:, :done, :done] = leading
     return BlockNormal(gram, moment, power, count)
+
+
+def own_products(problem: Problem, columns: Columns, conditions: Conditions | None = None) -> Array | None:
+    """(b, q, q) products of columns with one another in each block, as `leading` of `stack`; kept with the columns.
+
+    Those of the twin's uncertain parameters are the same for fit after fit. None where such columns are not kept.
+    """
+    if not isinstance(columns, SparseRows):
+        return None
+    conditions = conditions or problem.conditions
+    key = conditions.edges.tobytes()
+    if key not in columns.products:
+        blocks = len(conditions.labels)
+        gram = np.zeros((blocks, columns.width, columns.width))
+        for channel, (own, rows) in rows_in(columns, 0).items():
+            pieces = conditions.pieces(channel, problem.times(channel), 0)
+            gram[:, own[:, None], own] += _products([rows], pieces, blocks)
+        columns.products[key] = gram
+    return columns.products[key]
 
 
 def _acting(made: Sequence[_Placed], places: NDArray[np.intp], channel: str) -> list[tuple[NDArray[np.intp], Array]]:

@@ -61,4 +61,4 @@ def _reach(problem: Problem, fit: Fit) -> dict[str, Array]:
     inverse = solve_scaled(gram, np.eye(len(gram)))[:count]
     acting = [channel for channel, power in summed(powers_of(problem, fit)).items() if power > 0]
     grams = grams_by_channel(problem, columns, acting)
-    return {channel: np.einsum("ij,jk,ik->i", inverse, own, inverse) for channel, own in grams.items()}
+    return {channel: np.sum((inverse @ own) * inverse, axis=1) for channel, own in grams.items()}

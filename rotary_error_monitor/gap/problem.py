@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -32,11 +32,13 @@ class SparseRows:
         width: number of columns.
         rows: (m, k) rows of the columns that act, by channel.
         acting: (k,) which columns those are, by channel.
+        products: (b, width, width) of all columns with one another, by the edges of the b blocks: see `own_products`.
     """
 
     width: int
     rows: Rows
     acting: Mapping[str, NDArray[np.intp]]
+    products: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from rotary_error_monitor.gap.normal import solve_scaled
 from rotary_error_monitor.gap.posterior import NO_DEPARTURE, PRIOR_OF_UNKNOWN, likeliest_kinds
 from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise
+from rotary_error_monitor.noise.whitening import few_at_once
 
 ORDERS = 120
 """Orders of cosines over the recording of which slow noise is made; beyond them what falls with the order is far less
@@ -152,7 +153,7 @@ def _in_its_place(
         for columns in _of_one_width(alike):
             log_prior = float(np.log(PRIOR_OF_UNKNOWN / len(alike)))
             explained = _Columns.of(data, data.whitened(columns), count)
-            others.append(partial(explained.explanations, data, found, log_prior))
+            others.append(partial(explained.explanations, found, log_prior))
             yield _Explanation(log_prior, None, explained.alone)
     for effect in known:
         own = data.whitened(effect.columns)
@@ -162,7 +163,7 @@ def _in_its_place(
             yield _Explanation(0.0, None, _likelier(data, apart, kinds))
             continue
         explained = _Columns.of(data, own[:, None], count)
-        others.append(partial(explained.explanations, data, found, effect.log_prior))
+        others.append(partial(explained.explanations, found, effect.log_prior))
         textbook = _Explanation(effect.log_prior, None, explained.alone)
         yield textbook
         if explained.alone > (1 - NO_DEPARTURE) * likely:
@@ -178,12 +179,14 @@ class _Columns:
     Attributes:
         columns: (c n, m, p) of each of m explanations.
         gram: (m, p, p) products of those with one another.
+        moment: (m, p) of those with the data.
         prior: (m or 1, p, p) inverse of the covariance of their amplitudes beforehand.
         alone: log evidence of the best, in the place of slow noise.
     """
 
     columns: Array
     gram: Array
+    moment: Array
     prior: Array
     alone: float
 
@@ -197,13 +200,13 @@ class _Columns:
         if count:
             power = _squares(_held(gram), moment) / columns.shape[2]
             prior = gram / np.maximum(power, count)[:, None, None]
-        return cls(columns, gram, prior, float(np.max(_log_evidence(gram, moment, prior))))
+        return cls(columns, gram, moment, prior, float(np.max(_log_evidence(gram, moment, prior))))
 
-    def explanations(self, data: _Data, found: Sequence[_Spectrum], log_prior: float) -> Iterator[_Explanation]:
+    def explanations(self, found: Sequence[_Spectrum], log_prior: float) -> Iterator[_Explanation]:
         """The best of them beside slow noise."""
         each = [
             spectrum.log_evidence
-            + _log_evidence(*spectrum.products(data, self.columns, self.gram), self.prior[:, None])
+            + _log_evidence(*spectrum.products(self.columns, self.gram, self.moment), self.prior[:, None])
             for spectrum in found
         ]
         beside = np.stack(each, axis=1)
@@ -230,7 +233,7 @@ def _each_kind(data: _Data, found: Sequence[_Spectrum], apart: Array, kinds: Seq
     named = list(dict.fromkeys(kinds))
     for kind in named:
         alike = apart[:, [other == kind for other in kinds]]
-        yield from _Columns.of(data, alike[:, None]).explanations(data, found, -float(np.log(len(named))))
+        yield from _Columns.of(data, alike[:, None]).explanations(found, -float(np.log(len(named))))
 
 
 class _Data:
@@ -253,7 +256,7 @@ class _Data:
 
     def products(self, columns: Array) -> tuple[Array, Array]:
         """(m, p, p) of whitened columns (c n, m, p) with one another, and (m, p) with the data."""
-        return _products(columns), np.einsum("nmp,n->mp", columns, self.rows)
+        return _products(columns), np.tensordot(self.rows, columns, 1)
 
 
 @dataclass(frozen=True)
@@ -293,18 +296,22 @@ class _Spectrum:
         """That slow noise of a size takes of the data."""
         return float(np.sum(size**2 * np.square(self.shown) / (1 + size**2 * self.powers)))
 
-    def products(self, data: _Data, columns: Array, own: Array) -> tuple[Array, Array]:
+    def products(self, columns: Array, own: Array, with_data: Array) -> tuple[Array, Array]:
         """(m, sizes, p, p) and (m, sizes, p) products of columns (c n, m, p) beside slow noise of each size, which are
-        `own` (m, p, p) without.
+        `own` (m, p, p) and `with_data` (m, p) without.
         """
         widths = np.square(SIZES)[:, None]
         taken = widths / (1 + widths * self.powers)
         cross = np.tensordot(self.directions, columns, (0, 0))
-        products = np.einsum("rmp,rmq->mpqr", cross, cross)
-        gram = own[:, None] - np.moveaxis(products @ taken.T, -1, 1)
-        moments = np.moveaxis(cross * self.shown[:, None, None], 0, -1) @ taken.T
-        moment = np.einsum("nmp,n->mp", columns, data.rows)[:, None] - np.moveaxis(moments, -1, 1)
-        return gram, moment
+        moments = np.tensordot(taken * self.shown, cross, 1)
+        gram = np.empty((len(own), len(SIZES), *own.shape[1:]))
+        first, second = np.triu_indices(own.shape[1])
+        # A group of members at a time: the products of all would fill the memory.
+        for members in few_at_once(len(own), len(cross) * len(first)):
+            part = cross[:, members]
+            made = np.moveaxis(np.tensordot(taken, part[:, :, first] * part[:, :, second], 1), 0, 1)
+            gram[members, :, first, second] = gram[members, :, second, first] = made
+        return own[:, None] - gram, with_data[:, None] - np.moveaxis(moments, 0, 1)
 
 
 def _log_sum(log_evidence: Array) -> Array:
@@ -314,7 +321,8 @@ def _log_sum(log_evidence: Array) -> Array:
 
 def _products(columns: Array) -> Array:
     """(m, p, p) of columns (c n, m, p) with one another."""
-    return np.asarray(np.einsum("nmp,nmq->mpq", columns, columns), np.float64)
+    each = np.moveaxis(columns, 1, 0)
+    return np.asarray(np.swapaxes(each, 1, 2) @ each, np.float64)
 
 
 def _log_evidence(gram: Array, moment: Array, prior: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among, order_location
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among, order_location, values_of
 from rotary_error_monitor.gap.dependence import explained_by, name_dependences
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
 from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
@@ -97,7 +97,7 @@ class TableProblem(ABC, Generic[State]):
     def settled(self, causes: Sequence[Cause]) -> State:
         """What is fitted beside the causes, kept for the next time; causes without size do nothing."""
         fitted = acting(causes)
-        key = tuple((*cause.key, cause.values.tobytes()) for cause in fitted)
+        key = values_of(fitted)
         if key not in self._settled:
             self._settled[key] = self.settle(fitted)
         return self._settled[key]

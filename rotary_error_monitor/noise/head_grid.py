@@ -35,6 +35,32 @@ class HeadGrid:
     time: Array
     period: float
 
+    def lay_out(
+        self, table: Array, signals: Mapping[str, Array], kept: Mapping[str, NDArray[np.bool_]], columns: slice
+    ) -> None:
+        """Put some columns of signals into a table (heads, p, m), the heads one after the other.
+
+        Args:
+            table: is filled, with zeros where a head has no sample.
+            signals: (n, 1, q) of some of the heads; the others count as zero.
+            kept: (n,) samples of each head that take part.
+            columns: which of the q, p of them.
+        """
+        for head, name in zip(table, self.heads, strict=True):
+            if name not in signals:
+                head[...] = 0.0
+                continue
+            rows, values = self.rows[name], signals[name][:, 0, columns].T
+            # Nothing lost: as one piece, which is much faster than row by row.
+            if int(rows[-1]) - int(rows[0]) == len(rows) - 1:
+                first, last = int(rows[0]), int(rows[-1]) + 1
+                head[:, :first], head[:, first:last], head[:, last:] = 0.0, values, 0.0
+            else:
+                head[...] = 0.0
+                head[:, rows] = values
+            if not kept[name].all():
+                head[:, rows[~kept[name]]] = 0.0
+
 
 def align_heads(recording: StageRecording) -> HeadGrid:
     """Rows of samples that belong together: nearest in time, one period apart; none of a stage without heads."""

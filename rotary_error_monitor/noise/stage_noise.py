@@ -33,7 +33,7 @@ from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.noise.head_grid import align_heads, rate_of, standstill_weight
 from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
-from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, predictor, segments_of
+from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, few_at_once, predictor, segments_of
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_kinds, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 
@@ -216,8 +216,9 @@ class StageNoise:
     def _shared_rows(self, mean: Array) -> Array:
         """Whitened rows (m, p) of what the heads share (m, p)."""
         enough = segments_of(self._count * 2 >= len(self.grid.heads))
-        bridged = bridge(mean, self.uncommanded)
-        return self._command_whitener.apply(bridged, enough) * (self._weight * ~self.uncommanded)[:, None]
+        rows = self._command_whitener.apply(bridge(mean, self.uncommanded), enough)
+        rows *= (self._weight * ~self.uncommanded)[:, None]
+        return rows
 
     @property
     def command_floor(self) -> float:
@@ -298,7 +299,13 @@ class StageNoise:
 
     def shared(self, signals: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
         """Mean over the heads (m, p) that are present, and where at least half of them are and the command is known."""
-        return self._mean(self._table(signals)).T, (self._count * 2 >= len(self.grid.heads)) & ~self.uncommanded
+        width, count = self._width(signals), len(self.grid.time)
+        mean = np.empty((width, count))
+        for columns in few_at_once(width, count):
+            table = np.empty((len(self.grid.heads), columns.stop - columns.start, count))
+            self.grid.lay_out(table, signals, self._kept, columns)
+            mean[columns] = self._mean(table)
+        return mean.T, (self._count * 2 >= len(self.grid.heads)) & ~self.uncommanded
 
     def _heads_present(self) -> NDArray[np.bool_]:
         """(m, heads) which heads were read at each instant."""
@@ -307,37 +314,30 @@ class StageNoise:
             present[self.grid.rows[name], i] &= self._kept[name]
         return present
 
-    def _table(self, signals: Mapping[str, Array]) -> Array:
-        """(heads, p, m) the heads one after the other, zero where absent."""
-        width = next(signals[name].shape[-1] for name in self.grid.heads if name in signals)
-        table = np.zeros((len(self.grid.heads), width, len(self.grid.time)))
-        for head, name in zip(table, self.grid.heads, strict=True):
-            if name in signals:
-                rows = self.grid.rows[name]
-                # Nothing lost: as one piece, which is much faster than row by row.
-                whole = int(rows[-1]) - int(rows[0]) == len(rows) - 1
-                place = slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
-                head[:, place] = signals[name][:, 0].T
-                head[:, rows[~self._kept[name]]] = 0.0
-        return table
+    def _width(self, signals: Mapping[str, Array]) -> int:
+        """Number of columns of the heads' signals."""
+        return int(next(signals[name].shape[-1] for name in self.grid.heads if name in signals))
 
     def _mean(self, table: Array) -> Array:
         """(p, m) mean over the heads that are present."""
         return np.asarray(table.sum(axis=0) / np.maximum(self._count, 1), np.float64)
 
     def _heads(self, signals: Mapping[str, Array]) -> dict[str, Array]:
-        table, several = self._table(signals), self._count > 1
-        mean = self._mean(table)
-        rate = rate_of(mean, several, self.grid.period)
+        several, width, count = self._count > 1, self._width(signals), len(self.grid.time)
         weight = self._weight * several / self.std[HEAD]
-        rows = {}
-        for i, name in enumerate(self.grid.heads):
-            table[i] -= mean
-            table[i] -= self._late[:, i] * rate
-            table[i] *= self._present[:, i] * weight
-            rows[name] = table[i].T
-        rows[COMMAND] = self.command_rows(mean.T)
-        return rows
+        weights, late = self._present.T * weight, np.ascontiguousarray(self._late.T)
+        table, mean = np.empty((len(self.grid.heads), width, count)), np.empty((width, count))
+        for columns in few_at_once(width, count):
+            part = table[:, columns]
+            self.grid.lay_out(part, signals, self._kept, columns)
+            mean[columns] = self._mean(part)
+            rate = rate_of(mean[columns], several, self.grid.period)
+            for i, head in enumerate(part):
+                head -= mean[columns]
+                head -= late[i] * rate
+                head *= weights[i]
+        rows = {name: head.T for name, head in zip(self.grid.heads, table, strict=True)}
+        return {**rows, COMMAND: self.command_rows(mean.T)}
 
     def _sensor(self, name: str, values: Array) -> dict[str, Array]:
         rows = {}
@@ -347,8 +347,10 @@ class StageNoise:
                 bridged = bridge(values[:, i], spikes)
                 white = self._whiteners[name].apply(bridged, self._runs(name))
             else:
-                white = values[:, i] / self.std[instrument_of(name)] * self._kept[name][:, None]
-            white[spikes] = 0.0
+                white = values[:, i] / self.std[instrument_of(name)]
+                white *= self._kept[name][:, None]
+            if spikes.any():
+                white[spikes] = 0.0
             rows[channel] = white
         return rows
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+AT_ONCE = 2**15
+"""Numbers of a column or of several that are worked on together: these fit into a processor's cache."""
 
 
 def whitening_taps(density: Callable[[Array], Array], period: float, taps: int = 256) -> Array:
@@ -49,12 +52,14 @@ class Whitener:
 
         The start-up is left out because a filter that has not seen the noise before cannot predict it.
         """
-        result = np.zeros_like(rows)
+        result, done = np.empty_like(rows), 0
         for segment in segments:
             part = rows[segment]
             if len(part) > self.start_up:
-                result[segment] = convolve(part, self.taps)
-                result[segment][: self.start_up] = 0.0
+                result[done : segment.start + self.start_up] = 0.0
+                done = segment.stop
+                result[segment.start + self.start_up : done] = convolve(part, self.taps)[self.start_up :]
+        result[done:] = 0.0
         return result
 
 
@@ -62,20 +67,31 @@ def convolve(rows: Array, taps: Array) -> Array:
     """Rows (n, …) filtered along the first axis by `taps` (k,), as many rows as before.
 
     Overlap-add, the transform some times longer than the filter: the work grows with the rows, not with their square.
-    (scipy.signal does the same, but to load it takes as long as half a diagnosis.)
+    (scipy.signal does the same, but to load it takes as long as half a diagnosis.) A few columns at a time.
     """
     length = int(2 ** np.ceil(np.log2(8 * len(taps))))
-    step = length - len(taps) + 1
+    step, response = length - len(taps) + 1, np.fft.rfft(taps, length)
     count = -(-len(rows) // step)
-    columns = np.moveaxis(rows, 0, -1)
-    blocks = np.zeros((*columns.shape[:-1], count * step))
-    blocks[..., : len(rows)] = columns
-    spectrum = np.fft.rfft(blocks.reshape(*columns.shape[:-1], count, step), length)
-    spectrum *= np.fft.rfft(taps, length)
-    filtered = np.fft.irfft(spectrum, length)
-    filtered[..., 1:, : length - step] += filtered[..., :-1, step:]
-    blocks[...] = filtered[..., :step].reshape(blocks.shape)
-    return np.moveaxis(blocks[..., : len(rows)], -1, 0)
+    shape = (*rows.shape[1:], len(rows))
+    columns, result = np.moveaxis(rows, 0, -1).reshape(-1, len(rows)), np.empty((int(np.prod(shape[:-1])), len(rows)))
+    for places in few_at_once(len(columns), count * step):
+        blocks = np.zeros((places.stop - places.start, count, step))
+        padded = blocks.reshape(len(blocks), -1)
+        padded[:, : len(rows)] = columns[places]
+        spectrum = np.fft.rfft(blocks, length)
+        spectrum *= response
+        filtered = np.fft.irfft(spectrum, length)
+        filtered[:, 1:, : length - step] += filtered[:, :-1, step:]
+        blocks[...] = filtered[..., :step]
+        result[places] = padded[:, : len(rows)]
+    return np.moveaxis(result.reshape(shape), -1, 0)
+
+
+def few_at_once(columns: int, length: int) -> Iterator[slice]:
+    """All of so many columns in groups that a processor's cache holds, each of at least one."""
+    each = max(1, AT_ONCE // max(length, 1))
+    for first in range(0, columns, each):
+        yield slice(first, min(first + each, columns))
 
 
 def side_by_side(parts: Sequence[Array]) -> Array:

@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import THERMOMETER, ListedSensor, StageDescription
-from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.sensors.library import input_of, sensor_of
@@ -178,7 +178,7 @@ class StageTwin:
         moving = [(c, e) for c, e in acting if e.moves_rotor]
         if not moving:
             return self.state(stream)
-        key = tuple((*cause.key, cause.values.tobytes()) for cause, _ in moving)
+        key = values_of([cause for cause, _ in moving])
         kept = self._moved.get(stream)
         if kept is not None and kept[0] == key:
             return kept[1]

@@ -29,7 +29,7 @@ def distortions(twin: StageTwin, candidates: Sequence[Candidate], causes: Sequen
     acting = [(cause, cause.effect) for cause in causes if isinstance(cause.effect, StageEffect)]
     time = np.linspace(*twin.span, _LOOKS)
     scaling = [cause for cause, effect in acting if effect.rescales]
-    scaled = changes(twin, tuple(twin.times), (), scaling) if scaling else {}
+    scaled = changes(thin_twin(twin, tuple(twin.times)), (), scaling) if scaling else {}
     turned = {name: _turned(twin, time, acting, name) for name in twin.times}
     found = []
     for candidate in candidates:
@@ -43,13 +43,15 @@ def distortions(twin: StageTwin, candidates: Sequence[Candidate], causes: Sequen
     return found
 
 
-def changes(
-    twin: StageTwin, streams: Sequence[str], before: Sequence[Cause], after: Sequence[Cause]
-) -> Mapping[str, float]:
-    """Part of each signal, beside the command, that is another with the one set of causes than with the other."""
+def thin_twin(twin: StageTwin, streams: Sequence[str]) -> StageTwin:
+    """A twin at few instants of some streams, for `changes`."""
     time = np.linspace(*twin.span, _LOOKS)
-    thin = StageTwin(twin.stage, twin.inputs, dict.fromkeys(streams, time), known=twin.known)
-    command = np.asarray(twin.inputs.command(time), np.float64)[:, None]
+    return StageTwin(twin.stage, twin.inputs, dict.fromkeys(streams, time), known=twin.known)
+
+
+def changes(thin: StageTwin, before: Sequence[Cause], after: Sequence[Cause]) -> Mapping[str, float]:
+    """Part of each signal, beside the command, that is another with the one set of causes than with the other."""
+    command = np.asarray(thin.inputs.command(next(iter(thin.times.values()))), np.float64)[:, None]
     old, new, found = thin.predict(before), thin.predict(after), {}
     for name, values in old.items():
         signal = values - command if name.startswith(f"{HEAD}_") else values

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.effects.effect import Cause
+from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.problem import Rows, SparseRows
-from rotary_error_monitor.kinds.stage.distortion import changes
+from rotary_error_monitor.kinds.stage.distortion import changes, thin_twin
 from rotary_error_monitor.noise.whitening import side_by_side
 from rotary_error_monitor.sensors.library import instrument_of, is_listed
 from rotary_error_monitor.twin.stage import Signals, StageTwin
@@ -42,6 +42,8 @@ class Nuisances:
     ) -> None:
         self._twin, self._parameters, self._warmings, self._whiten = twin, parameters, warmings, whiten
         self._kept: dict[str, tuple[tuple[Cause, ...], NDArray[np.intp], Rows]] = {}
+        self._last: SparseRows | None = None
+        self._looks: dict[str, StageTwin] = {}
 
     @property
     def count(self) -> int:
@@ -55,12 +57,15 @@ class Nuisances:
         for instrument in dict.fromkeys(map(instrument_of, self._twin.times)):
             streams = [name for name in self._twin.times if instrument_of(name) == instrument]
             seen = tuple(cause for cause in causes if _touches(cause, streams))
-            if instrument not in self._kept or not self._nearly(self._kept[instrument][0], seen, streams):
+            if instrument not in self._kept or not self._nearly(instrument, seen, streams):
                 self._kept[instrument] = (seen, *self._made(instrument, streams, seen))
             _, own, found = self._kept[instrument]
             rows |= found
             acting |= dict.fromkeys(found, own)
-        return SparseRows(self.count, rows, acting)
+        # The same columns as before are the same object, with which their products are kept.
+        if self._last is None or not _are_same(rows, self._last.rows):
+            self._last = SparseRows(self.count, rows, acting)
+        return self._last
 
     def taken_from(self, raw: Signals) -> Signals:
         """Residuals (n, k) of each stream, those of listed sensors without what uncertain parameters may do to them.
@@ -80,13 +85,18 @@ class Nuisances:
 
     def forget(self, instrument: str | None = None) -> None:
         """Make those of one instrument, or all, again when they are wanted: the noise is known better."""
+        self._last = None
         for known in list(self._kept) if instrument is None else [instrument]:
             self._kept.pop(known, None)
 
-    def _nearly(self, before: Sequence[Cause], causes: Sequence[Cause], streams: Sequence[str]) -> bool:
-        if not before and not causes:
+    def _nearly(self, instrument: str, causes: Sequence[Cause], streams: Sequence[str]) -> bool:
+        """Whether causes leave the signals of an instrument nearly as those do beside which its columns were made."""
+        before = self._kept[instrument][0]
+        if values_of(before) == values_of(causes):
             return True
-        return max(changes(self._twin, streams, before, causes).values()) < SAME
+        if instrument not in self._looks:
+            self._looks[instrument] = thin_twin(self._twin, streams)
+        return max(changes(self._looks[instrument], before, causes).values()) < SAME
 
     def _made(self, instrument: str, streams: Sequence[str], causes: Sequence[Cause]) -> tuple[NDArray[np.intp], Rows]:
         """The columns that act on the streams of one instrument, and their white rows."""
@@ -100,6 +110,10 @@ class Nuisances:
         base = self._twin.predict(causes, streams)
         stacked = {name: side_by_side([signals[name] - base[name] for signals in moved]) for name in streams}
         return np.asarray(acting, np.intp), self._whiten(stacked)
+
+
+def _are_same(rows: Rows, others: Rows) -> bool:
+    return rows.keys() == others.keys() and all(values is others[channel] for channel, values in rows.items())
 
 
 def _touches(cause: Cause, streams: Sequence[str]) -> bool:

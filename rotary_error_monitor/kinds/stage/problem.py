@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic
-from rotary_error_monitor.effects.effect import Cause, Role, Searched, among
+from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, values_of
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect, effects_of
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
@@ -37,6 +37,7 @@ from rotary_error_monitor.kinds.stage.noise_learning import NOISIER, NoiseLearni
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.offset import offset_figures
 from rotary_error_monitor.kinds.stage.play import Play, stays
+from rotary_error_monitor.kinds.stage.predictions import KEPT, KeptPredictions
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.warming import uncertain_warmings
@@ -83,6 +84,7 @@ class StageProblem:
         self.recording = recording
         self.effects = effects_of(stage, effects)
         self.twin: StageTwin = twin_of(stage, recording, tuple(known), inputs)
+        self._predictions = KeptPredictions(self.twin, KEPT if self.keeps_signatures else 1)
         warmings = uncertain_warmings(self.twin, recording)
         self._nuisances = Nuisances(self.twin, uncertain_parameters(stage), warmings, self._white)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
@@ -96,7 +98,6 @@ class StageProblem:
         self._expected: dict[str, Array] = {}
         self._starts: dict[tuple[str, str], Array] = {}
         self._tracks: dict[str, tuple[Array, Track]] = {}
-        self._kept_prediction: tuple[tuple[tuple[str, str, bytes], ...], Signals] | None = None
         self._signatures = KeptSignatures()
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
         self._learning.begin(raw)
@@ -147,11 +148,14 @@ class StageProblem:
         key = (*cause.key, cause.values.tobytes(), tuple(indices))
         alone = all(other.key == cause.key for other in others)
         at_zero = alone and not np.any(cause.values[cause.effect.indices(Role.LINEAR)])
-        kept = self._signatures.get(key) if at_zero else None
+        beside = (*key, values_of(others))
+        kept = self._signatures.get(key) if at_zero else self._signatures.recent.get(beside)
         if kept is not None:
             return kept
         stacked = self._derivatives(cause, indices, others)
         rows = self._white(stacked)
+        if not at_zero and self.keeps_signatures:
+            self._signatures.keep_recent(beside, rows)
         if at_zero and self.keeps_signatures:
             shared = self.noise.shared(stacked)[0] if COMMAND in rows else None
             self._signatures.keep(key, rows, shared)
@@ -169,7 +173,8 @@ class StageProblem:
         assert isinstance(effect, StageEffect)
         streams = [name for name in self.twin.times if effect.touches(cause.location, name)]
         scales = effect.scales()
-        base = twin.predict(among(cause, others), streams) if twin else self._prediction(among(cause, others), streams)
+        causes = among(cause, others)
+        base = twin.predict(causes, streams) if twin else self._predictions.beside_sized(causes)
         columns: dict[str, list[Array]] = {name: [] for name in streams}
         for index in indices:
             step = effect.inward(cause.values, index, float(scales[index]) * _DERIVATIVE_STEP)
@@ -203,7 +208,7 @@ class StageProblem:
             modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
             beside = [SHARE * sizes * rows[name] for rows in around]
             beside += [real[name]] if name in real else []
-            stacked[name] = np.concatenate([modulated(signature, amplitudes, sizes, modulations), *beside], axis=2)
+            stacked[name] = modulated(signature, amplitudes, sizes, modulations, beside)
             labels = spread_out(modulations, amplitudes, sizes)
         kinds, words, changes = labels
         orders = one_by_one(neighbours, SHARE * sizes)
@@ -388,16 +393,8 @@ class StageProblem:
         return self._starts.get(key)
 
     def _raw_residual(self, causes: Sequence[Cause]) -> Signals:
-        predicted = self.twin.predict(causes)
+        predicted = self._predictions.beside(causes) if self.keeps_signatures else self.twin.predict(causes)
         return {name: self._measured[name] - values for name, values in predicted.items()}
-
-    def _prediction(self, causes: Sequence[Cause], streams: Sequence[str]) -> Signals:
-        """Prediction with these causes; causes without size are left out, and the last one asked for is kept."""
-        fitted = tuple(cause for cause in causes if np.any(cause.values[cause.effect.indices(Role.LINEAR)]))
-        key = tuple((*cause.key, cause.values.tobytes()) for cause in fitted)
-        if self._kept_prediction is None or self._kept_prediction[0] != key:
-            self._kept_prediction = (key, self.twin.predict(fitted))
-        return {name: self._kept_prediction[1][name] for name in streams}
 
     def _white(self, stacked: Signals) -> Rows:
         return {channel: rows for channel, rows in self.noise.whiten(stacked).items() if np.any(rows)}

@@ -211,7 +211,7 @@ class _Stretch(StageProblem):
         """Give back the memory of what can be computed again."""
         self.twin.forget()
         self.noise.forget()
-        self._kept_prediction = None
+        self._predictions.forget()
         self._nuisances.forget()
         self._expected.clear()
 
