@@ -80,8 +80,30 @@ class Fit:
         return replace(self, data={})
 
 
+@dataclass(frozen=True)
+class KnownProducts:
+    """What is known of normal equations before a fit.
+
+    Attributes:
+        nuisance: columns of the uncertain parameters.
+        gram: (b, q, q) products in each block of those, and of the columns of departures, with one another.
+    """
+
+    nuisance: Columns
+    gram: Array
+
+    def beside(self, nuisance: Columns, problem: Problem) -> Array | None:
+        """The products, where they are of these columns and of the problem's own blocks."""
+        fits = nuisance is self.nuisance and len(self.gram) == len(problem.conditions.labels)
+        return self.gram if fits else None
+
+
 def fit_causes(
-    problem: Problem, causes: Sequence[Cause], near: Fit | None = None, departures: Sequence[Departures] = ()
+    problem: Problem,
+    causes: Sequence[Cause],
+    near: Fit | None = None,
+    departures: Sequence[Departures] = (),
+    known: KnownProducts | None = None,
 ) -> Fit:
     """Size the causes from where they start, within the bounds of their parameters.
 
@@ -91,6 +113,7 @@ def fit_causes(
         near: a fit whose columns of the uncertain parameters are near enough for a start; they hardly depend on the
             causes.
         departures: ways in which the causes may depart from their textbook form.
+        known: products that need not be summed again.
 
     Raises:
         UnpredictableError: the twin gives numbers that are not finite, of whatever size the causes are.
@@ -103,7 +126,9 @@ def fit_causes(
     extra = sum(map(width_of, departing))
     # Columns that stay as they are from step to step come first: their products with one another are summed once.
     fixed = [uncertain, *departing]
-    leading = own_products(problem, uncertain) if near is None else near.blocks.gram[:, :count, :count]
+    leading = None if known is None else known.beside(uncertain, problem)
+    if leading is None:
+        leading = own_products(problem, uncertain) if near is None else near.blocks.gram[:, :count, :count]
     settled = _SETTLED if near is None else _NEARLY_SETTLED
     for step in range(MOST_STEPS + 1):
         columns = tuple(_columns(problem, fitted))

@@ -16,10 +16,10 @@ from scipy.special import expit
 
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.departures import SHARE, Departing, FittedDepartures
-from rotary_error_monitor.gap.fitting import Fit, fit_causes
+from rotary_error_monitor.gap.fitting import Fit, KnownProducts, fit_causes
 from rotary_error_monitor.gap.hypotheses import price_of
-from rotary_error_monitor.gap.normal import combine, solve_scaled, stack, width_of
-from rotary_error_monitor.gap.problem import Array, Columns, Finding, Problem, Rows
+from rotary_error_monitor.gap.normal import BlockNormal, Normal, combine, solve_scaled, stack, width_of
+from rotary_error_monitor.gap.problem import Array, Columns, Finding, LateRows, Problem, Rows
 
 FREE = 3
 """Directions beside that of a cause in which something unknown may lie.
@@ -203,15 +203,19 @@ def with_departures(problem: Problem, fit: Fit, false_alarms: float = 1.0) -> Fi
     offered = [d for d in problem.departures(fit.causes) if d.kinds] if isinstance(problem, Departing) else []
     if not offered:
         return fit
-    gram, moment = _beside(problem, fit, [d.columns for d in offered])
+    stacked = _stacked_beside(problem, fit, [d.columns for d in offered])
     labels = [(k, kind) for k, d in enumerate(offered) for kind in d.kinds]
-    chosen, _ = likeliest_kinds(gram, moment, labels, -float(np.log(false_alarms)))
+    chosen, _ = likeliest_kinds(*_integrated(fit, stacked.total()), labels, -float(np.log(false_alarms)))
     kept = [d.chosen([i for i, kind in enumerate(d.kinds) if (k, kind) in chosen]) for k, d in enumerate(offered)]
     kept = [d for d in kept if d.kinds]
     if not kept:
         return fit
+    first = len(stacked.moment[0]) - len(labels)
+    own = np.r_[: len(fit.nuisance_values), first + np.flatnonzero([label in chosen for label in labels])]
+    known = KnownProducts(fit.nuisance, stacked.gram[:, own[:, None], own])
+    del stacked
     log_prior = -len(chosen) * float(np.log(len(set(labels))))
-    return replace(fit_causes(problem, fit.causes, departures=kept), log_prior=log_prior)
+    return replace(fit_causes(problem, fit.causes, departures=kept, known=known), log_prior=log_prior)
 
 
 def marginal_likelihood(fit: Fit) -> float:
@@ -234,7 +238,7 @@ def marginal_likelihood(fit: Fit) -> float:
 
 def reductions_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Powers, int]:
     """Squares that columns take away of what a fit leaves, by channel, and the number of columns that show."""
-    gram, moment = _beside(problem, fit, [columns])
+    gram, moment = _integrated(fit, _stacked_beside(problem, fit, [columns]).total())
     shown = np.diag(gram) > 0
     amplitudes = np.zeros(len(moment))
     amplitudes[shown] = solve_scaled(gram[np.ix_(shown, shown)], moment[shown])
@@ -243,11 +247,17 @@ def reductions_beside(problem: Problem, fit: Fit, columns: Columns) -> tuple[Pow
     return reductions, max(int(shown.sum()), 1)
 
 
-def _beside(problem: Problem, fit: Fit, columns: Sequence[Columns]) -> tuple[Array, Array]:
-    """Products of columns with one another and with the data, all that is fitted integrated out."""
+def _stacked_beside(problem: Problem, fit: Fit, columns: Sequence[Columns]) -> BlockNormal:
+    """Normal equations of all that is fitted, and then of columns; of a long recording as one block."""
     fitted = [fit.nuisance, *fit.columns, *(d.columns for d in fit.departures)]
-    known = fit.blocks.gram.sum(axis=0)[None]
-    total = stack(problem, fit.data, [*fitted, *columns], known, problem.conditions.as_one()).total()
+    if isinstance(fit.nuisance, LateRows):  # those of all blocks would fill the memory
+        known = fit.blocks.gram.sum(axis=0)[None]
+        return stack(problem, fit.data, [*fitted, *columns], known, problem.conditions.as_one())
+    return stack(problem, fit.data, [*fitted, *columns], fit.blocks.gram)
+
+
+def _integrated(fit: Fit, total: Normal) -> tuple[Array, Array]:
+    """Products of the last columns with one another and with the data, all that is fitted integrated out."""
     widths = len(fit.nuisance_values), sum(map(width_of, fit.columns)), len(fit.departure_values)
     first = sum(widths)
     across = np.column_stack([total.gram[:first, first:], total.moment[:first]])

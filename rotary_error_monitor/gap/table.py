@@ -112,6 +112,10 @@ class TableProblem(ABC, Generic[State]):
 
     def signature(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause] = ()) -> Rows:
         """White rows of the derivative of the prediction with respect to values of `cause`, beside `others`."""
+        return self.white(self.derivative(cause, indices, others))
+
+    def derivative(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause]) -> Array:
+        """(c, n, len(indices)) derivative of the prediction with respect to values of `cause`, beside `others`."""
         effect, causes, columns = cause.effect, among(cause, others), []
         state = self.settled(causes)
         base = self.predict(state, causes)
@@ -121,7 +125,7 @@ class TableProblem(ABC, Generic[State]):
             step, values = effect.inward(cause.values, index, size), cause.values.copy()
             values[index] += step
             columns.append((self.predict(state, among(cause.with_values(values), others)) - base) / step)
-        return self.white(np.stack(columns, axis=2))
+        return np.stack(columns, axis=2)
 
     def white(self, values: Array) -> Rows:
         """White rows (n, p) of values (c, n, p)."""

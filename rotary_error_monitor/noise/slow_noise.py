@@ -31,12 +31,20 @@ class Cells:
     def sums(self, rows: Array) -> Array:
         """(k, p) weighted sums of rows (n, p) over each cell, white if the rows are."""
         scale = np.where(self.size > 0, 1 / np.maximum(self.size, np.finfo(np.float64).tiny), 0.0)
-        return np.asarray((np.add.reduceat(rows.T * self.weight, self.starts, axis=1) * scale).T, np.float64)
+        weighted = rows.T * self.weight
+        # Where each row is a cell of its own there is nothing to sum.
+        sums = weighted if len(self.starts) == len(self.weight) else np.add.reduceat(weighted, self.starts, axis=1)
+        sums *= scale
+        return np.asarray(sums.T, np.float64)
 
     def spread(self, values: Array) -> Array:
         """(n, p) rows of courses (k, p)."""
+        if len(self.starts) == len(self.weight):
+            return np.asarray((values.T * self.weight).T, np.float64)
         lengths = np.diff(np.append(self.starts, len(self.weight)))
-        return np.asarray((np.repeat(values.T, lengths, axis=1) * self.weight).T, np.float64)
+        rows = np.repeat(values.T, lengths, axis=1)
+        rows *= self.weight
+        return np.asarray(rows.T, np.float64)
 
 
 def cells_of(weight: Array, most: int) -> Cells:
@@ -62,15 +70,21 @@ class SlowNoise:
 
     def whiten(self, rows: Array) -> Array:
         """(n, p) white rows from rows (n, p) that are white but for the slow courses."""
-        return rows + self.cells.spread(self.courses @ self._shown(rows, -0.5))
+        return self._added(rows, -0.5)
 
     def plain(self, rows: Array) -> Array:
         """(n, p) rows from which `whiten` made these."""
-        return rows + self.cells.spread(self.courses @ self._shown(rows, 0.5))
+        return self._added(rows, 0.5)
 
     def plain_sums(self, rows: Array) -> Array:
         """(k, p) sums of the same over the cells, as `Cells.sums` gives them."""
         return self.cells.sums(rows) + self._own @ self._shown(rows, 0.5)
+
+    def _added(self, rows: Array, power: float) -> Array:
+        """(n, p) `(I + U U')^power` times rows (n, p)."""
+        found = self.cells.spread(self.courses @ self._shown(rows, power))
+        found += rows
+        return found
 
     @property
     def _own(self) -> Array:

@@ -48,7 +48,7 @@ class Whitener:
     start_up: int
 
     def apply(self, rows: Array, segments: list[slice]) -> Array:
-        """Rows (n, …) filtered along the first axis, each segment on its own; the filter's start-up is set to zero.
+        """Rows (n, p) filtered along the first axis, each segment on its own; the filter's start-up is set to zero.
 
         The start-up is left out because a filter that has not seen the noise before cannot predict it.
         """
@@ -58,33 +58,37 @@ class Whitener:
             if len(part) > self.start_up:
                 result[done : segment.start + self.start_up] = 0.0
                 done = segment.stop
-                result[segment.start + self.start_up : done] = convolve(part, self.taps)[self.start_up :]
+                convolve(part, self.taps, result[segment.start + self.start_up : done])
         result[done:] = 0.0
         return result
 
 
-def convolve(rows: Array, taps: Array) -> Array:
-    """Rows (n, …) filtered along the first axis by `taps` (k,), as many rows as before.
+def convolve(rows: Array, taps: Array, last: Array | None = None) -> Array:
+    """Rows (n, p) filtered along the first axis by `taps` (k,), as many rows as before, or the last ones of them.
 
     Overlap-add, the transform some times longer than the filter: the work grows with the rows, not with their square.
     (scipy.signal does the same, but to load it takes as long as half a diagnosis.) A few columns at a time.
+
+    Args:
+        rows: to be filtered.
+        taps: of the filter.
+        last: (m, p) where the last m filtered rows go; by default all go to a new array.
     """
     length = int(2 ** np.ceil(np.log2(8 * len(taps))))
     step, response = length - len(taps) + 1, np.fft.rfft(taps, length)
     count = -(-len(rows) // step)
-    shape = (*rows.shape[1:], len(rows))
-    columns, result = np.moveaxis(rows, 0, -1).reshape(-1, len(rows)), np.empty((int(np.prod(shape[:-1])), len(rows)))
-    for places in few_at_once(len(columns), count * step):
+    last = np.empty(rows.shape[::-1]).T if last is None else last
+    for places in few_at_once(rows.shape[1], count * step):
         blocks = np.zeros((places.stop - places.start, count, step))
         padded = blocks.reshape(len(blocks), -1)
-        padded[:, : len(rows)] = columns[places]
+        padded[:, : len(rows)] = rows[:, places].T
         spectrum = np.fft.rfft(blocks, length)
         spectrum *= response
         filtered = np.fft.irfft(spectrum, length)
         filtered[:, 1:, : length - step] += filtered[:, :-1, step:]
         blocks[...] = filtered[..., :step]
-        result[places] = padded[:, : len(rows)]
-    return np.moveaxis(result.reshape(shape), -1, 0)
+        last[:, places] = padded[:, len(rows) - len(last) : len(rows)].T
+    return last
 
 
 def few_at_once(columns: int, length: int) -> Iterator[slice]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.topics import topic_named
-from rotary_error_monitor.effects.effect import AnyEffect, Cause, Searched
+from rotary_error_monitor.effects.effect import AnyEffect, Cause, Searched, values_of
 from rotary_error_monitor.effects.machine_effect import LINEAR, MachineEffect
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
@@ -78,6 +78,7 @@ class MachineProblem(TableProblem[None]):
         self._shifts = uncertain_shifts(machine)
         self._starts: dict[tuple[str, str], Array] = {}
         self._plain: Array | None = None
+        self._derivatives: dict[tuple[object, ...], Array] = {}
         self._moved: Array | None = None
         self._smooth = SmoothMachine(machine, recording, probe_std)
         self.drift: Array = np.zeros((len(self.index), 0))
@@ -94,6 +95,19 @@ class MachineProblem(TableProblem[None]):
         if self._plain is None:
             self._plain = predict_probe(self.machine, self.recording).T
         return self._plain
+
+    def derivative(self, cause: Cause, indices: Sequence[int], others: Sequence[Cause]) -> Array:
+        """(3, n, len(indices)) as of any table; that of an effect alone and without size is kept.
+
+        Such are wanted again whenever outliers or the probe's drift are known better.
+        """
+        beside = [other for other in others if other.key != cause.key]
+        if beside or acting([cause]):
+            return super().derivative(cause, indices, others)
+        key = (values_of([cause]), tuple(indices))
+        if key not in self._derivatives:
+            self._derivatives[key] = super().derivative(cause, indices, others)
+        return self._derivatives[key]
 
     def white(self, values: Array) -> Rows:
         """White rows (n, p) of values (3, n, p): slow noise as well."""
