@@ -41,6 +41,9 @@ STEPS = 160
 SAME = 1e-9
 """Part of the squares of columns below which a sum of them is rounding."""
 
+MANY = 20
+"""Columns of one explanation above which a product for each size is faster than the products of all their pairs."""
+
 Rivals = Sequence[Array]
 """White columns (c n, p) of each of several explanations that are no known effect, all as likely."""
 
@@ -93,7 +96,8 @@ def learn_slow_noise(
         return None
     data = _Data(white, weight, uncertain)
     courses = data.whitened(in_all(waves, weight))
-    found = [_Spectrum.of(data, courses, len(white), fall) for fall in FALLS]
+    gram = courses.T @ courses
+    found = [_Spectrum.of(data, courses, gram, len(white), fall) for fall in FALLS]
     best = _Explanation(0.0, np.stack([spectrum.log_evidence for spectrum in found]))
     likely = best.log_evidence
     if likely <= 0:
@@ -204,9 +208,10 @@ class _Columns:
 
     def explanations(self, found: Sequence[_Spectrum], log_prior: float) -> Iterator[_Explanation]:
         """The best of them beside slow noise."""
+        shown = np.tensordot(found[0].courses, self.columns, (0, 0))
         each = [
             spectrum.log_evidence
-            + _log_evidence(*spectrum.products(self.columns, self.gram, self.moment), self.prior[:, None])
+            + _log_evidence(*spectrum.products(shown, self.gram, self.moment), self.prior[:, None])
             for spectrum in found
         ]
         beside = np.stack(each, axis=1)
@@ -265,7 +270,9 @@ class _Spectrum:
 
     Attributes:
         shape: (q,) size of each cosine, together a root mean square of one.
-        directions: (c n, r) principal directions of all components' cosines, times their singular values.
+        courses: (c n, c q) whitened cosines of all components, which all laws have.
+        directions: (c q, r) principal directions of all components' cosines, times their singular values, as sums of
+            those.
         powers: (r,) squares of those.
         shown: (r,) products of the directions with the rows.
         log_evidence: (sizes,) logarithm of the marginal likelihood of each size, with its prior, relative to no slow
@@ -273,37 +280,46 @@ class _Spectrum:
     """
 
     shape: Array
+    courses: Array
     directions: Array
     powers: Array
     shown: Array
     log_evidence: Array
 
     @classmethod
-    def of(cls, data: _Data, courses: Array, components: int, fall: float) -> _Spectrum:
-        """From whitened cosines (c n, c q) of all components."""
+    def of(cls, data: _Data, courses: Array, gram: Array, components: int, fall: float) -> _Spectrum:
+        """From whitened cosines (c n, c q) of all components, and their products with one another."""
         shape = np.maximum(np.arange(courses.shape[1] // components), 1.0) ** -fall
         shape /= np.linalg.norm(shape)
-        own = courses * np.tile(shape, components)
-        powers, vectors = np.linalg.eigh(own.T @ own)
-        powers, directions = np.maximum(powers, 0.0), own @ vectors
-        shown = directions.T @ data.rows
+        sizes = np.tile(shape, components)
+        powers, vectors = np.linalg.eigh(gram * np.outer(sizes, sizes))
+        powers, directions = np.maximum(powers, 0.0), sizes[:, None] * vectors
+        shown = directions.T @ (courses.T @ data.rows)
         widths = np.square(SIZES)[:, None]
         spread = 1 + widths * powers
         evidence = 0.5 * np.sum(widths * np.square(shown) / spread - np.log(spread), axis=1)
-        return cls(shape, directions, powers, shown, evidence + _LOG_PRIOR)
+        return cls(shape, courses, directions, powers, shown, evidence + _LOG_PRIOR)
 
     def squares(self, size: float) -> float:
         """That slow noise of a size takes of the data."""
         return float(np.sum(size**2 * np.square(self.shown) / (1 + size**2 * self.powers)))
 
-    def products(self, columns: Array, own: Array, with_data: Array) -> tuple[Array, Array]:
-        """(m, sizes, p, p) and (m, sizes, p) products of columns (c n, m, p) beside slow noise of each size, which are
-        `own` (m, p, p) and `with_data` (m, p) without.
+    def products(self, shown: Array, own: Array, with_data: Array) -> tuple[Array, Array]:
+        """(m, sizes, p, p) and (m, sizes, p) products of columns beside slow noise of each size.
+
+        Args:
+            shown: (c q, m, p) products of the cosines with the columns.
+            own: (m, p, p) of the columns with one another without slow noise.
+            with_data: (m, p) of them with the data.
         """
         widths = np.square(SIZES)[:, None]
         taken = widths / (1 + widths * self.powers)
-        cross = np.tensordot(self.directions, columns, (0, 0))
+        cross = np.tensordot(self.directions, shown, (0, 0))
         moments = np.tensordot(taken * self.shown, cross, 1)
+        if own.shape[1] > MANY:
+            each = np.moveaxis(cross, 1, 0)
+            gram = np.stack([np.swapaxes(each, 1, 2) @ (part[:, None] * each) for part in taken], axis=1)
+            return own[:, None] - gram, with_data[:, None] - np.moveaxis(moments, 0, 1)
         gram = np.empty((len(own), len(SIZES), *own.shape[1:]))
         first, second = np.triu_indices(own.shape[1])
         # A group of members at a time: the products of all would fill the memory.

@@ -75,6 +75,7 @@ class NoiseLearning:
         self._problem, self._signatures, self._nuisances = problem, signatures, nuisances
         self._search, self._expected = search, expected
         self._slow: dict[str, Array] = {}
+        self._jitter: tuple[Array, float, tuple[Jitter, Array]] | None = None
 
     def begin(self, raw: Signals) -> None:
         """Jitter as it shows beside no cause, where heads show it."""
@@ -132,9 +133,13 @@ class NoiseLearning:
         """Jitter's spectrum from what the heads share, once anything that goes with the motion is taken out of it."""
         grid = self._problem.noise.grid
         mean, enough = self._problem.noise.shared({name: raw[name][:, :, None] for name in grid.heads})
-        command = np.asarray(self._problem.twin.inputs.command(grid.time), np.float64)
-        smooth, floor = self._search.motion_basis(grid.time), self._problem.noise.command_floor
-        return estimate_jitter(SharedMotion(grid.time, command, mean[:, 0], enough, smooth, floor))
+        values, floor = mean[:, 0], self._problem.noise.command_floor
+        # Beside no cause it is asked for twice, and beside the causes of a step again where one is left out.
+        if self._jitter is None or self._jitter[1] != floor or not np.array_equal(self._jitter[0], values):
+            command = np.asarray(self._problem.twin.inputs.command(grid.time), np.float64)
+            motion = SharedMotion(grid.time, command, values, enough, self._search.motion_basis(grid.time), floor)
+            self._jitter = values, floor, estimate_jitter(motion)
+        return self._jitter[2]
 
     def learn_slow_noise(self, causes: Sequence[Cause]) -> bool:
         """Slow noise of each instrument."""
