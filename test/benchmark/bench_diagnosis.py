@@ -1,20 +1,31 @@
-"""Time and memory of a diagnosis against the length of the recording. Figures are printed, none is a bound.
+"""Time and memory of a diagnosis: against the length of the recording, and of drawn cases of each group.
 
-With BENCH_LONG=1 also of 40 min. The time counts from the start of the command to its end, reading of the bag included.
+Figures are printed, none is a bound. Against the length, with BENCH_LONG=1 also of 40 min, the time counts from the
+start of the command to its end. Of the drawn cases, about `BENCH_CASES` (2) of each group, family and floor, drawn from
+`BENCH_SEED` (1), it is that of the processor from the bag to the verdict, in a process of its own that has loaded all.
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import resource
 import sys
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
 
-from rotary_error_monitor.blind_check.cases import draw_machine, write_case
+import numpy as np
+import pytest
+
+from rotary_error_monitor.blind_check.cases import Family, draw_machine, make_case, plan_cases, write_case
 from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
+from rotary_error_monitor.gap.diagnosis import diagnose
+from rotary_error_monitor.gap.loading import load_problem, load_twin
 
 DURATIONS = (40.0, 160.0, 640.0)
 LONG = 2400.0
+GROUPS = ("variant", "unknown", "mimic", "loud", "pair", "single", "null")
 EFFECT = "unbalance"
 SIZE = (300.0, 300.0)
 
@@ -54,3 +65,40 @@ def test_time_and_memory_against_length(tmp_path):
             name = f"{'rough' if rough else 'clean'} stage, {duration:.0f} s"
             write_case(make_stage_case(1, "single", [EFFECT], SIZE, rough, duration), tmp_path / name)
             report(name, tmp_path / name, duration)
+
+
+def diagnose_apart(folder: Path) -> tuple[float, float]:
+    """Time of the processor in s and memory at its peak in MB, of a diagnosis that leaves this process as it is."""
+    context = multiprocessing.get_context("fork")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_diagnose, args=(folder, sender))
+    process.start()
+    sender.close()
+    seconds, memory = receiver.recv()
+    process.join()
+    return seconds, memory
+
+
+def _diagnose(folder: Path, sender: Connection) -> None:
+    start = time.process_time()
+    diagnose(load_problem(folder / "bag", load_twin(folder / "twin.yaml")))
+    sender.send((time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024))
+
+
+@pytest.mark.parametrize("family", ["stage", "machine"])
+def test_time_and_memory_of_drawn_cases(tmp_path, family: Family):
+    """A line for each group, and one for all of a family."""
+    seed, count = int(os.environ.get("BENCH_SEED", "1")), int(os.environ.get("BENCH_CASES", "2"))
+    write_case(make_case(plan_cases(seed, 1, [family], [False], ["null"])[0]), tmp_path / "first")
+    diagnose(load_problem(tmp_path / "first" / "bag", load_twin(tmp_path / "first" / "twin.yaml")))  # loads all
+    print(f"\n{family:10s} {'cases':>6s} {'median s':>9s} {'95 % s':>8s} {'worst s':>8s} {'median MB':>10s} {'MB':>6s}")
+    found: dict[str, list[tuple[float, float]]] = {group: [] for group in GROUPS}
+    for group in GROUPS:
+        for plan in plan_cases(seed, count, [family], [False, True], [group]):
+            folder = tmp_path / f"{group} {plan.name}"
+            write_case(make_case(plan), folder)
+            found[group].append(diagnose_apart(folder))
+    for name, rows in {**found, "all": [row for own in found.values() for row in own]}.items():
+        seconds, memory = np.array(rows).T
+        times = f"{np.median(seconds):9.2f} {np.percentile(seconds, 95):8.2f} {seconds.max():8.2f}"
+        print(f"{name:10s} {len(rows):6d} {times} {np.median(memory):10.0f} {memory.max():6.0f}", flush=True)
