@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 from rotary_error_monitor.description.listed_sensors import pose_streams
@@ -15,8 +16,9 @@ from rotary_error_monitor.description.wire_section import Channel, WireSection
 from rotary_error_monitor.description.wire_section import Field as Field
 from rotary_error_monitor.description.wire_section import Qos as Qos
 from rotary_error_monitor.description.wire_section import Service as Service
-from rotary_error_monitor.description.yaml_files import read_yaml
+from rotary_error_monitor.description.yaml_files import MOST_BYTES, parse_yaml
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import read_text
 from rotary_error_monitor.resources import share
 
 HEAD, SENSOR = "{head}", "{sensor}"
@@ -234,7 +236,13 @@ def _unit(field: Field) -> str:
 
 
 def _definition(path: Path) -> WireSection:
-    return read(WireSection, read_yaml(path), what="wire")
+    return _section(read_text(path, "a YAML file", MOST_BYTES), str(path))
+
+
+@cache
+def _section(text: str, origin: str) -> WireSection:
+    """The definitions of a text, which are read once however many stages there are."""
+    return read(WireSection, parse_yaml(text, origin), what="wire")
 
 
 def _expand(template: Topic, heads: Sequence[str], sensors: Sequence[str]) -> Iterator[Topic]:

@@ -149,10 +149,9 @@ class FigureCheck:
 
     def forget(self) -> None:
         """Begin anew."""
-        self._seen = np.zeros(BINS, np.complex128)
-        self._described = np.zeros(BINS, np.complex128)
-        self._turned = np.ones(BINS, np.complex128)
-        self._count = np.zeros(BINS, np.int64)
+        # lists: single numbers are taken in far more often than all of them are looked at
+        self._seen, self._described, self._turned = [0j] * BINS, [0j] * BINS, [1.0 + 0j] * BINS
+        self._count = [0] * BINS
         self._last = -1
         self.covered = self.unresolved = 0.0
 
@@ -174,8 +173,8 @@ class FigureCheck:
         self._described[place] += part * (complex(*described) - self._described[place])
         self._turned[place] = complex(math.cos(theta), math.sin(theta))
         self._count[place] = count
-        self.covered = float((self._count > 0).mean())
-        return bool(new)
+        self.covered = (BINS - self._count.count(0)) / BINS
+        return new
 
     def judge(self, deviation: float = 0.0) -> Finding | None:
         """The mistake that explains most of what the description leaves; None where none does.
@@ -183,21 +182,23 @@ class FigureCheck:
         Args:
             deviation: standard deviation of noise that is stated for a component, m or rad.
         """
-        visited = self._count > 0
-        angles = int(visited.sum())
+        visited = [place for place, count in enumerate(self._count) if count]
+        angles = len(visited)
         if angles == 0:
             return None
-        seen, described = self._seen[visited], self._described[visited]
+        seen, described, turned = (
+            np.array([values[place] for place in visited]) for values in (self._seen, self._described, self._turned)
+        )
         least = angles * self._noise**2
         total = max(_square(seen - described), least)
-        vector = complex(((seen - described) / self._turned[visited]).mean()) if angles >= FEWEST else 0j
+        vector = complex(((seen - described) / turned).mean()) if angles >= FEWEST else 0j
         # Nothing in a recording tells one that is described wrong from the rotor's own.
         self.unresolved = abs(vector)
         if self._claim is not None:
-            rest = _size(seen - described - vector * self._turned[visited])
+            rest = _size(seen - described - vector * turned)
             self.unresolved *= math.sqrt(self._claim.doubt(abs(vector), rest, deviation))
         best, highest = None, ODDS
-        for name, rival in self._rivals(seen, described, vector * self._turned[visited]).items():
+        for name, rival in self._rivals(seen, described, vector * turned).items():
             explained = 1.0 - max(rival.square, least) / total
             paid = (angles - rival.freedom) * math.log(angles)  # what was fitted pays for its freedom (Schwarz 1978)
             odds = -rival.freedom * math.log1p(-explained) - paid
@@ -209,9 +210,11 @@ class FigureCheck:
     def _rivals(self, seen: Array, described: Array, turning: Array) -> dict[str, _Rival]:
         """Mistakes, and what was fitted: the vector that turns with the rotor, a scale and a turn."""
         angles = len(seen)
-        shown = {name: reading(described) for name, reading in self._mistakes.items()}
+        shown = np.array([reading(described) for reading in self._mistakes.values()]).reshape(-1, angles)
+        squares, differences = _squares(seen - shown), _squares(shown - described)
         found = {
-            name: _Rival(_square(seen - values), angles, _size(values - described)) for name, values in shown.items()
+            name: _Rival(square, angles, math.sqrt(difference / angles))
+            for name, square, difference in zip(self._mistakes, squares, differences, strict=True)
         }
         if angles < FEWEST:
             return found
@@ -239,6 +242,11 @@ def _degrees(value: complex) -> float:
 
 def _square(values: Array) -> float:
     return float((values * values.conj()).real.sum())
+
+
+def _squares(rows: Array) -> list[float]:
+    """The same of each row."""
+    return list((rows * rows.conj()).real.sum(axis=1).tolist())
 
 
 def _size(values: Array) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +65,8 @@ def estimate_orders(
     return OrderSpectrum(orders, np.abs(mean) / through, np.sqrt(square), known)
 
 
+@lru_cache(maxsize=64)
 def orders_like_radial(layout: HeadLayout, highest: int) -> tuple[int, ...]:
     """Orders of the graduation, up to `highest`, that pass for radial error motion and that no head contradicts."""
     views = layout.graduation_view(range(1, highest + 1))
-    hidden = set(layout.hidden_orders(highest))
-    return tuple(view.order for view in views if view.order in hidden and view.as_radial > LEAK)
+    return tuple(view.order for view in views if view.seen < LEAK and view.as_radial > LEAK)

@@ -103,7 +103,7 @@ class StreamBelief:
             part = stream.refused_between(begin_ns, end_ns)
             parts = self._parts[name]
             parts.append(part)
-            if sum(each > REFUSED for each in parts) >= PERSISTENT:
+            if any(parts) and sum(each > REFUSED for each in parts) >= PERSISTENT:  # most streams are refused nothing
                 reasons = stream.admission.refused
                 worst = max(reasons, key=lambda reason: reasons[reason])
                 hint = "; do two publishers share its topic?" if worst == LATE else ""

@@ -328,9 +328,7 @@ class Estimator:
         rates = {name: stream.rate for name, stream in self._streams.items()}
         motion, evidence, disagreement, redundancy = self._make(sampled, there, used, first, rates)
         verdicts, done = self.belief.assess(evidence)
-        believed = Believed(done)
-        for where, verdict in verdicts:
-            believed.put(where, verdict)
+        believed = Believed(verdicts)
         for place, decision in decided.items():
             if place < done:
                 believed.repeat(place, decision)

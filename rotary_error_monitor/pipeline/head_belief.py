@@ -294,7 +294,10 @@ class HeadBelief:
 
     def _course(self, window: Window) -> Course:
         """Where the ring was: heads that show all of its displacement show the same, whichever they are."""
-        return self._courses.setdefault(() if window.has("radial") else self._believed, Course())
+        shown = () if window.has("radial") else self._believed
+        if shown not in self._courses:
+            self._courses[shown] = Course()
+        return self._courses[shown]
 
     def _restore(self, window: Window, available: Sequence[str]) -> None:
         """Believe all heads again once all of them have agreed long enough."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,14 +63,19 @@ def decisions_of(motion: ErrorMotion) -> dict[int, Decision]:
 class Believed:
     """What is believed at m ticks, as arrays (m,) of what a `Verdict` holds for one."""
 
-    def __init__(self, count: int) -> None:
-        self.excluded = np.zeros(count, np.int64)
-        self.doubts = np.zeros(count, np.int64)
-        self.head_scale, self.tilt_scale = np.ones(count), np.ones(count)
-        self.lag, self.unresolved, self.unresolved_tilt = np.zeros(count), np.zeros(count), np.zeros(count)
-        self.most = np.full(count, np.inf)
-        self.settled = np.full(count, -1, np.int64)
-        self.reach = {name: np.tile([0.0, 0.0, np.inf], (count, 1)) for name in ("tilt", "ecc", "radial")}
+    def __init__(self, verdicts: Sequence[tuple[slice, Verdict]]) -> None:
+        """What the verdicts say, each of some ticks, which follow one upon another from the first tick on."""
+        counts = [where.stop - where.start for where, _ in verdicts]
+
+        def spread(name: str, kind: type[np.generic] = np.float64) -> NDArray[Any]:
+            return np.repeat(np.array([getattr(verdict, name) for _, verdict in verdicts], kind), counts, axis=0)
+
+        self.excluded, self.doubts = spread("excluded", np.int64), spread("doubts", np.int64)
+        self.head_scale, self.tilt_scale = spread("head_scale"), spread("tilt_scale")
+        self.lag, self.unresolved = spread("lag"), spread("unresolved")
+        self.unresolved_tilt, self.most = spread("unresolved_tilt"), spread("most")
+        self.settled = spread("settled", np.int64)
+        self.reach = {name: spread(name) for name in ("tilt", "ecc", "radial")}
 
     def has(self, doubt: str) -> NDArray[np.bool_]:
         """(m,) whether there is that doubt."""
@@ -80,17 +85,6 @@ class Believed:
         """(m,) whether a vector is where it can be."""
         reach = self.reach[name]
         return np.asarray(np.maximum(np.abs(x - reach[:, 0]), np.abs(y - reach[:, 1])) <= reach[:, 2])
-
-    def put(self, where: slice | int, verdict: Verdict) -> None:
-        """The verdict holds at some of the ticks."""
-        self.excluded[where] = verdict.excluded
-        self.doubts[where] = verdict.doubts
-        for name in _UNCERTAIN:
-            getattr(self, name)[where] = getattr(verdict, name)
-        self.most[where] = verdict.most
-        self.settled[where] = verdict.settled
-        for name, reach in (("tilt", verdict.tilt), ("ecc", verdict.ecc), ("radial", verdict.radial)):
-            self.reach[name][where] = reach
 
     def repeat(self, place: int, decision: Decision) -> None:
         """A live run decided at one tick: what it did not use is not used, what it found uncertain is as uncertain."""

@@ -229,7 +229,8 @@ class CommandBelief:
             return
         self._compared = window.number
         speed = self._speed_of(window, last)
-        step = self._step(window, last, speed) or self._moved_in_silence(window, last, speed)
+        scatter = self._scatter(window)
+        step = self._step(window, last, speed, scatter) or self._moved_in_silence(window, last, speed, scatter)
         wrong = self._beyond(window, speed) or self._stuck(window, last) or step
         if not wrong:
             self._measure(window)
@@ -278,21 +279,21 @@ class CommandBelief:
             f"latency explain {allowed * 1e6:.3g}. Command, its stamps, or the zero of the heads are wrong"
         )
 
-    def _step(self, window: Window, last: Window, speed: float) -> str:
+    def _step(self, window: Window, last: Window, speed: float, scatter: float) -> str:
         """A step of the distance that neither the drive nor a change of speed makes."""
         step = abs(window["ecc"] - last["ecc"])
         accelerated = self._limits.latency * abs(speed - self._speed)
-        if step <= STEADY * self._limits.following_error + accelerated + 6.0 * self._scatter(window):
+        if step <= STEADY * self._limits.following_error + accelerated + 6.0 * scatter:
             return ""
         self._size = step
         return f"a step of {step * 1e6:.3g} µrad between rotation and command within {window.duration * 1e3:g} ms"
 
-    def _moved_in_silence(self, window: Window, last: Window, speed: float) -> str:
+    def _moved_in_silence(self, window: Window, last: Window, speed: float, scatter: float) -> str:
         """The same over a silence of the heads: what is less than a step counts as uncertainty."""
         distance = window["ecc"] + self.delay * speed  # the delay's part goes with the speed
         moved = window["theta"] - last["theta"]
         self.shift = self._zero.judge(window["theta"], moved, distance, self._noise) if not self.doubt else 0.0
-        if self.shift <= STEADY * self._limits.following_error + 6.0 * self._scatter(window):
+        if self.shift <= STEADY * self._limits.following_error + 6.0 * scatter:
             return ""
         self._size = abs(self._zero.latest)
         return (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,23 +34,33 @@ class SpeedSlope:
 
         self._quantile = stdtrit
         self._orders = np.arange(1, orders + 1)
-        self._rows: deque[tuple[float, ...]] = deque(maxlen=kept)
+        self._kept = kept
+        # twice the room: only once in `kept` windows the latest are moved to the front
+        self._room = np.empty((2 * kept, 2 + size))
+        self._begin = self._end = 0
+        self._time, self._powers = np.empty(0), np.empty((0, TREND + 1))
         self.value = np.zeros(size)
 
     def forget(self) -> None:
         """Forget the windows; what they have shown stays."""
-        self._rows.clear()
+        self._begin = self._end = 0
 
     def add(self, number: int, theta: float, *values: float) -> None:
         """Take in what the window of a `number` shows at a rotation (rad)."""
-        self._rows.append((number, theta, *values))
+        if self._end == len(self._room):
+            latest = self._room[self._end - self._kept + 1 :]
+            self._room[: len(latest)] = latest
+            self._begin, self._end = 0, len(latest)
+        self._room[self._end] = (number, theta, *values)
+        self._end += 1
+        self._begin = max(self._begin, self._end - self._kept)
 
     def measure(self, duration: float) -> None:
         """Renew the slope by what was taken in, of windows of a duration (s).
 
         At a constant speed nothing is seen of it: what was seen before holds until it is contradicted.
         """
-        rows = np.array(self._rows)
+        rows = self._room[self._begin : self._end]
         inner = np.flatnonzero(rows[2:, 0] - rows[:-2, 0] == 2.0) + 1
         speed = (rows[inner + 1, 1] - rows[inner - 1, 1]) / (2.0 * duration)
         slope, margin = self._regress(rows[inner, 0], rows[inner, 1], np.column_stack([speed, rows[inner, 2:]]))
@@ -65,7 +74,7 @@ class SpeedSlope:
         """
         angles, time = theta[:, None] * self._orders, number - number.mean() if len(number) else number
         time = time / max(float(np.abs(time).max(initial=0.0)), 1.0)
-        known = np.column_stack([time[:, None] ** np.arange(TREND + 1), np.cos(angles), np.sin(angles)])
+        known = np.column_stack([self._powers_of(time), np.cos(angles), np.sin(angles)])
         if len(rows) < 2 * known.shape[1]:
             return np.zeros_like(self.value), np.full_like(self.value, np.inf)
         others, _ = np.linalg.qr(known)
@@ -78,8 +87,14 @@ class SpeedSlope:
         deviation = np.sqrt(np.square(rest).sum(axis=0) / spread / freedom)
         return slope, self._quantile(freedom, 1.0 - CHANCE) * deviation
 
+    def _powers_of(self, time: Array) -> Array:
+        """(n, TREND + 1) powers of times (n,); windows without a gap have the same times whenever all are kept."""
+        if not np.array_equal(time, self._time):
+            self._time, self._powers = time, time[:, None] ** np.arange(TREND + 1)
+        return self._powers
+
     def __len__(self) -> int:
-        return len(self._rows)
+        return self._end - self._begin
 
     @property
     def length(self) -> float:

@@ -52,7 +52,7 @@ class TiltBelief:
         self._instrument, self._limits = stage.autocollimator or ABSENT, stage.limits
         self._anywhere = Reach(0.0, 0.0, 2.0 * stage.limits.tilt)
         self._equal_run = run_by_chance(self._instrument.noise, self._instrument.resolution, components=2)
-        noise = math.hypot(self._instrument.noise, self._instrument.resolution / math.sqrt(12.0))
+        self._noise = noise = math.hypot(self._instrument.noise, self._instrument.resolution / math.sqrt(12.0))
         stated = stage.uncertainty.get("mirror.tilt")
         claim = None if stated is None else Claim(stated, departure(stage.spindle.tilt))
         mirror = "tilt of the mirror on the rotor, rad,"
@@ -226,8 +226,7 @@ class TiltBelief:
     def _deviation(self, window: Window, *, stated: bool = False) -> float:
         """Standard deviation of the mean of a window, rad."""
         samples = max(1.0, window.ticks * window["tilt_samples"])
-        noise = math.hypot(self._instrument.noise, self._instrument.resolution / math.sqrt(12.0))
-        return noise / math.sqrt(samples) * (1.0 if stated else self._noise_scale)
+        return self._noise / math.sqrt(samples) * (1.0 if stated else self._noise_scale)
 
     def _drift(self, passed: float) -> float:
         """Standard deviation of what turbulence changes within a time (s), over the root of two, rad."""

@@ -65,7 +65,10 @@ class Course:
         self.number, self.theta, self.place, self.sure = number, theta, place, sure
 
 
-def _places(theta: float, moved: float) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def _places(theta: float, moved: float) -> slice | np.ndarray[tuple[int], np.dtype[np.int64]]:
     step = 2 * math.pi / ANGLES
     first, last = math.floor((theta - abs(moved) / 2) / step), math.floor((theta + abs(moved) / 2) / step)
-    return np.arange(first, min(last, first + ANGLES - 1) + 1) % ANGLES
+    begin, count = first % ANGLES, min(last - first + 1, ANGLES)
+    if begin + count <= ANGLES:
+        return slice(begin, begin + count)
+    return np.arange(begin, begin + count) % ANGLES
