@@ -13,7 +13,18 @@ from numpy.typing import NDArray
 from rotary_error_monitor.analysis.motion import SegmentFigures, SignalFigures
 from rotary_error_monitor.analysis.result import Analysis
 from rotary_error_monitor.analysis.signals import RADIAL, ROTATING
-from rotary_error_monitor.report.drawing import NARROW, WIDE, Sketch, drawn, in_rows, label, new_axes, tiled
+from rotary_error_monitor.report.drawing import (
+    NARROW,
+    WIDE,
+    Sketch,
+    draw_bars,
+    drawn,
+    in_rows,
+    label,
+    new_axes,
+    scale_by_powers,
+    tiled,
+)
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import BLACK, BLUE, ORANGE, colour
 from rotary_error_monitor.report.polar import draw_base, scale_radius
@@ -110,8 +121,7 @@ def _orders(segment: SegmentFigures, signals: Sequence[SignalFigures]) -> Sketch
         assert signal.spectrum is not None
         highest = max(highest, 1e6 * float(signal.spectrum.amplitude.max()))
         least.append(2e6 * float(signal.spectrum.uncertainty[signal.spectrum.orders <= _MOST_ORDERS].min()))
-    ax.set_yscale("log")
-    ax.minorticks_off()
+    scale_by_powers(ax)
     if min(least) > 0.0 and highest > 0.0:
         ax.set_ylim(bottom=min(_LOWEST * min(least), _FAINTEST * highest))
     unit = "µrad" if signals[0].unit == "rad" else "µm"
@@ -129,11 +139,11 @@ def _draw_bars(ax: Axes, signal: SignalFigures, number: int, shift: float, width
     orders, amplitudes = spectrum.orders[shown], spectrum.amplitude[shown] * 1e6
     hidden = np.isin(orders, spectrum.hidden)
     told = colour(number)
-    ax.bar(orders[~hidden] + shift, amplitudes[~hidden], width, color=told, label=signal.direction)
+    draw_bars(ax, orders[~hidden] + shift, amplitudes[~hidden], width, facecolor=told, lw=0, label=signal.direction)
     if hidden.any():
         name = _HIDDEN if number == 0 else None
         style: dict[str, Any] = {"facecolor": "white", "edgecolor": told, "hatch": "////", "lw": 0.8}
-        ax.bar(orders[hidden] + shift, amplitudes[hidden], width, label=name, **style)
+        draw_bars(ax, orders[hidden] + shift, amplitudes[hidden], width, label=name, **style)
     line = ("-", "--", ":")[number % 3]
     twice = 2 * spectrum.uncertainty[shown] * 1e6
     ax.plot(orders, twice, color=BLACK, lw=1, ls=line, label=_uncertainty(signal))

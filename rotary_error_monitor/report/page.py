@@ -12,6 +12,7 @@ from enum import StrEnum
 from rotary_error_monitor import __version__
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import BLUE, GREY, ORANGE, VERMILION
+from rotary_error_monitor.report.wording import power_of_ten
 
 _STYLE = f"""
 :root {{ color-scheme: light dark; --paper: #fff; --ink: #222; --soft: #f4f4f4; --line: #d0d0d0; }}
@@ -53,7 +54,6 @@ _WITHIN = re.compile(r"(?<=[\d)]) (?=±|[nµm]?(?:m|rad|rad/s|s|N)\b|arcsec|Hz|%
 
 
 _POWER = re.compile(r"(?<=[\d)])e([-+]\d+)\b")
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class Tone(StrEnum):
@@ -152,7 +152,7 @@ def _unbroken(text: str) -> str:
 
 def _power(found: re.Match[str]) -> str:
     """A power of ten as it is written by hand: `×10⁻⁶`."""
-    return "×10" + f"{int(found[1])}".translate(_RAISED)
+    return f"×{power_of_ten(int(found[1]))}"
 
 
 def bullets(items: Sequence[str]) -> str:

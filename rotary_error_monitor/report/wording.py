@@ -9,6 +9,7 @@ from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.metrology.spindle_figures import Value
 
 _HEIGHT = re.compile(r"(?<=\d)mm\b")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def spoken(name: str) -> str:
@@ -19,6 +20,11 @@ def spoken(name: str) -> str:
 def counted(number: int, what: str) -> str:
     """So many of something: `1 stage`, `2 stages`."""
     return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def power_of_ten(exponent: int) -> str:
+    """A power of ten as it is written by hand, such as `10⁻⁶`."""
+    return "10" + f"{exponent}".translate(_RAISED)
 
 
 def amount(value: Value, unit: str) -> str:
