@@ -15,7 +15,7 @@ from types import FrameType
 
 from rotary_error_monitor import __version__
 from rotary_error_monitor.errors import InputError, excerpt, printable
-from rotary_error_monitor.start import end_at_once
+from rotary_error_monitor.start import collect_rarely, end_at_once
 
 BAD_INPUT = 2
 COMMANDS = (
@@ -118,4 +118,5 @@ def _unwind(number: int, frame: FrameType | None) -> None:
 
 if __name__ == "__main__":
     end_at_once()
+    collect_rarely()
     sys.exit(main())

@@ -7,6 +7,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -18,6 +19,7 @@ from rotary_error_monitor.description.wire import Qos
 from rotary_error_monitor.description.yaml_files import parse_yaml, read_yaml
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import exists
+from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 VERSION = 9
 SIMULATED = "simulated"
@@ -69,6 +71,19 @@ class BagMetadata:
     def missing(self, folder: Path) -> tuple[str, ...]:
         """Files that are not there."""
         return tuple(name for name in self.files if not exists(folder / name))
+
+
+def recorded_span(bag: Path) -> str:
+    """When a bag was recorded and for how long, in words, as its metadata says; empty of other files."""
+    try:
+        span = read_metadata(bag).span
+    except InputError:
+        return ""
+    if span is None:
+        return ""
+    begin_ns, end_ns = span
+    begin = datetime.fromtimestamp(begin_ns / NANOSECONDS, UTC)
+    return f"{begin:%Y-%m-%d %H:%M:%S} UTC, {(end_ns - begin_ns) / NANOSECONDS:.1f} s"
 
 
 def read_metadata(folder: Path) -> BagMetadata:

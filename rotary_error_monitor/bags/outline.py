@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from mcap.opcode import Opcode
-from mcap.writer import MCAP0_MAGIC
 
 from rotary_error_monitor.bags.records import (
     CHUNK_HEAD,
     IN_CHUNKS,
+    MAGIC,
     MESSAGE,
     OPCODES,
     PREFIX,
@@ -37,7 +37,7 @@ DAMAGED = 0
 TORN = -1
 """Opcode of what is left at the end of a file without its end."""
 
-_MAGIC = len(MCAP0_MAGIC)
+_MAGIC = len(MAGIC)
 _FOOTER = struct.Struct("<QQI")  # where the index begins, where its offsets do, checksum of the index
 _DATA_END = re.compile(rb"\x0f\x04\0{7}.{4}(?=[\x02\x03\x04\x08\x0a\x0b\x0d\x0e])", re.DOTALL)
 _LOOSE_MESSAGE = re.compile(rb"\x05(?=.{5}\0{3})", re.DOTALL)
@@ -85,7 +85,7 @@ class Outline:
         footer = tail - PREFIX.size - _FOOTER.size
         self.closed = (
             footer >= _MAGIC
-            and content[tail:] == MCAP0_MAGIC
+            and content[tail:] == MAGIC
             and PREFIX.unpack_from(content, footer) == (Opcode.FOOTER, _FOOTER.size)
         )
         self.limit = tail if self.closed else self._size
@@ -97,7 +97,7 @@ class Outline:
     def parts(self) -> Iterator[Part]:
         """All bytes of the file behind its magic (if it has one), before that of its end."""
         position = 0
-        if self._content[:_MAGIC] == MCAP0_MAGIC[: self._size]:
+        if self._content[:_MAGIC] == MAGIC[: self._size]:
             position = min(_MAGIC, self._size)
         elif self._size > _MAGIC and self._content[_MAGIC] == Opcode.HEADER and self._plausible(_MAGIC):
             yield self._damage(0, _MAGIC, "its first bytes are damaged")
@@ -235,7 +235,7 @@ class Outline:
     def _is_torn(self, rest: memoryview) -> bool:
         """Whether it is the beginning of a record, or blocks that never reached the disk, which read as zeros."""
         if len(rest) < PREFIX.size:
-            return rest == MCAP0_MAGIC[: len(rest)] or rest[0] in OPCODES or not any(rest)
+            return rest == MAGIC[: len(rest)] or rest[0] in OPCODES or not any(rest)
         opcode, length = PREFIX.unpack_from(rest)
         if opcode == Opcode.CHUNK:
             head = chunk_head(rest, 0)

@@ -16,6 +16,10 @@ from mcap.records import Channel, ChunkIndex, Header, Schema, Statistics
 
 from rotary_error_monitor.bags.unpacking import MOST_AT_ONCE, Budget, DamageError, check_size, unpack
 
+MAGIC = b"\x89MCAP0\r\n"
+"""First and last bytes of an mcap file (its specification, version 0). The library has them where it writes: what only
+reads need not load that."""
+
 PREFIX = struct.Struct("<BQ")  # opcode, length
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 OPCODES = frozenset(int(opcode) for opcode in Opcode)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mcap.records import Channel, Message, Schema
-from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
 from rotary_error_monitor.bags.coverage import BagCoverage
@@ -26,6 +26,7 @@ from rotary_error_monitor.bags.metadata import (
     write_metadata,
 )
 from rotary_error_monitor.bags.part import LIBRARY
+from rotary_error_monitor.bags.records import MAGIC
 from rotary_error_monitor.bags.torn import PROFILE, Extent, TornFile
 from rotary_error_monitor.bags.writer import RESERVE
 from rotary_error_monitor.errors import InputError
@@ -261,7 +262,7 @@ def _recover_file(path: Path, coverage: BagCoverage) -> _FileContent:
         content.damaged += 1
         content.problem = content.problem or f"{content.strays} messages of topics that the file does not name"
     if content.torn:
-        nothing = not content.channel_counts and extent.at_end > len(MCAP0_MAGIC)
+        nothing = not content.channel_counts and extent.at_end > len(MAGIC)
         everything = extent.complete and (not extent.indexed or not extent.damaged) and not content.strays
         content.whole = everything or (extent.torn and not content.strays and not (nothing and _is_large(extent)))
         _rewrite(torn, content)

@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _write_page(path: Path, stage: StageDescription, result: Commissioning, bag: Path, stage_file: Path) -> None:
     """The page with its pictures: whole, or what stood there stays."""
     # what draws takes long to load
-    from rotary_error_monitor.recordings.diagnosis import recorded_span
+    from rotary_error_monitor.bags.metadata import recorded_span
     from rotary_error_monitor.report.commissioning import page
     from rotary_error_monitor.report.commissioning_figure import draw
     from rotary_error_monitor.report.page import made_by

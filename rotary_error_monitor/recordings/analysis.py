@@ -22,6 +22,7 @@ from rotary_error_monitor.analysis.positions import estimate_stops
 from rotary_error_monitor.analysis.result import Analysis, Figure, ToolOffset, as_mapping, figures_of
 from rotary_error_monitor.analysis.signals import Estimates, default_heights
 from rotary_error_monitor.analysis.verdict import judge
+from rotary_error_monitor.bags.metadata import recorded_span
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
@@ -34,7 +35,6 @@ from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES, TURN
 from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST as HIGHEST
-from rotary_error_monitor.recordings.diagnosis import recorded_span
 from rotary_error_monitor.recordings.replay import check_estimated, replay_bag
 from rotary_error_monitor.recordings.replayed import Replay
 from rotary_error_monitor.recordings.stream_health import FORCE, LVDT, RecordedStreams, read_streams

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import yaml
 
 from rotary_error_monitor.bags.marks import SUFFIXES
-from rotary_error_monitor.bags.metadata import read_metadata
+from rotary_error_monitor.bags.metadata import recorded_span
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, exists, make_folder, write_all
@@ -22,7 +21,6 @@ from rotary_error_monitor.gap.problem import DiagnosableProblem
 from rotary_error_monitor.report.diagnosis import report_files
 from rotary_error_monitor.report.page import made_by
 from rotary_error_monitor.report.painter import Painter
-from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.twin.rates import MOST_RATE
 
 
@@ -125,19 +123,6 @@ class FileDiagnosis:
 def json_of(diagnosis: Diagnosis) -> bytes:
     """Content of `diagnosis.json`."""
     return f"{json.dumps(diagnosis.as_mapping(), indent=1, allow_nan=False)}\n".encode()
-
-
-def recorded_span(recording: Path) -> str:
-    """When a bag was recorded and for how long, as its metadata says; empty of other files."""
-    try:
-        span = read_metadata(recording).span
-    except InputError:
-        return ""
-    if span is None:
-        return ""
-    begin_ns, end_ns = span
-    begin = datetime.fromtimestamp(begin_ns / NANOSECONDS, UTC)
-    return f"{begin:%Y-%m-%d %H:%M:%S} UTC, {(end_ns - begin_ns) / NANOSECONDS:.1f} s"
 
 
 def _improved(twin: AnyTwinFile, causes: Sequence[FoundCause]) -> str:
