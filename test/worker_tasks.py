@@ -7,6 +7,9 @@ import signal
 import time
 from pathlib import Path
 
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.recordings.replay import replay_bag
+
 
 def square(number):
     return number * number
@@ -14,6 +17,11 @@ def square(number):
 
 def number_and_process(number):
     return number, os.getpid()
+
+
+def count_estimates(bag):
+    """Read and estimate a bag of the embedded stage."""
+    return len(replay_bag(bag, load_stage()).stamp_ns)
 
 
 def wait_long(number):
