@@ -113,7 +113,7 @@ bench: setup ## the figures of speed and accuracy, side by side with what a user
 lock: ## renew what is installed: the newest versions that setup.py allows, with their hashes
 	$(PYTHON) -m venv build/lock
 	build/lock/bin/python -m pip install --quiet --require-hashes -r requirements/tools.lock
-	$(UV_COMPILE) setup.py $(addprefix --extra ,ros metrics trend dashboard opcua notebook test) -o requirements/cell.lock
+	$(UV_COMPILE) setup.py $(addprefix --extra ,ros metrics trend dashboard opcua notebook bench test) -o requirements/cell.lock
 	$(UV_COMPILE) requirements/build.in -c requirements/cell.lock -o requirements/build.lock
 	sed -n '/"docs": \[/,/\]/s/.*"\(.*\)",/\1/p' setup.py | $(UV_COMPILE) - -o requirements/docs.lock
 	$(UV_COMPILE) requirements/tools.in -o requirements/tools.lock

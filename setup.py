@@ -79,6 +79,8 @@ setup(
         "opcua": ["asyncua>=1.1,<3"],
         # Results as tables in notebooks.
         "notebook": ["pandas>=2.2,<4"],
+        # What a bag is read by elsewhere: peers in `make bench`.
+        "bench": ["mcap-ros2-support>=0.5,<1", "rosbags-dataframe>=0.10,<0.11"],
         # ROS 2 Jazzy from the package index, where it is not installed by apt.
         "ros": [
             "ros-jazzy-rclpy>=7.1.5,<7.2",
