@@ -19,6 +19,9 @@ _OVERVIEW, _VIEW = 2.9, 2.4
 _NAMES = 1.75
 """Room for names beside bars, inches."""
 
+_NUMBERS = 0.82
+"""Room for residuals of six characters beside their axis, inches."""
+
 _LONGEST = 27
 """Characters of a name that have room there."""
 
@@ -85,7 +88,7 @@ def _bars(title: str, parts: Sequence[tuple[str, float]], colour: str, none: str
 
 
 def _view(view: View, after: str, span: tuple[float, float], width: float) -> Sketch:
-    figure, ax = new_axes(width, _VIEW, ("before", after))
+    figure, ax = new_axes(width, _VIEW, ("before", after), left=_NUMBERS)
     _dots(ax, view.x, view.before, VERMILION, "before")
     if after:
         _dots(ax, view.x, view.after, BLUE, after)

@@ -36,7 +36,7 @@ _SIZE, _TITLE = 9, 10
 _BESIDE, _RIGHT, _ABOVE, _BELOW = 0.72, 0.15, 0.35, 0.52
 """Room for labels and title around axes, inches: having it found takes longer than all else."""
 
-_AXIS_NAME = 0.23
+_NAME_BELOW, _NAME_BESIDE = 0.23, 0.17
 """Where the name of an axis begins below, and ends at the left, inches from the edge: beyond the names of its ticks."""
 
 _ROW, _MARGIN = 0.2, 0.08
@@ -92,8 +92,8 @@ def label(figure: Figure, ax: Axes, title: str, x: str = "", y: str = "", scale:
     ax.set_xlabel(x, fontsize=_SIZE)
     ax.set_ylabel(y, fontsize=_SIZE)
     # a place of their own: else all ticks are laid out a second time, also for a name that is empty
-    ax.xaxis.set_label_coords(0.5, _AXIS_NAME, blended_transform_factory(ax.transAxes, figure.dpi_scale_trans))
-    ax.yaxis.set_label_coords(_AXIS_NAME, 0.5, blended_transform_factory(figure.dpi_scale_trans, ax.transAxes))
+    ax.xaxis.set_label_coords(0.5, _NAME_BELOW, blended_transform_factory(ax.transAxes, figure.dpi_scale_trans))
+    ax.yaxis.set_label_coords(_NAME_BESIDE, 0.5, blended_transform_factory(figure.dpi_scale_trans, ax.transAxes))
     handles, names = ax.get_legend_handles_labels()
     if handles:
         order = sorted(range(len(names)), key=lambda k: isinstance(handles[k], Line2D))  # what is filled first
