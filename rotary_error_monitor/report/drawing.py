@@ -33,7 +33,7 @@ _COLOURS = 64
 _SIZE, _TITLE = 9, 10
 """Of text, points."""
 
-_BESIDE, _RIGHT, _ABOVE, _BELOW = 0.72, 0.15, 0.35, 0.52
+_BESIDE, _RIGHT, _ABOVE, _BELOW = 0.76, 0.15, 0.35, 0.52
 """Room for labels and title around axes, inches: having it found takes longer than all else."""
 
 _NAME_BELOW, _NAME_BESIDE = 0.23, 0.17

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 
@@ -89,3 +90,20 @@ def test_drift_shows_none_where_windows_are_missing():
             slope.add(number, float(3 * time[number] + drift[number]), float(seen[number]))
         slope.measure(PERIOD)
         assert slope.length == 0.0, seed
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_only_the_latest_windows_count_however_many_came(seed):
+    """To the last bit what a slope shows that was given no others, over windows with gaps."""
+    generator, kept = np.random.default_rng(seed), 200
+    for count in (150, 200, 399, 400, 401, 1700):
+        numbers = np.cumsum(generator.choice([1, 1, 1, 1, 3], count))
+        theta = np.cumsum(generator.uniform(0.0, 0.1, count))
+        value = 1e-3 * np.gradient(theta) + 1e-6 * generator.normal(size=count)
+        slopes = SpeedSlope(kept, orders=2), SpeedSlope(kept, orders=2)
+        for slope, first in zip(slopes, (0, max(0, count - kept)), strict=True):
+            for row in zip(numbers[first:].tolist(), theta[first:].tolist(), value[first:].tolist(), strict=True):
+                slope.add(*row)
+            slope.measure(0.01)
+        assert len(slopes[0]) == len(slopes[1]) == min(count, kept)
+        assert slopes[0].value[0] == slopes[1].value[0] != 0.0
