@@ -10,6 +10,7 @@ from pathlib import Path
 from rotary_error_monitor.analysis.comparison import DESCRIBED, Stand, stands_at, stands_of_lvdt
 from rotary_error_monitor.analysis.verification import compare_reference
 from rotary_error_monitor.analysis.verification_result import Verification, as_mapping, figures_of
+from rotary_error_monitor.bags.metadata import recorded_span
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription, load_stage
@@ -26,7 +27,6 @@ from rotary_error_monitor.pipeline.reference_readings import (
     without_references,
 )
 from rotary_error_monitor.recordings.analysis import estimates_of, figures_table
-from rotary_error_monitor.recordings.diagnosis import recorded_span
 from rotary_error_monitor.recordings.replay import check_estimated, replay_bag
 from rotary_error_monitor.recordings.replayed import Replay
 from rotary_error_monitor.recordings.stream_health import read_streams
