@@ -103,6 +103,8 @@ def stands_of_lvdt(
         described = abs(height - lvdt.height) < MOVED
         at = lvdt.height if described else height
         found.append(Stand(at, DESCRIBED if described else SHOWN, (at,), begin, end))
+    if all(stand.stated == DESCRIBED for stand in found):  # none is off the description: it did not move
+        return (Stand(lvdt.height, DESCRIBED, (lvdt.height,), *whole),)
     return tuple(found)
 
 
@@ -160,8 +162,8 @@ def _fitted(
     return fit_reference(motion.theta[good], difference, lever, np.eye(2), np.zeros(len(good), np.intp), number)
 
 
-APART = 3.0
-"""Standard uncertainties by which two heights must differ to be two."""
+APART = 6.0
+"""Standard uncertainties by which two heights must differ to be two: many, for stays are chosen by their difference."""
 
 
 def _are_apart(
