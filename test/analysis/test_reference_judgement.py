@@ -53,7 +53,7 @@ def leaning(seconds, heights, described, eccentricity=(3e-6, -2e-6), seed=0):
     seen = at * np.stack([tilt[:, 1], -tilt[:, 0]], 1) + np.stack([x * cos - y * sin, x * sin + y * cos], 1)
     components = np.zeros((count, 6))
     components[:, 3:5] = tilt
-    motion = ErrorMotion(theta, components, np.ones((count, 6), np.bool_), np.zeros((count, 6, 6)))
+    motion = ErrorMotion.of(theta, components, np.ones((count, 6), np.bool_), np.zeros((count, 6, 6)))
     lvdt = Lvdt(described, 5e-8)  # nobody knows the eccentricity
     return stands_of_lvdt(stamps, motion, lvdt, stamps, seen + 5e-8 * rng.normal(size=(count, 2)))
 
