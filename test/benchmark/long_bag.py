@@ -1,0 +1,78 @@
+"""A bag as long as somebody asks for, made on the spot by the mock stage: no stretch of it repeats another's noise."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+
+from rotary_error_monitor.bags.writer import BagTopic, BagWriter
+from rotary_error_monitor.codec.contents import TYPES
+from rotary_error_monitor.codec.messages import encode
+from rotary_error_monitor.description.stage import load_stage
+from rotary_error_monitor.description.wire import wire_of
+from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
+from rotary_error_monitor.sources.mock import MockSettings, mock_stage
+
+EPOCH_NS = 1_763_700_000_000_000_000
+STREAMS = (*(f"head_{head}" for head in "abcd"), "autocollimator", "command", "lvdt", "force", "temperature")
+
+
+def blocks_of(seed: int, rate: float, block_ns: int, speeds: tuple[float, ...]) -> Iterator[tuple[str, SampleBlock]]:
+    """Blocks of all streams of the mock stage, one period after another, for as long as somebody takes them."""
+    plant = mock_stage(load_stage(), MockSettings(seed, EPOCH_NS, speeds, rate=rate))
+    for begin in itertools.count(EPOCH_NS, block_ns):
+        for stream in STREAMS:
+            first, last = (plant.index_at(stream, time) for time in (begin, begin + block_ns))
+            if last > first:
+                yield stream, plant.samples(stream, first, last - first)
+
+
+def write_long_bag(
+    folder: Path,
+    size: float,
+    *,
+    seed: int = 1,
+    rate: float = 2_000.0,
+    block_ns: int = NANOSECONDS // 10,
+    speeds: tuple[float, ...] = (2.0, 4.0),
+    compression: str = "none",
+) -> float:
+    """Write a bag whose messages have `size` bytes; give how long it is, s.
+
+    Args:
+        folder: of the bag.
+        size: bytes of the messages, before they are packed.
+        seed: of all that is random.
+        rate: samples a second of heads, autocollimator and LVDT.
+        block_ns: time in a block, ns.
+        speeds: of a cycle of the stage, rad/s.
+        compression: of the bag: `zstd`, `lz4` or `none`.
+    """
+    wire = wire_of(load_stage())
+    topics = {stream: wire.of_stream(stream) for stream in STREAMS}
+    given = [BagTopic(topic.name, TYPES[SampleBlock], topic.qos) for topic in topics.values()]
+    written = end_ns = 0
+    with BagWriter(folder, given, compression=compression) as writer:
+        for stream, block in blocks_of(seed, rate, block_ns, speeds):
+            data = encode(block, topics[stream].frame)
+            end_ns = max(end_ns, block.newest_ns)
+            writer.write(topics[stream].name, data, block.newest_ns)
+            written += len(data)
+            if written >= size:
+                break
+    return (end_ns - EPOCH_NS) / NANOSECONDS
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--gigabytes", type=float, default=5.0)
+    parser.add_argument("--rate", type=float, default=2_000.0, help="samples a second of an instrument")
+    parser.add_argument("--block-ms", type=int, default=100, help="time in a block")
+    given = parser.parse_args()
+    seconds = write_long_bag(
+        given.folder, given.gigabytes * 1e9, rate=given.rate, block_ns=given.block_ms * NANOSECONDS // 1000
+    )
+    print(f"{seconds:.0f} s of samples in {given.folder}")
