@@ -56,8 +56,9 @@ class RowsInMemory:
         return self._joined[first:last]
 
 
-def parts_of(first: int, last: int, size: int = PART) -> Iterator[tuple[int, int]]:
-    """First row and the one after the last of each part of a stretch, one after another."""
+def parts_of(first: int, last: int, size: int | None = None) -> Iterator[tuple[int, int]]:
+    """First row and the one after the last of each part of a stretch, of `PART` rows by default, one after another."""
+    size = PART if size is None else size
     for begin in range(first, last, size):
         yield begin, min(begin + size, last)
 

@@ -12,6 +12,7 @@ from rotary_error_monitor.codec.contents import TYPES
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import wire_of
+from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 
@@ -19,14 +20,30 @@ EPOCH_NS = 1_763_700_000_000_000_000
 STREAMS = (*(f"head_{head}" for head in "abcd"), "autocollimator", "command", "lvdt", "force", "temperature")
 
 
+AT_ONCE = 50
+"""Blocks of a stream that are computed together."""
+
+
 def blocks_of(seed: int, rate: float, block_ns: int, speeds: tuple[float, ...]) -> Iterator[tuple[str, SampleBlock]]:
     """Blocks of all streams of the mock stage, one period after another, for as long as somebody takes them."""
     plant = mock_stage(load_stage(), MockSettings(seed, EPOCH_NS, speeds, rate=rate))
-    for begin in itertools.count(EPOCH_NS, block_ns):
-        for stream in STREAMS:
-            first, last = (plant.index_at(stream, time) for time in (begin, begin + block_ns))
-            if last > first:
-                yield stream, plant.samples(stream, first, last - first)
+    for begin in itertools.count(EPOCH_NS, AT_ONCE * block_ns):
+        edges = [begin + k * block_ns for k in range(AT_ONCE + 1)]
+        streams = {name: list(_cut(plant, name, edges)) for name in STREAMS}
+        for period in range(AT_ONCE):
+            yield from ((name, blocks[period]) for name, blocks in streams.items() if len(blocks[period].rows))
+
+
+def _cut(plant: StagePlant, stream: str, edges: list[int]) -> Iterator[SampleBlock]:
+    """Blocks of a stream between edges (ns); of one without a sample in it there are no rows."""
+    places = [plant.index_at(stream, edge) for edge in edges]
+    first, last = places[0], max(places[-1], places[0] + 1)
+    whole = plant.samples(stream, first, last - first)
+    for begin, end in itertools.pairwise(places):
+        rows = whole.rows[begin - first : end - first].copy()
+        stamp_ns = int(whole.times_ns[begin - first]) if len(rows) else 0
+        rows[:, 0] = (whole.times_ns[begin - first : end - first] - stamp_ns) * 1e-9
+        yield SampleBlock(stamp_ns, whole.names, rows)
 
 
 def write_long_bag(
