@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import tempfile
+import weakref
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,7 @@ class RowsOnDisk:
         try:
             if self._file is None:
                 self._file = tempfile.TemporaryFile(dir=self._folder, buffering=0)  # noqa: SIM115 (as long as the rows)
+                weakref.finalize(self, self._file.close)
             for rows in self._waiting:
                 rest = _bytes_of(rows)
                 while rest:

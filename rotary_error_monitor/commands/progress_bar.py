@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -9,7 +10,10 @@ from contextlib import contextmanager
 
 from rotary_error_monitor.recordings.progress import Progress, Step, silent
 
-_FORM = "{desc}: {percentage:3.0f} % |{bar:20}| {postfix} {remaining} left"
+_SIZE = os.terminal_size((80, 24))
+"""Of a terminal that does not tell its own."""
+
+_FORM = "{desc}: |{bar:20}| {percentage:.0f} %{postfix}, {remaining} left"
 
 
 def progress_bar(command: str) -> Progress:
@@ -22,12 +26,22 @@ def progress_bar(command: str) -> Progress:
         from tqdm import tqdm
 
         begun = time.monotonic()
-        with tqdm(total=1.0, desc=f"{command}, {name}", bar_format=_FORM, leave=False, file=sys.stderr) as bar:
+        size = os.get_terminal_size(sys.stderr.fileno())
+        columns, lines = size.columns or _SIZE.columns, size.lines or _SIZE.lines
+        with tqdm(
+            total=1.0,
+            desc=f"{command}, {name}",
+            bar_format=_FORM,
+            leave=False,
+            file=sys.stderr,
+            ncols=columns,
+            nrows=lines,
+        ) as bar:
 
             def tell(share: float, samples: int) -> None:
                 rate = samples / max(time.monotonic() - begun, 1e-3)
                 if samples:
-                    bar.set_postfix_str(f"{rate:,.0f} samples/s,", refresh=False)
+                    bar.set_postfix_str(f"{rate:,.0f} samples/s", refresh=False)
                 bar.update(share - bar.n)
 
             yield tell

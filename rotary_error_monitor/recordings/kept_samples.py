@@ -120,7 +120,7 @@ class Distances:
             self._gather()
 
     def _gather(self) -> None:
-        new = np.concatenate(self._waiting) >> self._rounded << self._rounded
+        new = np.concatenate([*self._waiting, np.empty(0, np.int64)]) >> self._rounded << self._rounded
         self._waiting, self._size = [], 0
         values, counts = np.unique(new, return_counts=True)
         self._values, place = np.unique(np.concatenate([self._values, values]), return_inverse=True)

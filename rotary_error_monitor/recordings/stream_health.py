@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.course import Samples
 from rotary_error_monitor.analysis.health import StreamHealth
@@ -21,6 +22,9 @@ from rotary_error_monitor.recordings.progress import Passed, Progress, silent
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans
 from rotary_error_monitor.signals.rows import Keep
+
+_AT_ONCE = 4_096
+"""Samples from which they are looked at together."""
 
 FORCE, TEMPERATURE, LVDT = "force", "temperature", "lvdt"
 
@@ -96,6 +100,7 @@ def read_streams(
                 streams[name].add(content, arrival_ns)
     found = RecordedStreams()
     for stream in streams.values():
+        stream.take()
         if stream.samples > 1:
             health, frame = stream.health, stream.topic.frame
             found.health.append(health)
@@ -131,6 +136,8 @@ class _StreamReader:
             self.course = KeptCourse(mean_of)
         self.kept = KeptSamples(keep, len(topic.columns)) if topic.frame == LVDT else None
         self._is_readable = True
+        self._waiting: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
+        self._count = 0
 
     def add(self, block: SampleBlock, arrival_ns: int) -> None:
         """Take a block that was recorded at `arrival_ns`, timestamp (ns)."""
@@ -140,9 +147,20 @@ class _StreamReader:
             corrected = correct_block(block, self.topic.columns, self._response)
             times, values = corrected.times_ns, corrected.columns(self.topic.columns)
         except InputError:
-            self._is_readable, self.samples = False, 0
+            self._is_readable, self.samples, self._waiting = False, 0, []
         if not self._is_readable:
             return
+        self._waiting.append((times, values))
+        self._count += len(times)
+        if self._count >= _AT_ONCE:
+            self.take()
+
+    def take(self) -> None:
+        """Take what waits: many blocks at once cost little more than one."""
+        if not self._waiting:
+            return
+        times, values = (np.concatenate(each) for each in zip(*self._waiting, strict=True))
+        self._waiting, self._count = [], 0
         before = np.maximum.accumulate(np.concatenate([[self._newest], times]))
         good = (times > before[:-1]) & np.isfinite(values).all(axis=1)
         self._disordered += int((~good).sum())
