@@ -12,7 +12,7 @@ from peak_memory import measured
 from .long_bag import write_long_bag
 
 GIGABYTES = float(os.environ.get("BENCH_GIGABYTES", "5"))
-RATE = 10_000.0
+RATE = float(os.environ.get("BENCH_RATE", "10000"))
 """Samples a second of each instrument: at 10 kHz a gigabyte is a quarter of an hour."""
 
 
@@ -22,7 +22,7 @@ def test_a_recording_of_gigabytes(tmp_path):
         pytest.skip(f"less than {needed / 1e9:.0f} GB free in {tmp_path}; set BENCH_GIGABYTES or --basetemp")
     bag = tmp_path / "bag"
     begin = time.monotonic()
-    seconds = write_long_bag(bag, GIGABYTES * 1e9, rate=RATE, block_ns=20_000_000)
+    seconds = write_long_bag(bag, GIGABYTES * 1e9, rate=RATE, block_ns=50_000_000, repeated=True)
     print(f"\n{GIGABYTES:g} GB, {seconds:.0f} s of samples at {RATE:.0f} Hz, made in {time.monotonic() - begin:.0f} s")
     for command, output in (("replay", "out.npz"), ("analyse", "page.html")):
         begin = time.monotonic()

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from rotary_error_monitor.bags.writer import BagTopic, BagWriter
 from rotary_error_monitor.codec.contents import TYPES
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import wire_of
+from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.plant.stage import StagePlant
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
@@ -23,15 +28,42 @@ STREAMS = (*(f"head_{head}" for head in "abcd"), "autocollimator", "command", "l
 AT_ONCE = 50
 """Blocks of a stream that are computed together."""
 
+SPEED = 4.0
+CYCLE = Motion((Segment(1.875, 0.0), Segment(9.25, SPEED), Segment(9.375, -SPEED), Segment(1.5, 0.0)))
+CYCLE_NS = 22 * NANOSECONDS
+"""Both ways at one speed, rad/s, so that the stage is back where it was: backward longer by what its ramp takes."""
 
-def blocks_of(seed: int, rate: float, block_ns: int, speeds: tuple[float, ...]) -> Iterator[tuple[str, SampleBlock]]:
+
+def blocks_of(seed: int, rate: float, block_ns: int) -> Iterator[tuple[str, SampleBlock]]:
     """Blocks of all streams of the mock stage, one period after another, for as long as somebody takes them."""
-    plant = mock_stage(load_stage(), MockSettings(seed, EPOCH_NS, speeds, rate=rate))
+    plant = replace(mock_stage(load_stage(), MockSettings(seed, EPOCH_NS, (SPEED,), rate=rate)), motion=CYCLE)
     for begin in itertools.count(EPOCH_NS, AT_ONCE * block_ns):
         edges = [begin + k * block_ns for k in range(AT_ONCE + 1)]
         streams = {name: list(_cut(plant, name, edges)) for name in STREAMS}
         for period in range(AT_ONCE):
             yield from ((name, blocks[period]) for name, blocks in streams.items() if len(blocks[period].rows))
+
+
+def repeated_blocks(seed: int, rate: float, block_ns: int) -> Iterator[tuple[str, SampleBlock]]:
+    """The first cycle again and again, each sample with more noise of its own: a fraction of the time of `blocks_of`.
+
+    Noise that is added is as large as what the first cycle shows from one sample to the next; its own comes again.
+    """
+    first = [
+        row
+        for row in itertools.takewhile(
+            lambda row: row[1].stamp_ns < EPOCH_NS + CYCLE_NS, blocks_of(seed, rate, block_ns)
+        )
+        if row[1].newest_ns < EPOCH_NS + CYCLE_NS
+    ]
+    joined = {name: np.concatenate([block.rows for each, block in first if each == name]) for name in STREAMS}
+    noise = {name: np.diff(rows[:, 1:], 3, axis=0).std(axis=0) / math.sqrt(20) for name, rows in joined.items()}
+    rng = np.random.default_rng(seed)
+    for shift_ns in itertools.count(0, CYCLE_NS):
+        for name, block in first:
+            rows = block.rows.copy()
+            rows[:, 1:] += noise[name] * rng.standard_normal((len(rows), rows.shape[1] - 1))
+            yield name, SampleBlock(block.stamp_ns + shift_ns, block.names, rows)
 
 
 def _cut(plant: StagePlant, stream: str, edges: list[int]) -> Iterator[SampleBlock]:
@@ -53,26 +85,25 @@ def write_long_bag(
     seed: int = 1,
     rate: float = 2_000.0,
     block_ns: int = NANOSECONDS // 10,
-    speeds: tuple[float, ...] = (2.0, 4.0),
-    compression: str = "none",
+    repeated: bool = False,
 ) -> float:
     """Write a bag whose messages have `size` bytes; give how long it is, s.
 
     Args:
         folder: of the bag.
-        size: bytes of the messages, before they are packed.
+        size: bytes of the messages.
         seed: of all that is random.
         rate: samples a second of heads, autocollimator and LVDT.
         block_ns: time in a block, ns.
-        speeds: of a cycle of the stage, rad/s.
-        compression: of the bag: `zstd`, `lz4` or `none`.
+        repeated: whether the first cycle of the stage comes again and again, as in `repeated_blocks`.
     """
     wire = wire_of(load_stage())
     topics = {stream: wire.of_stream(stream) for stream in STREAMS}
     given = [BagTopic(topic.name, TYPES[SampleBlock], topic.qos) for topic in topics.values()]
     written = end_ns = 0
-    with BagWriter(folder, given, compression=compression) as writer:
-        for stream, block in blocks_of(seed, rate, block_ns, speeds):
+    with BagWriter(folder, given) as writer:
+        make = repeated_blocks if repeated else blocks_of
+        for stream, block in make(seed, rate, block_ns):
             data = encode(block, topics[stream].frame)
             end_ns = max(end_ns, block.newest_ns)
             writer.write(topics[stream].name, data, block.newest_ns)
@@ -88,8 +119,9 @@ if __name__ == "__main__":
     parser.add_argument("--gigabytes", type=float, default=5.0)
     parser.add_argument("--rate", type=float, default=2_000.0, help="samples a second of an instrument")
     parser.add_argument("--block-ms", type=int, default=100, help="time in a block")
+    parser.add_argument("--repeated", action="store_true", help="one cycle again and again, with more noise each time")
     given = parser.parse_args()
-    seconds = write_long_bag(
-        given.folder, given.gigabytes * 1e9, rate=given.rate, block_ns=given.block_ms * NANOSECONDS // 1000
-    )
+    block_ns = given.block_ms * NANOSECONDS // 1000
+    size = given.gigabytes * 1e9
+    seconds = write_long_bag(given.folder, size, rate=given.rate, block_ns=block_ns, repeated=given.repeated)
     print(f"{seconds:.0f} s of samples in {given.folder}")
