@@ -132,7 +132,7 @@ def _figures_of(segment: Segment, cut: SegmentTurns, stage: StageDescription) ->
     # what is observable at the same times has the same turns
     for group in cut.groups():
         turns = group.turns
-        remarks += [f"{group.quantity[0]}: {text}" for text in _lacking(turns)]
+        remarks += [f"{group.quantity}: {text}" for text in _lacking(turns)]
         if turns is None or not turns.count:
             continue
         shown = turns
@@ -140,7 +140,7 @@ def _figures_of(segment: Segment, cut: SegmentTurns, stage: StageDescription) ->
         for number, signal in enumerate(group.signals):
             figures.append(_figures(signal, turns, number, group.noise[number], hidden))
         if not cut.is_proven:
-            remarks.append(f"{group.quantity[0]}: {_UNPROVEN}")
+            remarks.append(f"{group.quantity}: {_UNPROVEN}")
     return SegmentFigures(
         segment.name,
         segment.speed,
