@@ -12,8 +12,9 @@ import io
 import os
 import stat
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import IO
 
 from rotary_error_monitor.errors import InputError
 
@@ -110,10 +111,11 @@ def make_folder(path: Path) -> None:
         raise InputError(f"{error.filename or path}: cannot be written: {error.strerror}") from error
 
 
-def write_all(contents: Mapping[Path, bytes]) -> None:
+def write_all(contents: Mapping[Path, bytes | Callable[[IO[bytes]], None]]) -> None:
     """Write files that belong together, all of them or none: what stood there stays until all are on the disk.
 
-    A device or a pipe is written as it is, for nothing may take its place.
+    A device or a pipe is written as it is, for nothing may take its place. What is too large for memory is a function
+    that writes it to the file that it is given.
 
     Raises:
         InputError: one of them cannot be written.
@@ -127,7 +129,10 @@ def write_all(contents: Mapping[Path, bytes]) -> None:
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
             special = path.exists() and not path.is_file()
             with (path if special else temporaries[path]).open("wb") as file:
-                file.write(content)
+                if callable(content):
+                    content(file)
+                else:
+                    file.write(content)
                 file.flush()
                 if not special:
                     os.fsync(file.fileno())

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.analysis.rotation import ArrayCourse, Course, span_of
 from rotary_error_monitor.description.stage import Lvdt
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion, rotate
-from rotary_error_monitor.metrology.lvdt_comparison import MAX_GAP_NS, LvdtComparison, compare_with_lvdt
+from rotary_error_monitor.metrology.lvdt_comparison import MAX_GAP_NS, LvdtAgreement, LvdtComparison, compare_with_lvdt
 from rotary_error_monitor.metrology.reference_fit import ReferenceFit, fit_reference
 from rotary_error_monitor.signals.resampling import resample
+from rotary_error_monitor.signals.rows import parts_of
 
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -31,6 +35,9 @@ LONG = 3
 SETTLING_NS = 500_000_000
 """Left out at both ends of a stay, ns."""
 
+_REACH_NS = 5 * MAX_GAP_NS
+"""Time around an estimate in which all samples are that a value at it rests on, ns."""
+
 
 @dataclass(frozen=True)
 class Stay:
@@ -45,7 +52,47 @@ class Stay:
     height: float
     begin_ns: int
     end_ns: int
-    comparison: LvdtComparison
+    comparison: LvdtAgreement
+
+
+class LongMotion(Course, Protocol):
+    """Error motion over time, of which a part is looked at at once."""
+
+    def motion(self, first: int, last: int) -> tuple[Times, ErrorMotion]:
+        """Timestamps (ns) and error motion from one estimate to before another."""
+        ...
+
+
+class LongSamples(Protocol):
+    """Samples of the LVDT over time, of which a part is looked at at once."""
+
+    def between(self, begin_ns: int, end_ns: int) -> tuple[Times, Array]:
+        """Timestamps (ns), ascending, and samples (k, 2), m, from one time to before another."""
+        ...
+
+
+@dataclass(frozen=True)
+class ArrayMotion(ArrayCourse):
+    """Error motion that is in memory."""
+
+    measured: ErrorMotion
+
+    def motion(self, first: int, last: int) -> tuple[Times, ErrorMotion]:
+        """As `LongMotion.motion`."""
+        return self.times_ns[first:last], self.measured.at(slice(first, last))
+
+
+@dataclass(frozen=True)
+class ArraySamples:
+    """Samples (k, 2), m, at timestamps (k,), ns, that are in memory."""
+
+    times_ns: Times
+    values: Array
+
+    def between(self, begin_ns: int, end_ns: int) -> tuple[Times, Array]:
+        """As `LongSamples.between`."""
+        inside = slice(*np.searchsorted(self.times_ns, [begin_ns, end_ns]).tolist())
+        return self.times_ns[inside], self.values[inside]
 
 
 @dataclass(frozen=True)
@@ -93,7 +140,7 @@ def stands_of_lvdt(
     if fit is None:
         return (Stand(lvdt.height, DESCRIBED, (lvdt.height,), *whole),)
     known = replace(lvdt, artefact_eccentricity=(float(fit.joint[0]), float(fit.joint[1])))
-    stays = list(_stays(stamp_ns, motion, known, times_ns, radial, period))
+    stays = list(_stays(ArrayMotion(stamp_ns, motion.theta, motion), known, ArraySamples(times_ns, radial), period))
     if len(stays) == 1 or not _are_apart(stays, stamp_ns, motion, lvdt, times_ns, radial, period):
         is_told = fit.higher_std < MOVED / 4 and abs(fit.higher - lvdt.height) >= MOVED
         shown = (fit.higher,) if is_told else ()
@@ -192,7 +239,7 @@ def _are_apart(
 
 
 def compare_stays(stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array) -> tuple[Stay, ...]:
-    """Comparison at each height.
+    """Comparison at each height, of what is in memory.
 
     Args:
         stamp_ns: (n,) times of the estimate.
@@ -203,28 +250,45 @@ def compare_stays(stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Ti
     """
     if len(stamp_ns) < 2 or len(times_ns) < 2:
         return ()
-    period = int(np.diff(stamp_ns).min())
+    estimates = ArrayMotion(stamp_ns, motion.theta, motion)
+    return stays_of(estimates, int(np.diff(stamp_ns).min()), lvdt, ArraySamples(times_ns, radial))
+
+
+def stays_of(estimates: LongMotion, period_ns: int, lvdt: Lvdt, samples: LongSamples) -> tuple[Stay, ...]:
+    """Comparison at each height.
+
+    Args:
+        estimates: error motion, two times of it at least.
+        period_ns: distance of two estimates, ns.
+        lvdt: as described.
+        samples: of the LVDT.
+    """
     found = []
-    for height, begin, end in _stays(stamp_ns, motion, lvdt, times_ns, radial, period):
-        there = (times_ns >= begin) & (times_ns < end)
-        when = np.flatnonzero((stamp_ns >= begin) & (stamp_ns < end))
+    for height, begin, end in _stays(estimates, lvdt, samples, period_ns):
         described = abs(height - lvdt.height) < MOVED
         instrument = lvdt if described else replace(lvdt, height=height)
-        try:
-            comparison = compare_with_lvdt(
-                stamp_ns[when], motion.at(when), instrument, times_ns[there], radial[there], period
-            )
-        except InputError:
-            continue  # nothing in common
-        found.append(Stay(instrument.height, begin, end, comparison))
+        compared = LvdtAgreement.of(_compared(estimates, instrument, samples, period_ns, begin, end))
+        if compared is not None:  # else they have nothing in common
+            found.append(Stay(instrument.height, begin, end, compared))
     return tuple(found)
 
 
-def _stays(
-    stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array, period_ns: int
-) -> Iterator[tuple[float, int, int]]:
+def _compared(
+    estimates: LongMotion, lvdt: Lvdt, samples: LongSamples, period_ns: int, begin_ns: int, end_ns: int
+) -> Iterator[LvdtComparison]:
+    """Comparisons with the samples of a stay, part after part."""
+    first, last = estimates.place(begin_ns), estimates.place(end_ns)
+    for a, b in parts_of(first, last):
+        stamp_ns, motion = estimates.motion(a, b)
+        # those of before and after the stay do not count
+        near = samples.between(max(int(stamp_ns[0]) - _REACH_NS, begin_ns), min(int(stamp_ns[-1]) + _REACH_NS, end_ns))
+        with contextlib.suppress(InputError):  # nothing in common
+            yield compare_with_lvdt(stamp_ns, motion, lvdt, *near, period_ns)
+
+
+def _stays(estimates: LongMotion, lvdt: Lvdt, samples: LongSamples, period_ns: int) -> Iterator[tuple[float, int, int]]:
     """Height, begin and end of each stay; all of it at the described height where no tilt shows any other."""
-    windows = np.array(list(_heights(stamp_ns, motion, lvdt, times_ns, radial, period_ns))).reshape(-1, 3)
+    windows = np.array(list(_heights(estimates, lvdt, samples, period_ns))).reshape(-1, 3)
     edges = np.flatnonzero(np.abs(np.diff(windows[:, 0])) > MOVED) + 1
     stays: list[Array] = []
     for part in np.split(windows, edges):
@@ -236,28 +300,34 @@ def _stays(
             stays.append(part)
     if len(stays) < 2:
         height = float(np.median(stays[0][:, 0])) if stays else lvdt.height
-        yield height, int(stamp_ns[0]), int(stamp_ns[-1]) + 1
+        begin_ns, end_ns = span_of(estimates)
+        yield height, begin_ns, end_ns + 1
         return
     for part in stays:
         yield float(np.median(part[:, 0])), int(part[0, 1]) + SETTLING_NS, int(part[-1, 2]) - SETTLING_NS
 
 
 def _heights(
-    stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array, period_ns: int
+    estimates: LongMotion, lvdt: Lvdt, samples: LongSamples, period_ns: int
 ) -> Iterator[tuple[float, int, int]]:
     """Height that fits best in each window in which the rotor turns, with the window's begin and end."""
-    sampled = resample(times_ns, radial, stamp_ns, period_ns, MAX_GAP_NS)
-    good = sampled.valid & motion.observable[:, [0, 1, 3, 4]].all(axis=1)
-    exc, eyc, eac, ebc = (motion.components[:, i] for i in (0, 1, 3, 4))
-    measured = sampled.values - rotate(lvdt.artefact_eccentricity, motion.theta) - np.stack([exc, eyc], axis=1)
-    lever = np.stack([ebc, -eac], axis=1)
-    for begin in range(int(stamp_ns[0]), int(stamp_ns[-1]), WINDOW_NS):
-        first, last = np.searchsorted(stamp_ns, [begin, begin + WINDOW_NS])
-        rows = np.flatnonzero(good[first:last]) + first
-        if len(rows) < 3:
+    begin_ns, end_ns = span_of(estimates)
+    for begin in range(begin_ns, end_ns, WINDOW_NS):
+        first, last = estimates.place(begin), estimates.place(begin + WINDOW_NS)
+        if first == last:
             continue
-        centred = lever[rows] - lever[rows].mean(axis=0)
+        stamp_ns, motion = estimates.motion(first, last)
+        near = samples.between(int(stamp_ns[0]) - _REACH_NS, int(stamp_ns[-1]) + _REACH_NS)
+        sampled = resample(*near, stamp_ns, period_ns, MAX_GAP_NS)
+        good = sampled.valid & motion.observable[:, [0, 1, 3, 4]].all(axis=1)
+        if good.sum() < 3:
+            continue
+        exc, eyc, eac, ebc = (motion.components[good, i] for i in (0, 1, 3, 4))
+        artefact = rotate(lvdt.artefact_eccentricity, motion.theta[good])
+        measured = sampled.values[good] - artefact - np.stack([exc, eyc], axis=1)
+        lever = np.stack([ebc, -eac], axis=1)
+        centred = lever - lever.mean(axis=0)
         tilt = float((centred**2).sum())
         deviation = lvdt.noise / np.sqrt(tilt) if tilt > 0 else np.inf
         if deviation < MOVED / 4:  # else the window tells no height
-            yield float((centred * measured[rows]).sum() / tilt), begin, begin + WINDOW_NS
+            yield float((centred * measured).sum() / tilt), begin, begin + WINDOW_NS

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.analysis.runs import Segment, find_segments
-from rotary_error_monitor.analysis.signals import RADIAL, ROTATING, Estimates, Signal, signals_of
+from rotary_error_monitor.analysis.runs import Segment, segments_of
+from rotary_error_monitor.analysis.segment_turns import SegmentTurns
+from rotary_error_monitor.analysis.signals import RADIAL, ROTATING, LongEstimates, SignalName
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.circles import CENTRES, Centre, find_centre
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.order_spectrum import OrderSpectrum, estimate_orders, orders_like_radial
-from rotary_error_monitor.metrology.spindle_figures import Value, estimate_values
-from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TURN, TurnProfiles, cut_turns
+from rotary_error_monitor.metrology.spindle_figures import SignalNoise, Value, estimate_values
+from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TURN, TurnProfiles
+from rotary_error_monitor.signals.rows import Keep, RowsInMemory
 
 Array = NDArray[np.float64]
 
@@ -94,11 +95,13 @@ class SegmentFigures:
 
 
 def analyse_motion(
-    estimates: Estimates,
+    estimates: LongEstimates,
     stage: StageDescription,
     heights: Sequence[float],
     most_waves: int = MOST_WAVES,
     rate: float = math.inf,
+    keep: Keep = RowsInMemory,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[SegmentFigures, ...]:
     """Figures of each direction and speed, in the order in which they began.
 
@@ -108,46 +111,44 @@ def analyse_motion(
         heights: above the ring at which radial error motion is told, m.
         most_waves: cut-off of the filter over the angle, waves a turn, at most.
         rate: samples a second (Hz) of the slowest sensor: what it does not resolve the estimates only interpolate.
+        keep: where profiles of turns are kept.
+        progress: is told which part of all segments is done.
     """
-    segments = find_segments(estimates.stamp_ns, estimates.theta)
-    waves = [min(most_waves, rate * TURN / abs(segment.speed) / SAMPLES_A_WAVE) for segment in segments]
-    return tuple(_segment(each, estimates, stage, heights, int(w)) for each, w in zip(segments, waves, strict=True))
+    segments = segments_of(estimates)
+    whole = sum(segment.turned for segment in segments)
+    found, done = [], 0.0
+    for segment in segments:
+        waves = int(min(most_waves, rate * TURN / abs(segment.speed) / SAMPLES_A_WAVE))
+        found.append(_figures_of(segment, SegmentTurns(segment, estimates, stage, heights, waves, keep), stage))
+        done += segment.turned
+        progress(done / whole)
+    return tuple(found)
 
 
-def _segment(
-    segment: Segment, estimates: Estimates, stage: StageDescription, heights: Sequence[float], most_waves: int
-) -> SegmentFigures:
-    rows = np.concatenate([np.arange(first, last) for first, last in segment.runs])
-    ends = np.cumsum([last - first for first, last in segment.runs]).tolist()
-    runs = list(zip([0, *ends[:-1]], ends, strict=True))
-    theta, stamps = estimates.theta[rows], estimates.stamp_ns[rows]
-    turned = sum(abs(float(theta[last - 1] - theta[first])) for first, last in runs) / TURN
+def _figures_of(segment: Segment, cut: SegmentTurns, stage: StageDescription) -> SegmentFigures:
     figures: list[SignalFigures] = []
     remarks: list[str] = []
-    shown = TurnProfiles.none()
-    signals = signals_of(estimates, stage, heights, rows)
+    shown: TurnProfiles | None = None
     # what is observable at the same times has the same turns
-    for quantity, same in groupby(signals, key=lambda signal: (signal.quantity, bool(signal.height))):
-        group = list(same)
-        turns = cut_turns(theta, np.stack([signal.values for signal in group], axis=1), runs, most_waves)
-        remarks += [f"{quantity[0]}: {text}" for text in _lacking(turns)]
-        if turns is None or not len(turns.profiles):
+    for group in cut.groups():
+        turns = group.turns
+        remarks += [f"{group.quantity}: {text}" for text in _lacking(turns)]
+        if turns is None or not turns.count:
             continue
         shown = turns
-        proven = estimates.proven[rows]
-        hidden = _hidden(stage, turns.cut_off)
-        for number, signal in enumerate(group):
-            figures.append(_figures(signal, turns, number, hidden if signal.quantity == RADIAL else (), proven, stamps))
-        if not proven.any():
-            remarks.append(f"{quantity[0]}: {_UNPROVEN}")
+        hidden = _hidden(stage, turns.cut_off) if group.quantity == RADIAL else ()
+        for number, signal in enumerate(group.signals):
+            figures.append(_figures(signal, turns, number, group.noise[number], hidden))
+        if not cut.is_proven:
+            remarks.append(f"{group.quantity}: {_UNPROVEN}")
     return SegmentFigures(
         segment.name,
         segment.speed,
         segment.steady,
-        turned,
-        shown.samples,
-        shown.cut_off,
-        int(stamps[0]),
+        segment.turned / TURN,
+        0.0 if shown is None else shown.samples,
+        0 if shown is None else shown.cut_off,
+        segment.begin_ns,
         tuple(figures),
         tuple(dict.fromkeys(remarks)),
     )
@@ -164,7 +165,7 @@ def _lacking(turns: TurnProfiles | None) -> Iterator[str]:
     if turns is None:
         yield "too few samples a turn: no error motion value is told"
         return
-    count = len(turns.profiles)
+    count = turns.count
     if count == 0:
         more = f", and {turns.incomplete} in which samples are missing" if turns.incomplete else ""
         yield f"{turns.whole:.2g} turns{more}: no whole one, so no error motion value is told"
@@ -180,20 +181,10 @@ def _hidden(stage: StageDescription, highest: int) -> tuple[int, ...]:
 
 
 def _figures(
-    signal: Signal,
-    turns: TurnProfiles,
-    number: int,
-    hidden: Sequence[int],
-    proven: NDArray[np.bool_],
-    stamps: NDArray[np.int64],
+    signal: SignalName, turns: TurnProfiles, number: int, noise: SignalNoise, hidden: Sequence[int]
 ) -> SignalFigures:
-    inside = np.zeros(len(stamps), np.bool_)
-    for first, last in turns.rows:
-        inside[first : last + 1] = True
-    inside &= np.isfinite(signal.values)
-    noise = signal.noise(inside & proven if (inside & proven).any() else inside)
-    profiles = turns.profiles[:, :, number]
-    mean = profiles.mean(axis=0)
+    summary = turns.summary(number)
+    mean = summary.mean
     rotating = signal.direction == ROTATING
     return SignalFigures(
         signal.key,
@@ -201,15 +192,15 @@ def _figures(
         signal.direction,
         signal.height,
         signal.unit,
-        len(profiles),
+        turns.count,
         estimate_values(turns, number, noise, keeps_fundamental=signal.keeps_fundamental),
         {name: find_centre(turns.angles, mean, name) for name in CENTRES} if signal.quantity == RADIAL else {},
         None if rotating else estimate_orders(turns, number, noise, hidden),
         turns.angles,
         mean,
-        profiles.min(axis=0),
-        profiles.max(axis=0),
-        profiles.mean(axis=1),
-        stamps[turns.rows].mean(axis=1).astype(np.int64),
+        summary.lowest,
+        summary.highest,
+        np.concatenate([profiles.mean(axis=1) for profiles, _ in turns.parts(number)]),
+        turns.labels.mean(axis=1).astype(np.int64),
         noise.random / math.sqrt(turns.samples),
     )

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.analysis.rotation import ArrayCourse, Course, Stretch
 from rotary_error_monitor.analysis.runs import rests
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import (
@@ -16,6 +18,7 @@ from rotary_error_monitor.metrology.positioning import (
     estimate_positioning,
 )
 from rotary_error_monitor.metrology.turns import TURN
+from rotary_error_monitor.signals.rows import parts_of
 
 Array = NDArray[np.float64]
 
@@ -41,29 +44,65 @@ class Positioning:
     remarks: tuple[str, ...]
 
 
+class LongPositions(Course, Protocol):
+    """Rotation over time, and what it is off the command, of which a part is looked at at once."""
+
+    def deviation(self, first: int, last: int) -> Array:
+        """Rotation less command from one estimate to before another, rad, NaN where not observable."""
+        ...
+
+
+@dataclass(frozen=True)
+class ArrayPositions(ArrayCourse):
+    """The same in memory; `ecc` (n,) is rotation less command, rad."""
+
+    ecc: Array
+
+    def deviation(self, first: int, last: int) -> Array:
+        """As `LongPositions.deviation`."""
+        return self.ecc[first:last]
+
+
 def estimate_stops(stamp_ns: NDArray[np.int64], theta: Array, ecc: Array) -> Positioning:
-    """Positioning by the stops of a recording.
+    """Positioning by the stops of a recording that is in memory.
 
     Args:
         stamp_ns: (n,) timestamps (ns).
         theta: (n,) rotation, rad.
         ecc: (n,) rotation less command, rad, NaN where not observable.
     """
+    return positioning_of(ArrayPositions(stamp_ns, theta, ecc))
+
+
+def positioning_of(estimates: LongPositions) -> Positioning:
+    """Positioning by the stops of a recording."""
     stops: dict[tuple[int, int], list[float]] = {}
     count = 0
-    for first, last in rests(stamp_ns, theta):
-        if first == 0 or stamp_ns[last - 1] - stamp_ns[first] < LEAST_REST_NS:
+    for rest in rests(estimates):
+        if rest.first == 0 or rest.end_ns - rest.begin_ns < LEAST_REST_NS:
             continue  # of what was before the recording nobody knows the direction
-        settled = slice((first + last) // 2, last)
-        deviation = ecc[settled][np.isfinite(ecc[settled])]
-        if len(deviation) == 0:
+        rotation, deviation = _settled(estimates, rest)
+        if deviation is None:
             continue
         count += 1
-        before = theta[first] - theta[np.searchsorted(stamp_ns, stamp_ns[first] - LEAST_REST_NS)]
-        target = float(np.mean(theta[settled])) - float(np.mean(deviation))
-        place = round(target / SAME) % round(TURN / SAME)
-        stops.setdefault((place, 1 if before > 0 else -1), []).append(float(np.mean(deviation)))
+        earlier = estimates.place(rest.begin_ns - LEAST_REST_NS)
+        before = rest.begin - float(estimates.read(earlier, earlier + 1)[1][0])
+        place = round((rotation - deviation) / SAME) % round(TURN / SAME)
+        stops.setdefault((place, 1 if before > 0 else -1), []).append(deviation)
     return _figures(stops, count)
+
+
+def _settled(estimates: LongPositions, rest: Stretch) -> tuple[float, float | None]:
+    """Means over the second half of a rest, rad: rotation, and that less command, None where it is not observable."""
+    rotation = deviation = 0.0
+    seen, begin = 0, (rest.first + rest.last) // 2
+    for first, last in parts_of(begin, rest.last):
+        part = estimates.deviation(first, last)
+        known = part[np.isfinite(part)]
+        rotation += float(estimates.read(first, last)[1].sum())
+        deviation += float(known.sum())
+        seen += len(known)
+    return rotation / (rest.last - begin), deviation / seen if seen else None
 
 
 def _figures(stops: dict[tuple[int, int], list[float]], count: int) -> Positioning:

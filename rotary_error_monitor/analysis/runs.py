@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.analysis.rotation import ArrayCourse, Course, Moving, Stretch, Stretches, moving_parts
+
 Array = NDArray[np.float64]
 Times = NDArray[np.int64]
-
-WINDOW_NS = 100_000_000
-"""Time over which a speed is taken, ns: some periods of what a drive trembles at."""
 
 STEADY = 0.02
 """Part by which the speed may change within a window in a run of constant speed."""
@@ -28,9 +26,6 @@ MOVING = 0.02
 LEAST_SPEED = 1e-3
 """Slowest rotation that is one, rad/s: a turn in one and three quarter hours."""
 
-LONGEST_GAP_NS = 1_000_000_000
-"""Longest time without an estimate within a run, ns."""
-
 
 @dataclass(frozen=True)
 class Segment:
@@ -40,11 +35,17 @@ class Segment:
         runs: first sample and the one after the last of each.
         speed: mean speed with its sign, rad/s.
         steady: whether it is constant within each run.
+        turned: how far it turns in all runs, rad.
+        longest: how far in the longest run, rad.
+        begin_ns: timestamp (ns) of its first sample.
     """
 
     runs: tuple[tuple[int, int], ...]
     speed: float
     steady: bool
+    turned: float
+    longest: float
+    begin_ns: int
 
     @property
     def name(self) -> str:
@@ -54,78 +55,120 @@ class Segment:
 
 
 def find_segments(times_ns: Times, theta: Array) -> tuple[Segment, ...]:
+    """Segments of a rotation (n,), rad, unwrapped, at timestamps (n,), ns; see `segments_of`."""
+    return segments_of(ArrayCourse(times_ns, theta))
+
+
+def segments_of(course: Course) -> tuple[Segment, ...]:
     """Segments in the order in which they begin.
 
     A direction in which no whole turn is made at a constant speed has one segment of all that turns, at changing speed:
     error motion values do not need a constant speed, but mean one.
-
-    Args:
-        times_ns: (n,) timestamps (ns), ascending.
-        theta: (n,) rotation, rad, unwrapped.
     """
-    if len(times_ns) < 3:
+    if len(course) < 3:
         return ()
-    speed, change = speeds(times_ns, theta)
-    moving = np.abs(speed) > max(MOVING * float(np.abs(speed).max()), LEAST_SPEED)
-    steady = moving & (np.abs(change) <= STEADY * np.abs(speed))
-    runs = [run for run in _stretches(times_ns, steady, np.sign(speed)) if _is_constant(speed[slice(*run)])]
-    found = list(_alike(times_ns, theta, runs))
-    for sense in (1, -1):
-        if any(_longest(segment, theta) >= 2 * math.pi for segment in found if sense * segment.speed > 0):
+    least = _least_speed(course)
+    steady, turning = Stretches(), Stretches()
+    for part in moving_parts(course):
+        moving, sense = np.abs(part.speed) > least, np.sign(part.speed)
+        steady.add(part, moving & (np.abs(part.change) <= STEADY * np.abs(part.speed)), sense)
+        turning.add(part, moving, sense)
+    found = [_segment(runs, steady=True) for runs in _alike(_constant(course, steady.found))]
+    for sign in (1, -1):
+        if any(segment.longest >= 2 * math.pi for segment in found if sign * segment.speed > 0):
             continue
-        runs = _stretches(times_ns, moving & (np.sign(speed) == sense), np.sign(speed))
-        long = [run for run in runs if abs(theta[run[1] - 1] - theta[run[0]]) >= 2 * math.pi]
+        long = [run for run in turning.found if sign * run.fastest > 0 and abs(run.turned) >= 2 * math.pi]
         if long:
-            found = [segment for segment in found if sense * segment.speed < 0]
-            found.append(Segment(tuple(long), _mean_speed(times_ns, theta, long), steady=False))
+            found = [segment for segment in found if sign * segment.speed < 0]
+            found.append(_segment(long, steady=False))
     return tuple(sorted(found, key=lambda segment: segment.runs[0]))
 
 
-def rests(times_ns: Times, theta: Array) -> list[tuple[int, int]]:
-    """Stretches in which the rotor stands: first sample and the one after the last."""
-    if len(times_ns) < 3:
+def rests(course: Course) -> list[Stretch]:
+    """Stretches in which the rotor stands."""
+    if len(course) < 3:
         return []
-    speed, _ = speeds(times_ns, theta)
-    still = np.abs(speed) <= max(MOVING * float(np.abs(speed).max()), LEAST_SPEED)
-    return _stretches(times_ns, still, np.zeros(len(theta)))
+    least = _least_speed(course)
+    standing = Stretches()
+    for part in moving_parts(course):
+        standing.add(part, np.abs(part.speed) <= least, np.zeros(len(part.speed)))
+    return standing.found
 
 
-def speeds(times_ns: Times, theta: Array) -> tuple[Array, Array]:
-    """(n,) speed over a window about each sample, rad/s, and its change over the window."""
-    before = np.searchsorted(times_ns, times_ns - WINDOW_NS // 2)
-    after = np.minimum(np.searchsorted(times_ns, times_ns + WINDOW_NS // 2), len(times_ns) - 1)
-    span = np.maximum((times_ns[after] - times_ns[before]) * 1e-9, 1e-9)
-    speed = (theta[after] - theta[before]) / span
-    return speed, speed[after] - speed[before]
+def _least_speed(course: Course) -> float:
+    """Speed above which the rotor turns, rad/s."""
+    return max(MOVING * max(float(np.abs(part.speed).max()) for part in moving_parts(course)), LEAST_SPEED)
 
 
-def _stretches(times_ns: Times, chosen: NDArray[np.bool_], sense: Array) -> list[tuple[int, int]]:
-    """First sample and the one after the last of each stretch that is chosen, has one sense and no long gap."""
-    ends = np.diff(times_ns) > LONGEST_GAP_NS
-    breaks = ends | (np.diff(chosen.astype(np.int8)) != 0) | (np.diff(sense) != 0)
-    edges = [0, *(np.flatnonzero(breaks) + 1).tolist(), len(times_ns)]
-    return [(a, b) for a, b in itertools.pairwise(edges) if chosen[a] and b - a > 1]
+def _constant(course: Course, runs: Sequence[Stretch]) -> list[Stretch]:
+    """Runs in which speeds that change slowly stay within `ALIKE` of their middle.
+
+    The middle is a median, which need not be known for that: only how many speeds are so fast that they would do.
+    """
+    counts = [_Fast(run) for run in runs]
+    at = 0
+    for part in moving_parts(course):
+        end = part.begin + len(part.speed)
+        while at < len(runs) and runs[at].last <= part.begin:
+            at += 1
+        for count in counts[at:]:
+            if count.run.first >= end:
+                break
+            count.add(part)
+    return [count.run for count in counts if count.middle_is_fast]
 
 
-def _is_constant(speed: Array) -> bool:
-    """Whether speeds (m,) that change slowly stay within `ALIKE` of their middle."""
-    return float(np.ptp(speed)) <= 2 * ALIKE * abs(float(np.median(speed)))
+class _Fast:
+    """How many speeds of a run would do as its middle, for it to be constant."""
+
+    def __init__(self, run: Stretch) -> None:
+        self.run = run
+        self._spread = run.fastest - run.slowest
+        self._fast = 0
+        self._slowest_fast, self._fastest_slow = math.inf, 0.0
+
+    def add(self, part: Moving) -> None:
+        """Count those of the run that are in a part."""
+        first, last = max(self.run.first - part.begin, 0), self.run.last - part.begin
+        speed = np.abs(part.speed[first:last])
+        does = self._does(speed)
+        self._fast += int(does.sum())
+        self._slowest_fast = min(self._slowest_fast, float(speed[does].min(initial=math.inf)))
+        self._fastest_slow = max(self._fastest_slow, float(speed[~does].max(initial=0.0)))
+
+    @property
+    def middle_is_fast(self) -> bool:
+        """Whether the median of all does."""
+        half, odd = divmod(self.run.last - self.run.first, 2)
+        if odd or self._fast != half:
+            return self._fast > half
+        return bool(self._does(np.array(0.5 * (self._slowest_fast + self._fastest_slow))))
+
+    def _does(self, speed: Array) -> NDArray[np.bool_]:
+        return np.asarray(self._spread <= 2 * ALIKE * speed)
 
 
-def _alike(times_ns: Times, theta: Array, runs: Sequence[tuple[int, int]]) -> Iterator[Segment]:
+def _alike(runs: Sequence[Stretch]) -> Iterator[list[Stretch]]:
     """Runs of like speed together, each speed within `ALIKE` of the longest run's."""
-    left = sorted(runs, key=lambda run: run[0] - run[1])
+    left = sorted(runs, key=lambda run: run.first - run.last)
     while left:
-        speed = _mean_speed(times_ns, theta, left[:1])
-        same = [run for run in left if abs(_mean_speed(times_ns, theta, [run]) - speed) <= ALIKE * abs(speed)]
-        left = [run for run in left if run not in same]
-        yield Segment(tuple(sorted(same)), _mean_speed(times_ns, theta, same), steady=True)
+        speed = _mean_speed(left[:1])
+        same = [run for run in left if abs(_mean_speed([run]) - speed) <= ALIKE * abs(speed)]
+        taken = {run.first for run in same}
+        left = [run for run in left if run.first not in taken]
+        yield sorted(same, key=lambda run: run.first)
 
 
-def _longest(segment: Segment, theta: Array) -> float:
-    return max(abs(float(theta[last - 1] - theta[first])) for first, last in segment.runs)
+def _segment(runs: Sequence[Stretch], steady: bool) -> Segment:
+    return Segment(
+        tuple((run.first, run.last) for run in runs),
+        _mean_speed(runs),
+        steady,
+        sum(abs(run.turned) for run in runs),
+        max(abs(run.turned) for run in runs),
+        runs[0].begin_ns,
+    )
 
 
-def _mean_speed(times_ns: Times, theta: Array, runs: Sequence[tuple[int, int]]) -> float:
-    turned = sum(float(theta[last - 1] - theta[first]) for first, last in runs)
-    return turned / (sum(int(times_ns[last - 1] - times_ns[first]) for first, last in runs) * 1e-9)
+def _mean_speed(runs: Sequence[Stretch]) -> float:
+    return sum(run.turned for run in runs) / (sum(run.end_ns - run.begin_ns for run in runs) * 1e-9)

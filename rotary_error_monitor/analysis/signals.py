@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.analysis.runs import speeds
+from rotary_error_monitor.analysis.rotation import Course
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import radial_covariance_at, radial_error_motion_at, remove_mirror
-from rotary_error_monitor.metrology.spindle_figures import SignalNoise, sensitive_direction
+from rotary_error_monitor.metrology.spindle_figures import sensitive_direction
 from rotary_error_monitor.pipeline.publication import AssemblyVariance
+from rotary_error_monitor.signals.rows import parts_of
 
 Array = NDArray[np.float64]
 
@@ -44,31 +46,58 @@ class Estimates:
     head_scale: Array
     proven: NDArray[np.bool_]
 
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def read(self, first: int, last: int) -> tuple[NDArray[np.int64], Array]:
+        """As `Course.read`."""
+        return self.stamp_ns[first:last], self.theta[first:last]
+
+    def place(self, time_ns: int) -> int:
+        """As `Course.place`."""
+        return int(np.searchsorted(self.stamp_ns, time_ns))
+
+    def part(self, first: int, last: int) -> Estimates:
+        """As `LongEstimates.part`."""
+        return Estimates(*(getattr(self, each.name)[first:last] for each in fields(self)))
+
+
+class LongEstimates(Course, Protocol):
+    """The same of any number of times, of which some are looked at at once."""
+
+    def part(self, first: int, last: int) -> Estimates:
+        """Estimates from one to before another."""
+        ...
+
 
 @dataclass(frozen=True)
-class Signal:
-    """One signal over n times.
+class Survey:
+    """What must be known of all times that count before a part of them is looked at.
+
+    Attributes:
+        seen: (6,) which components were observable at some time.
+        tilt_read: (2,) mean over the times of the variance that a tilt about x and about y has by its reading, rad².
+        proven: whether the description had been held against a whole turn at some time.
+    """
+
+    seen: NDArray[np.bool_]
+    tilt_read: Array
+    proven: bool
+
+
+@dataclass(frozen=True)
+class SignalName:
+    """Which signal it is.
 
     Attributes:
         quantity: `radial`, `tilt` or `axial`.
         direction: `rotating` (with the rotor), or `x`, `y`, `z`.
         height: above the ring, m; None where it does not matter.
-        values: (n,) m or rad, NaN where not observable.
-        variance: (n,) of it, all in all.
-        turning: (n,) variance of what turns with the rotor once a turn and is not told from error motion.
-        still: (n,) variance of what stands still at one speed, as a displacement by stamps that are apart does: it is
-            taken off with the centre.
-        shape: variance of what is the same in each turn otherwise.
     """
 
     quantity: str
     direction: str
     height: float | None
-    values: Array
-    variance: Array
-    turning: Array
-    still: Array
-    shape: float
 
     @property
     def key(self) -> str:
@@ -86,11 +115,30 @@ class Signal:
         """Whether a once-per-turn component is error motion, not a matter of setting up (ISO 230-7, 3.5)."""
         return self.quantity != RADIAL and self.direction != ROTATING
 
-    def noise(self, chosen: NDArray[np.bool_]) -> SignalNoise:
-        """Its uncertainty at the chosen times."""
-        variance, turning = float(np.mean((self.variance - self.still)[chosen])), float(np.mean(self.turning[chosen]))
-        random = max(variance - turning - self.shape, 0.0)
-        return SignalNoise(random**0.5, self.shape**0.5, turning**0.5)
+
+@dataclass(frozen=True)
+class Signal(SignalName):
+    """One signal over n times.
+
+    Attributes:
+        values: (n,) m or rad, NaN where not observable.
+        variance: (n,) of it, all in all.
+        turning: (n,) variance of what turns with the rotor once a turn and is not told from error motion.
+        still: (n,) variance of what stands still at one speed, as a displacement by stamps that are apart does: it is
+            taken off with the centre.
+        shape: variance of what is the same in each turn otherwise.
+    """
+
+    values: Array
+    variance: Array
+    turning: Array
+    still: Array
+    shape: float
+
+    @property
+    def name(self) -> SignalName:
+        """Which it is, without its values."""
+        return SignalName(self.quantity, self.direction, self.height)
 
 
 def default_heights(stage: StageDescription) -> tuple[float, ...]:
@@ -100,49 +148,66 @@ def default_heights(stage: StageDescription) -> tuple[float, ...]:
     return tuple(sorted({0.0, *lvdt, *probes}))
 
 
-def signals_of(
-    estimates: Estimates, stage: StageDescription, heights: Sequence[float], chosen: NDArray[np.intp]
-) -> Iterator[Signal]:
-    """Signals that were observable at some of the chosen times."""
-    components = estimates.error_motion[chosen]
-    covariance = estimates.covariance[chosen]
-    theta = estimates.theta[chosen]
-    unresolved = 0.5 * estimates.unresolved[chosen] ** 2  # of a turning vector each component has half of the square
+def survey(estimates: LongEstimates, runs: Sequence[tuple[int, int]], stage: StageDescription) -> Survey:
+    """What is to be known of the times in some runs, first and the one after the last of each."""
     assembly = AssemblyVariance.of(stage)
-    seen = np.asarray(np.isfinite(components).any(axis=0))
-    nothing = np.zeros(len(theta))
-    if seen[[0, 1]].all():
-        still = _stamps_apart(estimates, stage, assembly, chosen)
+    seen, read, count, proven = np.zeros(6, np.bool_), np.zeros(2), np.zeros(2), False
+    for first, last in runs:
+        for part in (estimates.part(*each) for each in parts_of(first, last)):
+            seen |= np.isfinite(part.error_motion).any(axis=0)
+            proven |= bool(part.proven.any())
+            tilt = part.error_motion[:, 3:5]
+            variance = assembly.tilt_by_reading(tilt, tilt[:, ::-1])
+            known = np.isfinite(variance)
+            read += np.where(known, variance, 0.0).sum(axis=0)
+            count += known.sum(axis=0)
+    with np.errstate(invalid="ignore"):  # of a tilt that was never seen there is no mean
+        return Survey(seen, read / count, proven)
+
+
+def signals_of(
+    part: Estimates, speed: Array, known: Survey, stage: StageDescription, heights: Sequence[float]
+) -> Iterator[Signal]:
+    """Signals of a part of the times: those that were observable at some of all times.
+
+    Args:
+        part: estimates at m times.
+        speed: (m,) rad/s.
+        known: of all times.
+        stage: as described.
+        heights: above the ring at which radial error motion is told, m.
+    """
+    unresolved = 0.5 * part.unresolved**2  # of a turning vector each component has half of the square
+    assembly = AssemblyVariance.of(stage)
+    nothing = np.zeros(len(part))
+    if known.seen[[0, 1]].all():
+        still = _stamps_apart(part, speed, stage, assembly)
         for height in heights:
-            if height and not seen[[3, 4]].all():
+            if height and not known.seen[[3, 4]].all():
                 continue
-            moved, spread = radial_at(components, covariance, height)
+            moved, spread = radial_at(part.error_motion, part.covariance, height)
             lever = height**2
             turning = assembly.eccentricity + unresolved[:, 0] + lever * (assembly.mirror + unresolved[:, 1])
             shape = assembly.graduation + lever * assembly.flatness
-            yield from _radial(moved, spread, theta, turning, still, shape, height)
-    yield from _tilt(components, covariance, theta, assembly.mirror + unresolved[:, 1], stage, assembly)
-    if seen[2]:
-        yield Signal(AXIAL, "z", None, components[:, 2], covariance[:, 2, 2], nothing, nothing, 0.0)
+            yield from _radial(moved, spread, part.theta, turning, still, shape, height)
+    yield from _tilt(part, assembly.mirror + unresolved[:, 1], known, stage, assembly)
+    if known.seen[2]:
+        axial, variance = part.error_motion[:, 2], part.covariance[:, 2, 2]
+        yield Signal(AXIAL, "z", None, axial, variance, nothing, nothing, 0.0)
 
 
 def _tilt(
-    components: Array,
-    covariance: Array,
-    theta: Array,
-    turning: Array,
-    stage: StageDescription,
-    assembly: AssemblyVariance,
+    part: Estimates, turning: Array, known: Survey, stage: StageDescription, assembly: AssemblyVariance
 ) -> Iterator[Signal]:
     """Tilt about x and y; what gain and roll are off by goes with the reading, of which the mirror's part turns."""
-    tilt = components[:, 3:5]
-    reading = tilt - remove_mirror(np.zeros_like(tilt), theta, stage.mirror)
-    zero = np.full(len(theta), assembly.zero)
+    tilt = part.error_motion[:, 3:5]
+    reading = tilt - remove_mirror(np.zeros_like(tilt), part.theta, stage.mirror)
+    zero = np.full(len(part), assembly.zero)
     for axis, direction in enumerate("xy"):
-        if np.isfinite(tilt[:, axis]).any():
+        if known.seen[3 + axis]:
             read = np.nan_to_num(assembly.tilt_by_reading(reading[:, axis], reading[:, 1 - axis]))
-            own = float(np.nanmean(assembly.tilt_by_reading(tilt[:, axis], tilt[:, 1 - axis])))
-            variance = covariance[:, 3 + axis, 3 + axis]
+            own = float(known.tilt_read[axis])
+            variance = part.covariance[:, 3 + axis, 3 + axis]
             lasting = turning + np.maximum(read - own, 0.0)
             yield Signal(TILT, direction, None, tilt[:, axis], variance, lasting, zero, assembly.flatness + own)
 
@@ -161,22 +226,19 @@ def radial_at(components: Array, covariance: Array, height: float) -> tuple[Arra
     return radial_error_motion_at(motion, height), radial_covariance_at(np.nan_to_num(covariance), height)
 
 
-def _stamps_apart(
-    estimates: Estimates, stage: StageDescription, assembly: AssemblyVariance, chosen: NDArray[np.intp]
-) -> Array:
+def _stamps_apart(part: Estimates, speed: Array, stage: StageDescription, assembly: AssemblyVariance) -> Array:
     """(m,) variance at the ring by stamps of the heads that are apart, which is part of the factor of their variance.
 
     The factor's square is that of what the heads contradict one another, times one and the stamps' variance over that
     of the readings. Beside listed sensors, which share in the estimate, it is not told: then it counts as any other.
     """
     if stage.encoder is None or stage.sensors:
-        return np.zeros(len(chosen))
+        return np.zeros(len(part))
     weights = HeadLayout(tuple(stage.azimuths.values())).weights[1:]
-    speed = speeds(estimates.stamp_ns, estimates.theta)[0][chosen]
     apart = (stage.timing("encoder") * speed * stage.encoder.disc_radius) ** 2 * float((weights**2).sum(axis=1).min())
-    variance = np.nan_to_num(estimates.covariance[chosen, 0, 0])
-    scaled = np.maximum(variance - assembly.radial - 0.5 * estimates.unresolved[chosen, 0] ** 2, 0.0)
-    square = np.maximum(estimates.head_scale[chosen] ** 2, 1.0)
+    variance = np.nan_to_num(part.covariance[:, 0, 0])
+    scaled = np.maximum(variance - assembly.radial - 0.5 * part.unresolved[:, 0] ** 2, 0.0)
+    square = np.maximum(part.head_scale**2, 1.0)
     reading = scaled / square
     return np.asarray(scaled * apart / np.maximum(reading + apart, np.finfo(float).tiny))
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.comparison import Stand
 from rotary_error_monitor.analysis.reference_judgement import CHANCE, Variances, judge
+from rotary_error_monitor.analysis.rotation import speeds_in
 from rotary_error_monitor.analysis.runs import Segment, find_segments
-from rotary_error_monitor.analysis.signals import RADIAL, Estimates, radial_at, signals_of
+from rotary_error_monitor.analysis.signals import RADIAL, Estimates, Signal, radial_at, signals_of, survey
 from rotary_error_monitor.analysis.verification_result import AxisFigures, ReferenceComparison, TurningComparison
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
@@ -137,7 +138,7 @@ def _pairs(
     Raises:
         InputError: there is no such time.
     """
-    signal = next((s for s in signals_of(estimates, stage, (height,), chosen) if s.quantity == RADIAL), None)
+    signal = _radial_signal(estimates, stage, height, chosen)
     if signal is None:
         lacking = "radial error motion" if not height else "radial or tilt error motion"
         raise InputError(
@@ -180,6 +181,19 @@ def _pairs(
     reading = seen.values[both] - reference.form_at(theta)
     estimate = motion @ reference.directions.T
     return _Pairs(stamps[both], theta, estimate, reading, tuple(variances), signal.turning[both], lever), remarks
+
+
+def _radial_signal(
+    estimates: Estimates, stage: StageDescription, height: float, chosen: NDArray[np.intp]
+) -> Signal | None:
+    """Radial error motion at a height, at ticks one after another; None where it is not observable."""
+    if not len(chosen):
+        return None
+    first, last = int(chosen[0]), int(chosen[-1]) + 1
+    known = survey(estimates, [(first, last)], stage)
+    speed = speeds_in(estimates, first, last).speed
+    signals = signals_of(estimates.part(first, last), speed, known, stage, (height,))
+    return next((signal for signal in signals if signal.quantity == RADIAL), None)
 
 
 def _along(covariance: Array, along: Array) -> Array:

@@ -128,9 +128,10 @@ class Outline:
         if not self.closed:
             return None
         said, _, checksum = _FOOTER.unpack_from(self._content, self._footer + PREFIX.size)
-        starts = [said] if _MAGIC < said <= self._footer else []
-        if checksum:
-            starts += [found.end() for found in _DATA_END.finditer(self._content)][-8:]
+        if _MAGIC < said <= self._footer and self._is_index(said, checksum):
+            return said, self._footer
+        # what was written is looked through only where the footer is wrong: that takes the whole file into memory
+        starts = [found.end() for found in _DATA_END.finditer(self._content)][-8:] if checksum else []
         for start in starts:
             if self._is_index(start, checksum):
                 return start, self._footer

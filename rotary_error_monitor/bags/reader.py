@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import heapq
 import os
-from array import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.bag_files import ENCODING, BagFiles, TopicContent
 from rotary_error_monitor.bags.listing import count_remarks
 from rotary_error_monitor.bags.naming import ROOT, THE_ONLY_CELL, NamedFiles, Naming
+from rotary_error_monitor.bags.order import GROUP, Order, Ordering
 from rotary_error_monitor.bags.recorded_files import RawMessage
 from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
@@ -22,9 +18,7 @@ from rotary_error_monitor.codec.contents import SAMPLE_BLOCK, TYPES, Content
 from rotary_error_monitor.codec.messages import Decoder, check_type, stamp_of
 from rotary_error_monitor.errors import InputError, excerpt, one_line
 from rotary_error_monitor.files import exists
-from rotary_error_monitor.signals.admission import AHEAD_NS
-from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
-from rotary_error_monitor.signals.stretches import PAUSE_NS, longest_stretch
+from rotary_error_monitor.signals.blocks import SampleBlock
 
 
 class BagReader:
@@ -52,7 +46,7 @@ class BagReader:
         self.damage = self._files.damage and one_line(self._files.damage)
         self.notes: Mapping[str, str] = self._files.metadata.notes
         self.remarks = tuple(self._remarks())
-        self._indexed: tuple[tuple[str, ...], _Index] | None = None
+        self._ordered: tuple[tuple[str, ...], Order] | None = None
 
     def _remarks(self) -> Iterator[str]:
         if self.damage:
@@ -96,10 +90,8 @@ class BagReader:
         Raises:
             InputError: a topic or its type cannot be read, or a message is too short for a stamp.
         """
-        found = self._index(self._chosen(names))
-        if not len(found.stamps):
-            return None
-        return Window(*longest_stretch(found.first, found.last, found.stream))
+        span_ns = self._order(self._chosen(names)).span_ns
+        return None if span_ns is None else Window(*span_ns)
 
     def replay(
         self,
@@ -138,42 +130,40 @@ class BagReader:
         """
         chosen = self._chosen(names)
         decoders = {name: self._decoder(name, finite=refuse is None) for name in chosen}
-        index = self._index(chosen)
-        waiting: list[tuple[int, RawMessage]] = []
-        turn = 0
-        for ranked in self._ranked(chosen, index):
-            heapq.heappush(waiting, ranked)
-            while waiting and waiting[0][0] == turn:
-                _, ready = heapq.heappop(waiting)
-                turn += 1
-                try:
-                    content = self._decode(decoders[ready.topic], ready)
-                except InputError as error:
-                    if refuse is None:
-                        raise
-                    refuse(ready.topic, error)
-                    continue
-                kept = content if window is None else window.cut(ready.topic, content)
-                if kept is not None:
-                    arrival_ns = ready.log_time_ns + index.behind_ns
-                    yield ready.topic, kept, arrival_ns if index.timely else max(arrival_ns, _newest_ns(kept))
+        order = self._order(chosen)
+        for ready in self._by_stamp(chosen, order):
+            try:
+                content = self._decode(decoders[ready.topic], ready)
+            except InputError as error:
+                if refuse is None:
+                    raise
+                refuse(ready.topic, error)
+                continue
+            kept = content if window is None else window.cut(ready.topic, content)
+            if kept is not None:
+                arrival_ns = ready.log_time_ns + order.behind_ns
+                yield ready.topic, kept, arrival_ns if order.timely else max(arrival_ns, _newest_ns(kept))
 
-    def _ranked(self, names: Collection[str], index: _Index) -> Iterator[tuple[int, RawMessage]]:
-        """Messages with their places by stamp.
+    def _by_stamp(self, names: Collection[str], order: Order) -> Iterator[RawMessage]:
+        """Messages by stamp, topic, and when they were recorded: what waits is what later ones may come before.
 
         Raises:
             InputError: they are not those that the first pass has found.
         """
-        ranks = iter(index.ranks())
+        places = {name: place for place, name in enumerate(sorted(names))}
+        waiting: list[tuple[int, int, int, RawMessage]] = []
+        count = 0
         for message in self.messages(names):
-            rank = next(ranks, None)
-            if rank is None:
-                break
-            yield rank, message
-        else:
-            if next(ranks, None) is None:
-                return
-        raise InputError(f"{self.path}: the bag changed while it was read; read it again")
+            heapq.heappush(waiting, (self._stamp(message), places[message.topic], count, message))
+            count += 1
+            if count % GROUP == 0 and count < order.count:
+                earliest = order.earliest[count // GROUP]
+                while waiting and waiting[0][0] < earliest:
+                    yield heapq.heappop(waiting)[-1]
+        if count != order.count:
+            raise InputError(f"{self.path}: the bag changed while it was read; read it again")
+        while waiting:
+            yield heapq.heappop(waiting)[-1]
 
     def read(self, names: Collection[str] | None = None, window: Window | None = None) -> dict[str, list[Content]]:
         """All contents by topic, each topic in the order of its stamps; what is asked for and empty is an empty list.
@@ -252,38 +242,15 @@ class BagReader:
         except InputError as error:
             raise InputError(f"{self.path}: {one_line(name)}: {error}") from error
 
-    def _index(self, names: Sequence[str]) -> _Index:
+    def _order(self, names: Sequence[str]) -> Order:
         """When the messages of these topics are; the answer to the last question is kept."""
-        if self._indexed is None or self._indexed[0] != tuple(names):
-            self._indexed = tuple(names), self._go_through(names)
-        return self._indexed[1]
-
-    def _go_through(self, names: Sequence[str]) -> _Index:
-        order = {name: place for place, name in enumerate(sorted(names))}
-        blocks = {name: BlockDecoder() for name in names if self.topics[name].type == SAMPLE_BLOCK}
-        stamps, topics = array("q"), array("q")
-        pieces, ahead, others_ahead = array("q"), array("q"), array("q")
-        for message in self.messages(names):
-            stamp, place = self._stamp(message), order[message.topic]
-            stamps.append(stamp)
-            topics.append(place)
-            decoder = blocks.get(message.topic)
-            for first, last in _pieces(stamp, decoder, message.data):
-                pieces.extend((first, last, place))
-            (others_ahead if decoder is None else ahead).append(last - message.log_time_ns)
-        times = np.array(pieces, dtype=np.int64).reshape(-1, 3)
-        apart = np.array(ahead if len(ahead) else others_ahead, np.int64)
-        typical = int(np.median(apart)) if len(apart) else 0
-        timely = not len(apart) or bool(np.median(np.abs(apart - typical)) <= AHEAD_NS)
-        return _Index(
-            np.array(stamps, np.int64),
-            np.array(topics, np.int64),
-            times[:, 0],
-            times[:, 1],
-            times[:, 2],
-            max(0, typical),
-            timely,
-        )
+        if self._ordered is None or self._ordered[0] != tuple(names):
+            blocks = {name: BlockDecoder() for name in names if self.topics[name].type == SAMPLE_BLOCK}
+            found = Ordering(names)
+            for message in self.messages(names):
+                found.note(message, self._stamp(message), blocks.get(message.topic))
+            self._ordered = tuple(names), found.result()
+        return self._ordered[1]
 
     def _check_memory(self, names: Iterable[str]) -> None:
         size = sum(self._source.sizes[name] for name in set(names))
@@ -316,45 +283,5 @@ class BagReader:
             ) from error
 
 
-@dataclass(frozen=True)
-class _Index:
-    """When the messages of some topics are, (n,) in the order of their recording: stamp, and place of their topic.
-
-    Their samples are (m,) pieces of streams without a long pause: first and last time, and place of their topic.
-    `behind_ns` is by how much the clock of the recording was behind the stamps of most samples, ns; `timely` whether
-    most were recorded when they came.
-    """
-
-    stamps: NDArray[np.int64]
-    topics: NDArray[np.int64]
-    first: NDArray[np.int64]
-    last: NDArray[np.int64]
-    stream: NDArray[np.int64]
-    behind_ns: int
-    timely: bool
-
-    def ranks(self) -> list[int]:
-        """(n,) place of each message among all by stamp."""
-        ranks = np.empty(len(self.stamps), dtype=np.int64)
-        ranks[np.lexsort((self.topics, self.stamps))] = np.arange(len(self.stamps))
-        return [int(rank) for rank in ranks]
-
-
 def _newest_ns(content: Content) -> int:
     return content.newest_ns if isinstance(content, SampleBlock) else content.stamp_ns
-
-
-def _pieces(stamp_ns: int, decoder: BlockDecoder | None, data: bytes) -> list[tuple[int, int]]:
-    """First and last time (ns) of what one message holds: of a block whose samples pause, one for each part."""
-    if decoder is None:
-        return [(stamp_ns, stamp_ns)]
-    try:
-        first, last, _ = decoder.span(data)
-        if 0 <= last - first <= PAUSE_NS / NANOSECONDS:
-            return [(stamp_ns + round(first * NANOSECONDS), stamp_ns + round(last * NANOSECONDS))]
-        times = np.sort(decoder.decode(data).times_ns)
-    except (InputError, OverflowError, ValueError):  # times that are none are told when the block is read
-        return [(stamp_ns, stamp_ns)]
-    cuts = np.flatnonzero(np.diff(times) > PAUSE_NS)
-    starts, stops = times[np.r_[0, cuts + 1]], times[np.r_[cuts, len(times) - 1]]
-    return list(zip(starts.tolist(), stops.tolist(), strict=True))

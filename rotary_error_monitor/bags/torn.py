@@ -30,6 +30,10 @@ _LARGEST_END = 1 << 20
 """Bytes of a message that was begun last: more of them may hide others, behind a length that is damaged."""
 
 
+_MOST_HELD = 1 << 25
+"""Bytes of a file that stay in memory behind what is read: else a file takes as much of it as it is long."""
+
+
 @dataclass
 class Extent:
     """How much of a file can be read; its bytes are those that are readable, left out, or at its end.
@@ -135,7 +139,11 @@ class TornFile:
         if size == 0:
             return
         outline, index = Outline(content, Budget(self.path, size)), _Index()
+        passed = 0
         for part in outline.parts():
+            if part.start - passed >= _MOST_HELD:
+                _forget(content, passed, part.start)
+                passed = part.start
             if part.opcode == DAMAGED and part.start == 0 and part.end >= outline.limit:
                 raise InputError(f"{self.path}: no mcap file; it starts with {bytes(content[:8])!r}")
             if part.problem and not extent.damaged:
@@ -162,6 +170,7 @@ class TornFile:
         extent.readable = size - extent.left_out - extent.at_end
         if extent.complete:
             self._judge(index, outline)
+        _forget(content, 0, size)
 
     def _chunk(self, part: Part, index: _Index) -> Iterator[tuple[int, memoryview]]:
         """What is in a chunk; of one without a checksum up to where its records do not follow one another."""
@@ -210,6 +219,13 @@ class TornFile:
     def _note(self, problem: str) -> None:
         self.extent.damaged += 1
         self.extent.problem = self.extent.problem or problem
+
+
+def _forget(content: memoryview, first: int, last: int) -> None:
+    """Let go of the memory that holds bytes of a file that were read; who reads them again gets them from the file."""
+    if isinstance(content.obj, mmap.mmap):
+        first -= first % mmap.PAGESIZE
+        content.obj.madvise(mmap.MADV_DONTNEED, first, last - first)
 
 
 def parse_record(opcode: int, payload: memoryview) -> Record:

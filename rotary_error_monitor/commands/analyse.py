@@ -30,11 +30,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Analyse, write the results, and give the verdict's exit code."""
     outputs = files_of(arguments)
     question = question_of(arguments)
+    from rotary_error_monitor.commands.progress_bar import progress_bar
     from rotary_error_monitor.recordings.analysis import FileAnalysis
     from rotary_error_monitor.report.analysis import changes_sentence, verdict_sentence
 
     files = FileAnalysis(arguments.bag, arguments.twin, arguments.machine, question, outputs, arguments.against)
-    analysis, changes = files.run()
+    analysis, changes = files.run(progress_bar("analyse"))
     print(verdict_sentence(analysis))
     if changes is not None:
         print(changes_sentence(changes))

@@ -6,16 +6,17 @@ import argparse
 import sys
 from pathlib import Path
 
-import numpy as np
-
+from rotary_error_monitor.bags.kept_rows import kept_beside
+from rotary_error_monitor.commands.progress_bar import progress_bar
 from rotary_error_monitor.commands.questions import add_heights, heights_of
 from rotary_error_monitor.commands.values import add_naming, naming_of
 from rotary_error_monitor.description.machine import load_machine, machine_path
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import one_line
-from rotary_error_monitor.files import check_outputs
+from rotary_error_monitor.files import check_outputs, check_places
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
-from rotary_error_monitor.recordings.replay import check_estimated, period_of, replay_bag
+from rotary_error_monitor.recordings.replay import check_estimated, period_of, replay_bag, replay_long
+from rotary_error_monitor.recordings.replayed import LongReplay, Replay
 from rotary_error_monitor.resources import config
 
 NOT_REPEATED = 10
@@ -51,16 +52,22 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs([arguments.output], [*read, machine_path(arguments.machine) if arguments.machine else None])
     stage = load_stage(arguments.twin)
     machine = load_machine(arguments.machine) if arguments.machine else None
-    settings = EstimatorSettings(period_ns=period_ns)
-    result = replay_bag(arguments.bag, stage, machine, settings, naming=naming_of(arguments))
+    check_places([arguments.output])
+    settings, naming = EstimatorSettings(period_ns=period_ns), naming_of(arguments)
+    result: Replay | LongReplay
+    if described := machine is not None and machine.monitored is None:
+        result = replay_bag(arguments.bag, stage, machine, settings, naming=naming)
+    else:
+        keep, progress = kept_beside(arguments.output), progress_bar("replay")
+        result = replay_long(arguments.bag, stage, machine, settings, naming, keep, progress)
     for remark in result.remarks:
         print(f"note: {one_line(remark)}", file=sys.stderr)
     check_estimated(result, arguments.bag, stage)
     result.save(arguments.output, heights)
-    duration = (result.stamp_ns[-1] - result.stamp_ns[0]) * 1e-9
-    what = "joint states" if machine is not None and machine.monitored is None else "estimates"
-    print(f"{len(result.stamp_ns)} {what} over {duration:.1f} s written to {arguments.output}")
-    if result.tool_offset is not None:
-        held = int(np.isnan(result.tool_offset[:, 0]).sum())
-        print(f"{len(result.stamp_ns) - held} tool offsets, {len(result.corrections)} corrections, {held} ticks held")
-    return NOT_REPEATED if result.unrepeated.any() or len(result.lost_ns) else 0
+    begin_ns, end_ns = result.span_ns
+    what = "joint states" if described else "estimates"
+    print(f"{len(result)} {what} over {(end_ns - begin_ns) * 1e-9:.1f} s written to {arguments.output}")
+    if result.held is not None:
+        offsets = len(result) - result.held
+        print(f"{offsets} tool offsets, {result.correction_count} corrections, {result.held} ticks held")
+    return 0 if result.is_complete else NOT_REPEATED

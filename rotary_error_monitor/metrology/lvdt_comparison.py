@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +59,26 @@ class LvdtComparison:
         """The same along one of the directions."""
         one = slice(axis, axis + 1)
         return LvdtComparison(self.stamp_ns, self.estimate[:, one], self.reference[:, one], self.std[:, one])
+
+
+@dataclass(frozen=True)
+class LvdtAgreement:
+    """How far estimate and LVDT differ: what `LvdtComparison` says by the same names."""
+
+    rms: float
+    maximum: float
+    inside: float
+
+    @staticmethod
+    def of(comparisons: Iterable[LvdtComparison]) -> LvdtAgreement | None:
+        """Of comparisons at other times, one behind another; None without any."""
+        squares, count, maximum, inside = np.zeros(2), 0, 0.0, 0.0
+        for each in comparisons:
+            squares += ((each.estimate - each.reference) ** 2).sum(axis=0)
+            count += len(each.stamp_ns)
+            maximum = max(maximum, each.maximum)
+            inside += each.inside * len(each.stamp_ns)
+        return LvdtAgreement(float(np.sqrt(squares / count).max()), maximum, inside / count) if count else None
 
 
 def compare_with_lvdt(

@@ -49,15 +49,15 @@ def estimate_orders(
         noise: of the signal, by the covariance of the estimate; what is the same in each turn lies at hidden orders.
         hidden: orders at which a graduation error passes for this signal.
     """
-    profiles = turns.profiles[:, :, signal]
-    if len(profiles) == 0:
+    if turns.count == 0:
         return None
+    profile = turns.summary(signal).mean
     orders = np.arange(1, turns.cut_off + 1)
     through = turns.transmission[orders]
-    mean = np.fft.rfft(profiles.mean(axis=0))[orders] * (2 / profiles.shape[1])
-    spectrum = TurnSpectrum.of(profiles, turns, noise.random)
+    mean = np.fft.rfft(profile)[orders] * (2 / turns.points)
+    spectrum = TurnSpectrum.of(turns, signal, profile, noise.random)
     # both parts of a complex amplitude have half of its variance, and a wave is twice its amplitude
-    square = 2 * maximum_filter1d(spectrum.between, _NEIGHBOURS)[orders] / len(profiles) / through**2
+    square = 2 * maximum_filter1d(spectrum.between, _NEIGHBOURS)[orders] / turns.count / through**2
     square += 2 * spectrum.unseen**2  # of whatever order
     square[0] += 2 * noise.turning**2
     known = tuple(order for order in hidden if order <= turns.cut_off)

@@ -17,14 +17,14 @@ deviation). What is simulated is Gaussian with the spectrum over the orders that
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from rotary_error_monitor.metrology.turns import TurnProfiles
+from rotary_error_monitor.metrology.turns import TurnProfiles, TurnSummary
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,9 @@ DRAWS = 100
 
 REPEATS = 10
 """How often each of them is corrected: what so few leave of chance is taken off."""
+
+_MOST_VALUES = 1 << 20
+"""Values of profiles that are drawn at once."""
 
 _FROM_TWICE = 1 / (math.sqrt(2) - 1)
 """Growth of a value from a noise to its double variance, times this: from no noise to that noise."""
@@ -99,15 +102,15 @@ def estimate_values(
         keeps_fundamental: whether the once-per-turn component is error motion (axial, face, tilt in a fixed direction),
             not a matter of setting up.
     """
-    profiles = turns.profiles[:, :, signal]
-    if len(profiles) == 0:
+    count = turns.count
+    if count == 0:
         return {}
-    spectrum = TurnSpectrum.of(profiles, turns, noise.random)
+    summary = turns.summary(signal)
+    spectrum = TurnSpectrum.of(turns, signal, summary.mean, noise.random)
     factor = float(stdtrit(spectrum.degrees, 0.975)) / COVERAGE
-    of_turns = _Simulation(profiles, spectrum.noise, spectrum.between, 0)
+    of_turns = _Simulation.of_turns(turns, signal, summary, spectrum)
     # what is of the mean alone is simulated as of one turn with its noise: so small that corrections can be repeated
-    mean, count = profiles.mean(axis=0, keepdims=True), len(profiles)
-    of_mean = _Simulation(mean, spectrum.noise / count, spectrum.between / count, REPEATS)
+    of_mean = _Simulation.of_mean(summary.mean, spectrum.noise / count, spectrum.between / count)
     found = {}
     for name, define in _definitions(keeps_fundamental, several=count > 1).items():
         simulation = of_turns if name in (TOTAL, ASYNCHRONOUS) else of_mean
@@ -119,21 +122,25 @@ def estimate_values(
     return found
 
 
-def _definitions(keeps_fundamental: bool, several: bool) -> dict[str, Callable[[Array], Array]]:
-    """Values of profiles (…, n, k) by their names."""
+def _definitions(keeps_fundamental: bool, several: bool) -> dict[str, Callable[[TurnSummary], Array]]:
+    """Values of what profiles show, (…, k), by their names."""
 
-    def ready(profiles: Array) -> Array:
-        return profiles if keeps_fundamental else profiles - _once(profiles.mean(axis=-2))[..., None, :]
+    def taken_off(summary: TurnSummary) -> Array | float:
+        return 0.0 if keeps_fundamental else _once(summary.mean)
 
-    found: dict[str, Callable[[Array], Array]] = {
-        TOTAL: lambda profiles: np.ptp(ready(profiles), axis=(-2, -1)),
-        SYNCHRONOUS: lambda profiles: np.ptp(ready(profiles).mean(axis=-2), axis=-1),
+    def total(summary: TurnSummary) -> Array:
+        off = taken_off(summary)
+        return np.asarray((summary.highest - off).max(axis=-1) - (summary.lowest - off).min(axis=-1))
+
+    found: dict[str, Callable[[TurnSummary], Array]] = {
+        TOTAL: total,
+        SYNCHRONOUS: lambda summary: np.ptp(summary.mean - taken_off(summary), axis=-1),
     }
     if several:
-        found[ASYNCHRONOUS] = lambda profiles: np.ptp(profiles, axis=-2).max(axis=-1)
+        found[ASYNCHRONOUS] = lambda summary: (summary.highest - summary.lowest).max(axis=-1)
     if keeps_fundamental:
-        found[FUNDAMENTAL] = lambda profiles: np.ptp(_once(profiles.mean(axis=-2)), axis=-1)
-        found[RESIDUAL] = lambda profiles: np.ptp(profiles.mean(axis=-2) - _once(profiles.mean(axis=-2)), axis=-1)
+        found[FUNDAMENTAL] = lambda summary: np.ptp(_once(summary.mean), axis=-1)
+        found[RESIDUAL] = lambda summary: np.ptp(summary.mean - _once(summary.mean), axis=-1)
     return found
 
 
@@ -161,44 +168,89 @@ def _systematic(name: str, noise: SignalNoise, unseen: float, keeps_fundamental:
     return math.sqrt(2.0) * math.hypot(noise.shape, unseen, 0.0 if name == RESIDUAL else turning)
 
 
+@dataclass(frozen=True)
 class _Simulation:
-    """Recordings as this one might have been: with once more the noise of its readings, and of other turns."""
+    """Recordings as this one might have been: with once more the noise of its readings, and of other turns.
 
-    def __init__(self, profiles: Array, noise: Array, between: Array, repeats: int) -> None:
-        """Simulation of (n, k) profiles with variances (l,) of their orders.
+    Attributes:
+        measured: what the turns show.
+        louder: (d, k) the same with the noise of the readings once more.
+        others: (d, k) of other turns.
+        corrected: (r, d, k) others with that noise, by which each is corrected in turn; none, and it is not.
+    """
 
-        Args:
-            profiles: as measured.
-            noise: of the readings.
-            between: of one turn beside another.
-            repeats: how often each simulated recording is corrected in turn, to see how the correction scatters.
-        """
+    measured: TurnSummary
+    louder: TurnSummary
+    others: TurnSummary
+    corrected: TurnSummary | None
+
+    @staticmethod
+    def of_turns(turns: TurnProfiles, signal: int, summary: TurnSummary, spectrum: TurnSpectrum) -> _Simulation:
+        """Of all turns."""
         generator = np.random.default_rng(_GENERATOR)
-        shape = (DRAWS, *profiles.shape)
-        self._profiles = profiles
-        self._louder = profiles + _drawn(noise, shape, generator)
-        self._others = profiles.mean(axis=0) + _drawn(between, shape, generator)
-        self._more = [_drawn(noise, shape, generator) for _ in range(repeats)]
 
-    def value(self, define: Callable[[Array], Array], factor: float, systematic: float) -> Value:
+        def measured() -> Iterator[Array]:
+            return (profiles for profiles, _ in turns.parts(signal))
+
+        def mean() -> Iterator[Array]:
+            return (np.broadcast_to(summary.mean, profiles.shape) for profiles, _ in turns.parts(signal))
+
+        louder = _summaries(measured, turns.count, spectrum.noise, generator)
+        return _Simulation(summary, louder, _summaries(mean, turns.count, spectrum.between, generator), None)
+
+    @staticmethod
+    def of_mean(mean: Array, noise: Array, between: Array) -> _Simulation:
+        """Of the mean (k,) as of one turn, with variances (l,) of its orders by the readings and by other turns."""
+        generator = np.random.default_rng(_GENERATOR)
+        shape = (DRAWS, len(mean))
+        louder = mean + _drawn(noise, shape, generator)
+        others = mean + _drawn(between, shape, generator)
+        more = np.stack([others + _drawn(noise, shape, generator) for _ in range(REPEATS)])
+        return _Simulation(*(TurnSummary(each, each, each) for each in (mean, louder, others, more)))
+
+    def value(self, define: Callable[[TurnSummary], Array], factor: float, systematic: float) -> Value:
         """Value by its definition; `factor` goes with the scatter, for turns are few."""
-        measured = float(define(self._profiles))
-        louder = define(self._louder)
+        measured = float(define(self.measured))
+        louder = define(self.louder)
         correction = min(max(_FROM_TWICE * float(louder.mean() - measured), 0.0), measured)
         drawn = _FROM_TWICE * float(louder.std()) / math.sqrt(DRAWS)
         # the correction may be wrong by as much as itself: rectangular (JCGM 100:2008, 4.3.7)
         parts = (factor * self._scatter(define), correction / math.sqrt(3), drawn, systematic)
         return Value(measured - correction, measured, math.hypot(*parts))
 
-    def _scatter(self, define: Callable[[Array], Array]) -> float:
+    def _scatter(self, define: Callable[[TurnSummary], Array]) -> float:
         """Standard deviation of the value, corrected where that is repeated, less that of so few repetitions."""
-        values = define(self._others)
-        if not self._more:
+        values = define(self.others)
+        if self.corrected is None:
             return float(values.std())
-        louder = np.stack([define(self._others + more) for more in self._more])
+        louder = define(self.corrected)
         corrected = values + _FROM_TWICE * (values - louder.mean(axis=0))
         of_few = _FROM_TWICE**2 * float(louder.var(axis=0, ddof=1).mean()) / len(louder)
         return math.sqrt(max(float(corrected.var()) - of_few, float(values.var())))
+
+
+def _summaries(
+    profiles: Callable[[], Iterator[Array]], count: int, spectrum: Array, generator: np.random.Generator
+) -> TurnSummary:
+    """What `DRAWS` simulated recordings show: profiles, given in parts of `count` turns in all, with noise on each.
+
+    However many of them are drawn at once, each has the same noise.
+    """
+    first = next(profiles())
+    found: list[TurnSummary] = []
+    if len(first) == count:
+        several = max(1, _MOST_VALUES // first.size)
+        for begin in range(0, DRAWS, several):
+            shape = (min(several, DRAWS - begin), *first.shape)
+            found.append(TurnSummary.of(first + _drawn(spectrum, shape, generator)))
+    else:
+        for _ in range(DRAWS):
+            louder = (part + _drawn(spectrum, part.shape, generator) for part in profiles())
+            one = TurnSummary.of_parts(louder, count)
+            found.append(TurnSummary(one.mean[None], one.lowest[None], one.highest[None]))
+    return TurnSummary(
+        *(np.concatenate([getattr(each, name) for each in found]) for name in ("mean", "lowest", "highest"))
+    )
 
 
 @dataclass(frozen=True)
@@ -219,8 +271,8 @@ class TurnSpectrum:
     degrees: float
 
     @staticmethod
-    def of(profiles: Array, turns: TurnProfiles, random: float) -> TurnSpectrum:
-        """Spectrum of (n, k) profiles whose samples have a noise of standard deviation `random`.
+    def of(turns: TurnProfiles, signal: int, mean: Array, random: float) -> TurnSpectrum:
+        """Spectrum of a signal with a mean (k,) over the turns, whose samples have a standard deviation `random`.
 
         Between turns there is never less than the estimate's covariance says. The noise is what the turns show in the
         upper half of the orders, where no bearing reaches: readings of sensors that are slower than the estimates are
@@ -228,17 +280,22 @@ class TurnSpectrum:
         """
         through = turns.transmission**2
         stated = random**2 / turns.samples * through
-        count = len(profiles)
+        count = turns.count
         freedom = max(count - 1, 1)
-        rest = profiles - (profiles.mean(axis=0) if count > 1 else 0.0)
         upper = slice(turns.cut_off // 2, turns.cut_off + 1)
-        # of a tone between two orders a turn holds no whole waves: what leaks from it into the upper half is faded out
-        cut = np.stack([np.roll(row, -edge) for row, edge in zip(rest, turns.edges, strict=True)])
-        faded = _powers(cut * np.sqrt(8 / 3) * np.hanning(rest.shape[1]))[upper] / through[upper]
+        fade = np.sqrt(8 / 3) * np.hanning(turns.points)
+        powers, upper_powers = np.zeros(len(through)), np.zeros(len(through))
+        for profiles, edges in turns.parts(signal):
+            rest = profiles - (mean if count > 1 else 0.0)
+            # of a tone between two orders a turn holds no whole waves: what leaks from it upwards is faded out
+            cut = np.stack([np.roll(row, -edge) for row, edge in zip(rest, edges, strict=True)])
+            powers += _powers(rest)
+            upper_powers += _powers(cut * fade)
+        faded = upper_powers[upper] / through[upper]
         level = float(faded.mean()) / freedom
         noise = level * through
         unseen = math.sqrt(max(random**2 - level * turns.samples, 0.0))
-        shown = _powers(rest) / freedom
+        shown = powers / freedom
         if count < 2:  # what would be another in the next turn is not told
             return TurnSpectrum(np.maximum(stated, noise), noise, unseen, float(upper.stop - upper.start))
         lacking = max(0.0, 1.0 - float(shown.sum() / max(stated.sum(), np.finfo(float).tiny)))

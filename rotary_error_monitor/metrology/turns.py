@@ -9,7 +9,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
+
+from rotary_error_monitor.metrology.turn_cutting import RunCutter, TurnGrid
+from rotary_error_monitor.signals.rows import Keep, Rows, RowsInMemory, parts_of
 
 Array = NDArray[np.float64]
 TURN = 2 * math.pi
@@ -27,8 +29,32 @@ LEAST_WAVES = 3
 ANGLES_A_WAVE = 4
 """Angles in a wave of the cut-off at which a profile is given."""
 
-_HALF = math.sqrt(math.log(2) / 2) / math.pi
-"""Standard deviation of a Gaussian, in waves, that lets half of the amplitude through (ISO 16610-21)."""
+_MOST_VALUES = 1 << 20
+"""Values of profiles that are worked with at once."""
+
+
+@dataclass(frozen=True)
+class TurnSummary:
+    """What profiles of n turns show at each of k angles: mean, smallest and largest (…, k)."""
+
+    mean: Array
+    lowest: Array
+    highest: Array
+
+    @staticmethod
+    def of(profiles: Array) -> TurnSummary:
+        """Of profiles (…, n, k)."""
+        return TurnSummary(profiles.mean(axis=-2), profiles.min(axis=-2), profiles.max(axis=-2))
+
+    @staticmethod
+    def of_parts(parts: Iterator[Array], count: int) -> TurnSummary:
+        """Of profiles that come in parts (m, k), `count` in all."""
+        first = next(parts)
+        total, lowest, highest = first.sum(axis=0), first.min(axis=0), first.max(axis=0)
+        for part in parts:
+            total += part.sum(axis=0)
+            lowest, highest = np.minimum(lowest, part.min(axis=0)), np.maximum(highest, part.max(axis=0))
+        return TurnSummary(total / count, lowest, highest)
 
 
 @dataclass(frozen=True)
@@ -36,47 +62,63 @@ class TurnProfiles:
     """c signals over n whole turns in one direction.
 
     Attributes:
-        profiles: (n, k, c) values at k equal angles from 0 on, filtered; in the signals' units.
+        signals: (n, k) values of each signal at k equal angles from 0 on, filtered; in its unit.
         cut_off: waves a turn of which the filter lets half of the amplitude through.
         samples: samples in a turn, the mean.
-        rows: (n, 2) first and last sample of each turn.
+        labels: (n, 2) of the first and last sample of each turn: what their caller called them, or their numbers.
         edges: (n,) number of the angle at which each turn is cut: before it another turn begins, or ends.
         incomplete: whole turns that are left out, for samples are missing in them.
         whole: turns that the runs would hold if they were joined: also where no whole turn is in one of them.
     """
 
-    profiles: Array
+    signals: tuple[Rows, ...]
     cut_off: int
     samples: float
-    rows: NDArray[np.intp]
+    labels: NDArray[np.int64]
     edges: NDArray[np.intp]
     incomplete: int
     whole: float
 
-    @staticmethod
-    def none() -> TurnProfiles:
-        """No turn of no signal."""
-        return TurnProfiles(np.empty((0, 0, 0)), 0, 0.0, np.empty((0, 2), np.intp), np.empty(0, np.intp), 0, 0.0)
+    @property
+    def count(self) -> int:
+        """Turns."""
+        return len(self.edges)
+
+    @property
+    def points(self) -> int:
+        """Angles of a profile."""
+        return ANGLES_A_WAVE * self.cut_off
 
     @property
     def angles(self) -> Array:
         """(k,) angles of the profiles, rad."""
-        return np.asarray(np.arange(self.profiles.shape[1]) * (TURN / self.profiles.shape[1]))
+        return np.asarray(np.arange(self.points) * (TURN / self.points))
+
+    @property
+    def profiles(self) -> Array:
+        """(n, k, c) values of all signals: all of them in memory."""
+        return np.stack([signal.read(0, self.count) for signal in self.signals], axis=2)
 
     @cached_property
     def transmission(self) -> Array:
         """(k // 2 + 1,) part of the amplitude of each order from 0 on that the filter lets through."""
-        orders = np.arange(self.profiles.shape[1] // 2 + 1)
+        orders = np.arange(self.points // 2 + 1)
         return np.asarray(np.exp(-math.log(2) * (orders / self.cut_off) ** 2))
+
+    def parts(self, signal: int) -> Iterator[tuple[Array, NDArray[np.intp]]]:
+        """Profiles (m, k) of a signal, some turns at a time, and their edges (m,)."""
+        for first, last in parts_of(0, self.count, max(1, _MOST_VALUES // self.points)):
+            yield self.signals[signal].read(first, last), self.edges[first:last]
+
+    def summary(self, signal: int) -> TurnSummary:
+        """Of the profiles of a signal, of which there is one at least."""
+        return TurnSummary.of_parts((profiles for profiles, _ in self.parts(signal)), self.count)
 
 
 def cut_turns(
     theta: Array, values: Array, runs: Sequence[tuple[int, int]], most_waves: int = MOST_WAVES
 ) -> TurnProfiles | None:
-    """Whole turns of signals; None where samples are too few for a profile.
-
-    Parts of a turn at the end of a run do not count. A turn in which samples are missing over more than half a wave of
-    the cut-off is left out. Values between samples are interpolated in a straight line.
+    """Whole turns of signals; None where samples are too few for a profile. See `TurnCutter`.
 
     Args:
         theta: (m,) rotation, rad, unwrapped.
@@ -84,62 +126,138 @@ def cut_turns(
         runs: first sample and the one after the last of each stretch in one and the same direction.
         most_waves: cut-off of the filter over the angle, waves a turn; less where samples are few.
     """
-    there = np.asarray(np.isfinite(values).all(axis=1))
-    chosen = [np.arange(first, last)[there[first:last]] for first, last in runs]
-    chosen = [each for each in chosen if len(each) > 1]
-    spans = [abs(float(theta[each[-1]] - theta[each[0]])) for each in chosen]
-    whole = sum(spans) / TURN
-    if not whole > 0:
+    seen = RunSurvey()
+    for first, last in runs:
+        seen.begin()
+        seen.add(theta[first:last], values[first:last])
+    if (grid := seen.grid(most_waves)) is None:
         return None
-    samples = float(np.median([len(each) / span for each, span in zip(chosen, spans, strict=True)])) * TURN
-    cut_off = min(most_waves, int(samples / SAMPLES_A_WAVE))
-    if cut_off < LEAST_WAVES:
-        return None
-    count = ANGLES_A_WAVE * cut_off
-    fine = max(1, math.ceil(samples / count))
-    turns: list[Array] = []
-    places: list[NDArray[np.intp]] = []
-    edges: list[int] = []
-    incomplete = 0
-    for rows in chosen:
-        for profile, ends, edge in _turns(theta[rows], values[rows], count, fine, cut_off):
-            if profile is None:
-                incomplete += 1
+    cutter = TurnCutter(seen, grid, values.shape[1])
+    for first, last in runs:
+        cutter.begin()
+        cutter.add(theta[first:last], values[first:last], np.arange(first, last))
+    return cutter.finish()
+
+
+class RunSurvey:
+    """How many samples the runs have, in how much of a turn: what a profile's angles and filter follow from."""
+
+    def __init__(self) -> None:
+        self._counts: list[int] = []
+        self._ends: list[tuple[float, float]] = []
+
+    def begin(self) -> None:
+        """The next run begins."""
+        self._counts.append(0)
+        self._ends.append((0.0, 0.0))
+
+    def add(self, theta: Array, values: Array) -> None:
+        """Take samples of the run: rotation (m,), rad, and signals (m, c), not finite where one is missing."""
+        there = np.flatnonzero(np.isfinite(values).all(axis=1))
+        if len(there):
+            begin = self._ends[-1][0] if self._counts[-1] else float(theta[there[0]])
+            self._ends[-1] = begin, float(theta[there[-1]])
+            self._counts[-1] += len(there)
+
+    def turned(self, run: int) -> float:
+        """Rotation from the first to the last sample of a run, rad; 0 where it has one sample at most."""
+        begin, end = self._ends[run]
+        return end - begin if self._counts[run] > 1 else 0.0
+
+    @property
+    def whole(self) -> float:
+        """Turns of all runs."""
+        return sum(abs(self.turned(run)) for run in range(len(self._counts))) / TURN
+
+    def grid(self, most_waves: int) -> TurnGrid | None:
+        """Angles and filter of the profiles; None where samples are too few for one."""
+        if not self.whole > 0:
+            return None
+        several = [run for run, count in enumerate(self._counts) if count > 1]
+        with np.errstate(divide="ignore"):  # a run that does not turn has no end of samples in a turn
+            shares = np.divide([self._counts[run] for run in several], [abs(self.turned(run)) for run in several])
+        samples = float(np.median(shares)) * TURN
+        cut_off = min(most_waves, int(samples / SAMPLES_A_WAVE))
+        if cut_off < LEAST_WAVES:
+            return None
+        count = ANGLES_A_WAVE * cut_off
+        return TurnGrid(count, max(1, math.ceil(samples / count)), cut_off, samples)
+
+
+class TurnCutter:
+    """Cuts whole turns of signals out of runs that come in parts.
+
+    Parts of a turn at the end of a run do not count. A turn in which samples are missing over more than half a wave of
+    the cut-off is left out. Values between samples are interpolated in a straight line.
+    """
+
+    def __init__(self, seen: RunSurvey, grid: TurnGrid, signals: int, sums: int = 0, keep: Keep = RowsInMemory) -> None:
+        """Cutter for runs that a survey has seen.
+
+        Args:
+            seen: the same runs.
+            grid: of the profiles.
+            signals: how many.
+            sums: how many numbers of each sample are summed over the samples of the turns that count.
+            keep: where profiles are kept.
+        """
+        self._seen, self._grid = seen, grid
+        self._signals = tuple(keep((grid.count,), np.float64) for _ in range(signals))
+        self._labels: list[NDArray[np.int64]] = []
+        self._edges: list[int] = []
+        self._incomplete = 0
+        self._run = -1
+        self._cutter: RunCutter | None = None
+        self.sums: Array = np.zeros(sums)
+
+    def begin(self) -> None:
+        """The next run begins."""
+        self._end_run()
+        self._run += 1
+        turned = self._seen.turned(self._run)
+        self._cutter = RunCutter(self._grid, 1 if turned > 0 else -1, len(self.sums)) if turned else None
+
+    def add(self, theta: Array, values: Array, labels: NDArray[np.int64], summed: Array | None = None) -> None:
+        """Take samples of the run.
+
+        Args:
+            theta: (m,) rotation, rad.
+            values: (m, c) signals; a row that is not finite is a missing sample.
+            labels: (m,) what samples are called.
+            summed: (m, s) numbers to be summed; none where none are.
+        """
+        if self._cutter is None:
+            return
+        there = np.isfinite(values).all(axis=1)
+        if there.any():
+            numbers = np.empty((len(theta), 0)) if summed is None else summed
+            self._cutter.add(theta[there], values[there], labels[there], numbers[there])
+            self._take()
+
+    def finish(self) -> TurnProfiles:
+        """Turns of all runs: no more samples will come."""
+        self._end_run()
+        labels = np.array(self._labels, np.int64).reshape(-1, 2)
+        edges = np.array(self._edges, np.intp)
+        grid = self._grid
+        return TurnProfiles(
+            self._signals, grid.cut_off, grid.samples, labels, edges, self._incomplete, self._seen.whole
+        )
+
+    def _end_run(self) -> None:
+        if self._cutter is not None:
+            self._cutter.end()
+            self._take()
+            self._cutter = None
+
+    def _take(self) -> None:
+        assert self._cutter is not None
+        for turn in self._cutter.turns():
+            if turn.profile is None:
+                self._incomplete += 1
                 continue
-            turns.append(profile)
-            places.append(rows[ends])
-            edges.append(edge)
-    profiles = np.stack(turns) if turns else np.empty((0, count, values.shape[1]))
-    ends = np.stack(places) if places else np.empty((0, 2), np.intp)
-    return TurnProfiles(profiles, cut_off, samples, ends, np.array(edges, np.intp), incomplete, whole)
-
-
-def _turns(
-    theta: Array, values: Array, count: int, fine: int, cut_off: int
-) -> Iterator[tuple[Array | None, NDArray[np.intp], int]]:
-    """Profile (count, c) of each whole turn of a run, None of one with a gap; first and last sample (2,); its edge."""
-    sense = 1 if theta[-1] > theta[0] else -1
-    angle = np.maximum.accumulate(sense * theta)  # its jitter may turn back where the rotor hardly moves
-    points = count * fine
-    step = TURN / points
-    first, last = math.ceil(angle[0] / step), math.floor(angle[-1] / step)
-    if last - first + 1 < points:
-        return
-    places = np.arange(first, last + 1)
-    after = np.clip(np.searchsorted(angle, places * step), 1, len(angle) - 1)
-    gap = angle[after] - angle[after - 1] > TURN / (2 * cut_off)
-    even = np.stack([np.interp(places * step, angle, column) for column in values.T], axis=1)
-    smooth = gaussian_filter1d(even, _HALF * points / cut_off, axis=0, mode="nearest")
-    for begin in range(0, len(places) - points + 1, points):
-        here = slice(begin, begin + points)
-        edges = np.array([places[begin], places[begin] + points]) * step
-        ends = np.asarray(np.searchsorted(angle, edges) - np.array([0, 1]), np.intp)
-        if gap[here].any():
-            yield None, ends, 0
-            continue
-        on = here.start + (-places[begin]) % fine + fine * np.arange(count)
-        on = np.where(on >= here.stop, on - points, on)
-        number = (places[on] // fine) % count
-        profile = np.empty((count, values.shape[1]))
-        profile[number if sense > 0 else (-number) % count] = smooth[on]
-        yield profile, ends, int(number[0] if sense > 0 else (1 - number[0]) % count)
+            for rows, column in zip(self._signals, turn.profile.T, strict=True):
+                rows.append(column[None])
+            self._labels.append(turn.labels)
+            self._edges.append(turn.edge)
+            self.sums += turn.sums

@@ -10,18 +10,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rotary_error_monitor.analysis.changes import Change, changes_between
-from rotary_error_monitor.analysis.comparison import Stay, compare_stays
+from rotary_error_monitor.analysis.comparison import stays_of
 from rotary_error_monitor.analysis.course import estimate_drifts
-from rotary_error_monitor.analysis.health import fall_outs
 from rotary_error_monitor.analysis.motion import SegmentFigures, analyse_motion
-from rotary_error_monitor.analysis.positions import estimate_stops
-from rotary_error_monitor.analysis.result import Analysis, Figure, ToolOffset, as_mapping, figures_of
-from rotary_error_monitor.analysis.signals import Estimates, default_heights
+from rotary_error_monitor.analysis.positions import positioning_of
+from rotary_error_monitor.analysis.result import Analysis, Figure, as_mapping, figures_of
+from rotary_error_monitor.analysis.signals import default_heights
 from rotary_error_monitor.analysis.verdict import judge
+from rotary_error_monitor.bags.kept_rows import kept_beside, kept_in
 from rotary_error_monitor.bags.metadata import recorded_span
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
@@ -32,17 +29,16 @@ from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES, TURN
-from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST as HIGHEST
-from rotary_error_monitor.recordings.replay import check_estimated, replay_bag
-from rotary_error_monitor.recordings.replayed import Replay
-from rotary_error_monitor.recordings.stream_health import FORCE, LVDT, RecordedStreams, read_streams
+from rotary_error_monitor.recordings.long_estimates import ReplayedEstimates
+from rotary_error_monitor.recordings.progress import Progress, silent
+from rotary_error_monitor.recordings.replay import check_estimated, replay_long
+from rotary_error_monitor.recordings.stream_health import RecordedStreams, read_streams
 from rotary_error_monitor.report.analysis import page
 from rotary_error_monitor.report.page import made_by
 from rotary_error_monitor.resources import config
-
-_UNPROVEN = sum(1 << DOUBTS.index(name) for name in ("unverified", "unverified_tilt"))
+from rotary_error_monitor.signals.rows import Keep
 
 PUSHED = 1.0
 """Force on the shaft from which it is said that values hold what it does, N."""
@@ -105,29 +101,33 @@ class FileAnalysis:
     outputs: Mapping[str, Path]
     against: Path | None = None
 
-    def run(self) -> tuple[Analysis, tuple[Change, ...] | None]:
+    def run(self, progress: Progress = silent) -> tuple[Analysis, tuple[Change, ...] | None]:
         """Analyse, and write the results: all of them, or what stood there stays. Changes where there is another bag.
+
+        Args:
+            progress: is told how far it is.
 
         Raises:
             InputError: as `analyse_bag`, or a result cannot be written.
         """
         self._check_outputs()
-        analysis, changes = self.analyse()
+        analysis, changes = self.analyse(progress)
         self._write(analysis, changes)
         return analysis, changes
 
-    def analyse(self) -> tuple[Analysis, tuple[Change, ...] | None]:
-        """Analyse alone; results as `run`.
+    def analyse(self, progress: Progress = silent) -> tuple[Analysis, tuple[Change, ...] | None]:
+        """Analyse alone; arguments and results as `run`.
 
         Raises:
             InputError: as `analyse_bag`.
         """
         machine = load_machine(self.machine) if self.machine else None
         stage = load_stage(self.stage_file)
-        analysis = analyse_bag(self.recording, stage, machine, self.question)
+        keep = next(map(kept_beside, self.outputs.values()), None)
+        analysis = analyse_bag(self.recording, stage, machine, self.question, keep, progress)
         changes = None
         if self.against is not None:
-            other = analyse_bag(self.against, stage, machine, self.question)
+            other = analyse_bag(self.against, stage, machine, self.question, keep, progress)
             changes = tuple(changes_between(list(figures_of(other)), list(figures_of(analysis))))
         return analysis, changes
 
@@ -188,62 +188,64 @@ def figures_table(figures: Iterable[Figure]) -> str:
     return buffer.getvalue()
 
 
-def estimates_of(replay: Replay) -> Estimates:
-    """What an analysis takes of a replay."""
-    motion = replay.motion
-    return Estimates(
-        motion.times_ns,
-        motion.theta,
-        replay.error_motion,
-        replay.covariance,
-        np.stack([motion.unresolved, motion.unresolved_tilt], axis=1),
-        motion.head_scale,
-        np.asarray(motion.doubts & _UNPROVEN == 0),
-    )
-
-
 def analyse_bag(
     bag: Path | str,
     stage: StageDescription,
     machine: MachineDescription | None = None,
     question: Question | None = None,
+    keep: Keep | None = None,
+    progress: Progress = silent,
 ) -> Analysis:
     """Analyse the recording of a stage; its error motion is that of a replay, which is that of the live run.
+
+    Args:
+        bag: of any length: of a long one no more than a part is in memory.
+        stage: as described.
+        machine: that carries it; None for the stage alone.
+        question: what is asked.
+        keep: where what is larger than memory is kept; by default files without a name, where the system has its own.
+        progress: is told how far it is.
 
     Raises:
         InputError: there is no such bag, it lacks what tells the rotation, or the machine does not have this stage.
     """
-    question = question or Question()
+    question, keep = question or Question(), keep or kept_in()
     check_machine(machine)
-    replay = replay_bag(bag, stage, machine, naming=question.naming)
+    replay = replay_long(bag, stage, machine, naming=question.naming, keep=keep, progress=progress)
     check_estimated(replay, bag, stage, least=2)
-    estimates = estimates_of(replay)
+    estimates = ReplayedEstimates(replay)
     wire = wire_of(stage)
-    streams = read_streams(BagReader(bag, question.naming), wire, stage)
+    streams = read_streams(BagReader(bag, question.naming), wire, stage, keep, progress)
     names = [*(f"head_{letter}" for letter in stage.azimuths), AUTOCOLLIMATOR, COMMAND, *stage.sensors]
     rate = min((streams.rates[name] for name in names if name in streams.rates and name != COMMAND), default=math.inf)
     heights = question.heights or default_heights(stage)
-    segments = analyse_motion(estimates, stage, heights, question.most_waves, rate)
+    with progress("figures") as step:
+        segments = analyse_motion(
+            estimates, stage, heights, question.most_waves, rate, keep, lambda share: step(share, 0)
+        )
     acting = streams.acting(stage)
     temperatures = {name.partition(",")[0]: each for name, each in acting.items() if name.endswith("°C")}
     outcome, judged = judge(segments, question.limits)
-    period_ns = int(np.diff(replay.stamp_ns).min())
     used = wire.topic("error_motion_samples").field("streams")
-    bits = {name: used.mask([name]) for name in used.bits}
+    stays = (
+        ()
+        if stage.lvdt is None or streams.lvdt is None
+        else stays_of(estimates, estimates.period_ns, stage.lvdt, streams.lvdt)
+    )
     return Analysis(
         outcome,
         judged,
         segments,
         estimate_drifts(segments, temperatures),
-        estimate_stops(replay.stamp_ns, replay.theta, replay.error_motion[:, 5]),
-        _stays(replay, stage, streams),
-        _tool_offset(replay),
+        positioning_of(estimates),
+        stays,
+        estimates.tool_offset,
         tuple(streams.health),
-        fall_outs(replay.stamp_ns, replay.motion.streams, bits, period_ns),
+        estimates.fall_outs({name: used.mask([name]) for name in used.bits}),
         acting,
-        (int(replay.stamp_ns[0]), int(replay.stamp_ns[-1])),
-        period_ns * 1e-9,
-        (*_remarks(streams), *_too_short(replay, segments), *replay.remarks),
+        replay.span_ns,
+        estimates.period_ns * 1e-9,
+        (*_remarks(streams), *_too_short(estimates, segments), *replay.remarks),
     )
 
 
@@ -258,39 +260,15 @@ def check_machine(machine: MachineDescription | None) -> MachineDescription | No
     return machine
 
 
-def _stays(replay: Replay, stage: StageDescription, streams: RecordedStreams) -> tuple[Stay, ...]:
-    if stage.lvdt is None or LVDT not in streams.streams:
-        return ()
-    samples = streams.streams[LVDT]
-    return compare_stays(replay.stamp_ns, replay.motion, stage.lvdt, samples.times_ns, samples.values)
-
-
-def _tool_offset(replay: Replay) -> ToolOffset | None:
-    if replay.tool_offset is None:
-        return None
-    before = replay.tool_offset[np.isfinite(replay.tool_offset).all(axis=1), :3]
-    after = [each.report.remaining[:3] for each in replay.corrections if each.report is not None]
-    if not len(before) or not after:
-        return None
-    sizes = [np.linalg.norm(np.asarray(rows), axis=1) for rows in (before, after)]
-    return ToolOffset(*(float(figure) for size in sizes for figure in (_rms(size), size.max())))
-
-
-def _rms(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _too_short(replay: Replay, segments: Sequence[SegmentFigures]) -> list[str]:
-    turned = float(np.ptp(replay.theta)) / TURN
+def _too_short(estimates: ReplayedEstimates, segments: Sequence[SegmentFigures]) -> list[str]:
+    turned = estimates.turned / TURN
     return [] if segments else [f"the rotor turned {turned:.2g} turns: no whole one, so no error motion value is told"]
 
 
 def _remarks(streams: RecordedStreams) -> list[str]:
-    force = streams.streams.get(FORCE)
-    most = 0.0 if force is None else float(np.hypot(force.values[:, 0], force.values[:, 1]).max())
-    if most < PUSHED:
+    if streams.most_force < PUSHED:
         return []
     return [
-        f"a force of up to {most:.3g} N acted on the shaft: what it did is part of the error motion, and of its total "
-        "and asynchronous values most of all; record without it to judge the stage alone"
+        f"a force of up to {streams.most_force:.3g} N acted on the shaft: what it did is part of the error motion, and "
+        "of its total and asynchronous values most of all; record without it to judge the stage alone"
     ]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
 
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.codec.contents import JointState, Temperature
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import MachineDescription
@@ -18,6 +21,7 @@ from rotary_error_monitor.description.wire import Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.compensation import CompensationSettings, Compensator, InputsUsed
+from rotary_error_monitor.pipeline.corrections import Correction
 from rotary_error_monitor.pipeline.estimation import (
     AUTOCOLLIMATOR,
     COMMAND,
@@ -26,13 +30,20 @@ from rotary_error_monitor.pipeline.estimation import (
     EstimatorStatus,
 )
 from rotary_error_monitor.pipeline.observability import rotation_is_lacking
-from rotary_error_monitor.pipeline.publication import Decision, Decisions, decisions_of
-from rotary_error_monitor.recordings.replayed import Collected, Replay, damage_of, remarks_of
+from rotary_error_monitor.pipeline.publication import Decision, decisions_of
+from rotary_error_monitor.recordings.collected import Collected
+from rotary_error_monitor.recordings.motion_rows import ByTick
+from rotary_error_monitor.recordings.progress import Passed, Progress, silent
+from rotary_error_monitor.recordings.replayed import LongReplay, Replay, damage_of, offsets_at, remarks_of
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import absence_remarks
+from rotary_error_monitor.signals.rows import Keep, RowsInMemory
 
 SHORTEST_PERIOD_NS, LONGEST_PERIOD_NS = 10_000, 1_000_000_000
 """Distances of two estimates, ns, as the node `error_estimator` allows them."""
+
+_MOTION = "error_motion_samples"
+"""Key of the estimates in the wire contract."""
 
 BATCH = 256
 """Messages that are reckoned with at once: the bits depend on stamps alone, and few calls are faster than many."""
@@ -50,13 +61,13 @@ def period_of(period: float, nanoseconds: int, told: str) -> int:
     return round(period * nanoseconds)
 
 
-def check_estimated(replay: Replay, bag: Path | str, stage: StageDescription, least: int = 1) -> None:
+def check_estimated(replay: Replay | LongReplay, bag: Path | str, stage: StageDescription, least: int = 1) -> None:
     """Refuse a replay that gives hardly anything.
 
     Raises:
         InputError: it has fewer estimates; the message names what the bag lacks.
     """
-    if len(replay.stamp_ns) < least:
+    if len(replay) < least:
         raise InputError(f"{bag}: no estimate: {rotation_is_lacking(stage)}")
 
 
@@ -78,63 +89,128 @@ def replay_bag(
         InputError: there is no such bag, it lacks what `input_topics` needs (or joint states, with a machine;
             nothing but these, where it has no monitored axis). Messages that are broken are left out, and said.
     """
-    reader = BagReader(bag, naming)
-    wire = wire_of(stage)
     if machine is not None and machine.monitored is None:
-        return _replay_described(reader, wire, machine, compensation_settings)
-    inputs = input_topics(reader, wire, stage)
-    decisions = _published_decisions(reader, wire) if repeat else {}
-    settings = settings or EstimatorSettings()
-    if decisions:
-        settings = replace(settings, period_ns=_period(decisions, settings.period_ns, reader.path))
-    estimator = Estimator(stage, settings, decisions or None)
-    compensator, of_machine = None, tuple[str, ...]()
-    if machine is not None:
-        of_machine = _machine_topics(reader, wire)
-        published = dict(_published_inputs(reader, wire)) or None
-        compensator = Compensator(machine, compensation_settings, published, stage.limits)
-    names = [name for name in (*inputs, *of_machine) if name in reader.topics]
-    collected = Collected()
-    window = reader.window(names)
-    recorded = reader.replay_arrivals(names, window, collected.refuse)
-    for count, (topic, content, arrival_ns) in enumerate(recorded, start=1):
-        collected.note(topic, content)
-        if isinstance(content, SampleBlock):
-            collected.accept_samples(topic, content, inputs[topic], estimator, arrival_ns)
-        if count % BATCH == 0 or isinstance(content, Temperature):
-            collected.add_motion(estimator.advance(), compensator)
-            collected.note_doubts(estimator)
-        if compensator is not None and not isinstance(content, SampleBlock):
-            collected.accept_machine(topic, content, compensator, arrival_ns)
-    collected.add_motion(estimator.finish(), compensator)
-    collected.note_doubts(estimator)
-    if compensator is not None:
-        collected.add_compensation(compensator, last=True)
-    lacking = {}
-    for name, ticks in estimator.unrepeated.items():
-        why = "that the bag lacks" if name in estimator.inputs else "which this stage's description does not have"
-        lacking[f"samples of {name} {why}"] = np.concatenate(ticks)
-    if compensator is not None and compensator.unrepeated:
-        lacking["joint states that the bag lacks"] = np.concatenate(compensator.unrepeated)
-    return collected.result(
-        estimator.status,
-        reader,
-        window,
-        compensator is not None,
-        np.sort(np.fromiter(decisions, np.int64, len(decisions))),
-        lacking,
-        absence_remarks([*inputs, *of_machine[:1]], collected.spans),
-    )
+        return replay_described(bag, stage, machine, compensation_settings, naming)
+    corrections: list[Correction] = []
+    run = _Run(BagReader(bag, naming), stage, machine, RowsInMemory, corrections)
+    found = run.through(settings, compensation_settings, repeat)
+    return found.part(0, len(found), tuple(corrections))
 
 
-def _replay_described(
-    reader: BagReader, wire: Wire, machine: MachineDescription, settings: CompensationSettings | None
+def replay_long(
+    bag: Path | str,
+    stage: StageDescription,
+    machine: MachineDescription | None = None,
+    settings: EstimatorSettings | None = None,
+    naming: Naming = THE_ONLY_CELL,
+    keep: Keep = RowsInMemory,
+    progress: Progress = silent,
+) -> LongReplay:
+    """The same numbers of a recording of any length: they are kept where `keep` says, and read part by part.
+
+    Args:
+        bag: that is read.
+        stage: as described.
+        machine: one with a monitored axis, or none.
+        settings: as of `replay_bag`.
+        naming: which cell of the bag it is, and how the bag calls its topics.
+        keep: where what is larger than memory is kept.
+        progress: is told how far it is.
+
+    Raises:
+        InputError: as `replay_bag`.
+    """
+    return _Run(BagReader(bag, naming), stage, machine, keep, None, progress).through(settings, None, repeat=True)
+
+
+class _Run:
+    """One bag on its way through estimator and compensation."""
+
+    def __init__(
+        self,
+        reader: BagReader,
+        stage: StageDescription,
+        machine: MachineDescription | None,
+        keep: Keep,
+        corrections: list[Correction] | None,
+        progress: Progress = silent,
+    ) -> None:
+        self._reader, self._stage, self._machine = reader, stage, machine
+        self._keep, self._progress = keep, progress
+        self._wire = wire_of(stage)
+        self._inputs = input_topics(reader, self._wire, stage)
+        self._collected = Collected(keep, _columns(self._wire), corrections)
+        self._of_machine: tuple[str, ...] = ()
+
+    def through(
+        self, settings: EstimatorSettings | None, compensation_settings: CompensationSettings | None, repeat: bool
+    ) -> LongReplay:
+        """Replay it, with the decisions that the bag holds, if they are to be repeated."""
+        reader, stage, collected = self._reader, self._stage, self._collected
+        decisions = _published_decisions(reader, self._wire, self._keep, repeat)
+        settings = settings or EstimatorSettings()
+        if decisions:
+            settings = replace(settings, period_ns=_period(decisions, settings.period_ns, reader.path))
+        estimator = Estimator(stage, settings, decisions or None)
+        compensator = None
+        if self._machine is not None:
+            self._of_machine = _machine_topics(reader, self._wire)
+            published = _published_inputs(reader, self._wire, self._keep) or None
+            compensator = Compensator(self._machine, compensation_settings, published, stage.limits)
+        names = [name for name in (*self._inputs, *self._of_machine) if name in reader.topics]
+        window = reader.window(names)
+        self._feed(names, window, estimator, compensator)
+        lacking = {}
+        for name, ticks in estimator.unrepeated.items():
+            why = "that the bag lacks" if name in estimator.inputs else "which this stage's description does not have"
+            lacking[f"samples of {name} {why}"] = np.concatenate(ticks)
+        if compensator is not None and compensator.unrepeated:
+            lacking["joint states that the bag lacks"] = np.concatenate(compensator.unrepeated)
+        absent = absence_remarks([*self._inputs, *self._of_machine[:1]], collected.spans)
+        return collected.result(estimator.status, reader, window, compensator is not None, decisions, lacking, absent)
+
+    def _feed(
+        self, names: list[str], window: Window | None, estimator: Estimator, compensator: Compensator | None
+    ) -> None:
+        """Hand all messages on, one after another by their stamps."""
+        collected = self._collected
+        recorded = self._reader.replay_arrivals(names, window, collected.refuse)
+        with self._progress("estimates") as step:
+            passed = Passed(window, step)
+            for count, (topic, content, arrival_ns) in enumerate(recorded, start=1):
+                collected.note(topic, content)
+                passed.note(content)
+                if isinstance(content, SampleBlock):
+                    collected.accept_samples(topic, content, self._inputs[topic], estimator, arrival_ns)
+                if count % BATCH == 0 or isinstance(content, Temperature):
+                    collected.add_motion(estimator.advance(), compensator)
+                    collected.note_doubts(estimator)
+                if compensator is not None and not isinstance(content, SampleBlock):
+                    collected.accept_machine(topic, content, compensator, arrival_ns)
+        collected.add_motion(estimator.finish(), compensator)
+        collected.note_doubts(estimator)
+        if compensator is not None:
+            collected.add_compensation(compensator, last=True)
+
+
+def replay_described(
+    bag: Path | str,
+    stage: StageDescription,
+    machine: MachineDescription,
+    settings: CompensationSettings | None = None,
+    naming: Naming = THE_ONLY_CELL,
 ) -> Replay:
-    """Compensation of a machine without monitored axis: joint states alone."""
+    """Compensation of a machine without monitored axis: joint states alone.
+
+    Raises:
+        InputError: as `replay_bag`.
+    """
+    reader, wire = BagReader(bag, naming), wire_of(stage)
     names = [name for name in _machine_topics(reader, wire) if name in reader.topics]
-    decisions = dict(_published_inputs(reader, wire))
+    decisions = _published_inputs(reader, wire, RowsInMemory)
     compensator = Compensator(machine, settings, decisions or None)
-    collected = Collected()
+    corrections: list[Correction] = []
+    collected = Collected(RowsInMemory, _columns(wire), corrections)
     stamps: list[int] = []
     window = reader.window(names)
     for topic, content, arrival_ns in reader.replay_arrivals(names, window, collected.refuse):
@@ -146,8 +222,8 @@ def _replay_described(
     ticks = np.unique(np.array(stamps, np.int64))
     return Replay(
         replace(ErrorMotion.unknown(len(ticks)), times_ns=ticks, theta=np.full(len(ticks), np.nan)),
-        collected.offsets_at(ticks),
-        tuple(collected.corrections),
+        offsets_at(collected.offsets, ticks),
+        tuple(corrections),
         EstimatorStatus(),
         damage_of(reader, window),
         bool(decisions),
@@ -185,29 +261,36 @@ def _machine_topics(reader: BagReader, wire: Wire) -> tuple[str, str]:
     return joints, temperature
 
 
-def _published_decisions(reader: BagReader, wire: Wire) -> dict[int, Decision]:
-    found: dict[int, Decision] = {}
-    for block in _blocks(reader, wire.topic("error_motion_samples").name):
-        said = decisions_of(error_motion_from_block(block))
+def _columns(wire: Wire) -> tuple[str, ...]:
+    return wire.topic(_MOTION).columns
+
+
+def _published_decisions(reader: BagReader, wire: Wire, keep: Keep, repeat: bool) -> ByTick[Decision]:
+    """What the bag says that the live run decided; nothing where it is not to be repeated."""
+    found = ByTick(keep, 9, _decision)
+    for block in _blocks(reader, wire.topic(_MOTION).name) if repeat else ():
+        decided = decisions_of(error_motion_from_block(block))
         if "doubts" not in block.names:  # a run of an earlier version
-            said = {time: Decision(each.streams) for time, each in said.items()}
-        found |= said
+            decided = {time: Decision(each.streams) for time, each in decided.items()}
+        said = [[np.nan if number is None else number for number in astuple(each)] for each in decided.values()]
+        found.add(np.fromiter(decided, np.int64, len(decided)), np.array(said, np.float64))
     return found
 
 
-def _published_inputs(reader: BagReader, wire: Wire) -> Iterator[tuple[int, InputsUsed]]:
+def _decision(_: int, said: Sequence[float]) -> Decision:
+    return Decision(int(said[0]), None if math.isnan(said[1]) else int(said[1]), *said[2:])
+
+
+def _published_inputs(reader: BagReader, wire: Wire, keep: Keep) -> ByTick[InputsUsed]:
+    found = ByTick(keep, 3, _inputs_used)
     for block in _blocks(reader, wire.topic("tool_offset_samples").name):
-        times = block.times_ns
-        stamps = times - np.rint(block.column("joint_age") * 1e9).astype(np.int64)
-        rows = zip(
-            times.tolist(),
-            stamps.tolist(),
-            block.column("directions").tolist(),
-            block.column("temperature").tolist(),
-            strict=True,
-        )
-        for tick, stamp, directions, temperature in rows:
-            yield tick, InputsUsed(stamp, directions, temperature)
+        ages = np.rint(block.column("joint_age") * 1e9)
+        found.add(block.times_ns, np.column_stack([ages, block.columns(("directions", "temperature"))]))
+    return found
+
+
+def _inputs_used(tick: int, said: Sequence[float]) -> InputsUsed:
+    return InputsUsed(tick - int(said[0]), said[1], said[2])
 
 
 def _blocks(reader: BagReader, topic: str) -> Iterator[SampleBlock]:
@@ -217,7 +300,7 @@ def _blocks(reader: BagReader, topic: str) -> Iterator[SampleBlock]:
                 yield content
 
 
-def _period(decisions: Decisions, default_ns: int, origin: Path) -> int:
+def _period(decisions: ByTick[Decision], default_ns: int, origin: Path) -> int:
     """Period of the grid on which the live run published: its most frequent step.
 
     Raises:
@@ -225,8 +308,13 @@ def _period(decisions: Decisions, default_ns: int, origin: Path) -> int:
     """
     if len(decisions) < 2:
         return default_ns
-    steps, counts = np.unique(np.diff(np.sort(np.fromiter(decisions, np.int64, len(decisions)))), return_counts=True)
-    period = int(steps[np.argmax(counts)])
+    counts: Counter[int] = Counter()
+    before = np.empty(0, np.int64)
+    for part in decisions.sorted_parts():
+        steps, often = np.unique(np.diff(np.concatenate([before, part])), return_counts=True)
+        counts.update(dict(zip(steps.tolist(), often.tolist(), strict=True)))
+        before = part[-1:]
+    period = max(counts, key=lambda step: (counts[step], -step))
     if not SHORTEST_PERIOD_NS <= period <= LONGEST_PERIOD_NS:
         raise InputError(
             f"{origin}: the estimates that it holds are {period} ns apart; an estimator publishes each "

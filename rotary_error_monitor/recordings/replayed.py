@@ -1,11 +1,12 @@
-"""What a replay gives, and how it is collected."""
+"""What a replay gives: as arrays, or of a recording of any length part by part."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +14,12 @@ from numpy.typing import NDArray
 from rotary_error_monitor.analysis.signals import radial_at
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.bags.window import Window
-from rotary_error_monitor.codec.contents import Content, JointState, Temperature
-from rotary_error_monitor.errors import InputError, without_numbers
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.pipeline.corrections import Correction
-from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorStatus
-from rotary_error_monitor.pipeline.joints import joint_motion_of
-from rotary_error_monitor.signals.admission import ArrivalCheck
-from rotary_error_monitor.signals.blocks import SampleBlock
-from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
+from rotary_error_monitor.pipeline.estimation import EstimatorStatus
+from rotary_error_monitor.recordings.arrays_file import InParts, save_arrays
+from rotary_error_monitor.recordings.motion_rows import BlockRows, CorrectionRows, MotionRows
+from rotary_error_monitor.signals.rows import Rows, parts_of, place_of
 
 BEFORE_NS = 500_000_000
 """How long before the first estimates of a replay those published live may rest on samples of before it, ns."""
@@ -82,6 +79,29 @@ class Replay:
         observable = self.motion.observable
         return np.where(observable[:, :, None] & observable[:, None, :], self.motion.covariance, np.nan)
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last timestamp (ns) of the ticks, of which there is one at least."""
+        return int(self.stamp_ns[0]), int(self.stamp_ns[-1])
+
+    @property
+    def held(self) -> int | None:
+        """Ticks at which the compensation held; None without a machine."""
+        return None if self.tool_offset is None else int(np.isnan(self.tool_offset[:, 0]).sum())
+
+    @property
+    def correction_count(self) -> int:
+        """How many corrections there are."""
+        return len(self.corrections)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all that was published live is given, as it was."""
+        return not self.unrepeated.any() and not len(self.lost_ns)
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
     def save(self, path: Path | str, heights: Sequence[float] = ()) -> None:
         """Write the arrays to an .npz file; `tool_offset`, `correction_stamp_ns`, `corrections` only with a machine.
 
@@ -93,183 +113,161 @@ class Replay:
         Raises:
             InputError: the file cannot be written.
         """
-        arrays = {
-            "stamp_ns": self.stamp_ns,
-            "theta": self.theta,
-            "error_motion": self.error_motion,
-            "covariance": self.covariance,
-            "streams": self.motion.streams,
-            "doubts": self.motion.doubts,
-            "unrepeated": self.unrepeated,
-            "lost_stamp_ns": self.lost_ns,
-        }
-        if heights:
-            at = [radial_at(self.error_motion, self.covariance, height) for height in heights]
-            told = [np.asarray(np.isfinite(radial).all(axis=1))[:, None, None] for radial, _ in at]
-            arrays["heights"] = np.array(heights)
-            arrays["radial"] = np.stack([radial for radial, _ in at], axis=1)
-            spreads = (np.where(seen, spread, np.nan) for seen, (_, spread) in zip(told, at, strict=True))
-            arrays["radial_covariance"] = np.stack(list(spreads), axis=1)
+        arrays: dict[str, NDArray[Any]] = {}
         if self.tool_offset is not None:
-            arrays["tool_offset"] = self.tool_offset
             arrays["correction_stamp_ns"] = np.array([each.stamp_ns for each in self.corrections], np.int64)
             arrays["corrections"] = np.array([each.values for each in self.corrections])
             reports = [(each.stamp_ns, each.report.remaining) for each in self.corrections if each.report is not None]
             arrays["remaining_stamp_ns"] = np.array([stamp for stamp, _ in reports], np.int64)
             arrays["remaining_offset"] = np.array([remaining for _, remaining in reports])
-        try:
-            with Path(path).open("wb") as file:
-                np.savez(file, **arrays)  # type: ignore[arg-type]  # numpy's stub takes **kwds for allow_pickle
-        except OSError as error:
-            raise InputError(
-                f"{path}: cannot be written ({error.strerror}); give a file in a folder that exists"
-            ) from error
+        beside = {name: InParts.of_array(array) for name, array in arrays.items()}
+        save_arrays(path, _by_tick(len(self), lambda: (self,), heights, self.lost_ns, bool(arrays)) | beside)
 
 
-class Collected:
-    """Error motion and corrections as they come."""
+@dataclass(frozen=True)
+class LongReplay:
+    """What `Replay` says, of a recording of any length: its arrays are read part by part.
 
-    def __init__(self) -> None:
-        self.motion: list[ErrorMotion] = []
-        self.offsets: list[SampleBlock] = []
-        self.corrections: list[Correction] = []
-        self.spans: dict[str, MessageSpans] = {}
-        self.refused: dict[tuple[str, str], tuple[int, str]] = {}
-        self.samples_refused: dict[str, dict[str, int]] = {}
-        self.doubted: dict[str, str] = {}
-        self.holds: dict[str, str] = {}
-        self._joints_arrival = ArrivalCheck()
+    Attributes:
+        ticks: error motion as the estimator gave it.
+        offsets: of the tool, at those ticks at which the compensation did not hold; None without a machine.
+        corrections: at the correction period; empty without a machine.
+        status, damage, repeated, lost_ns, remarks: as of `Replay`.
+        unrepeated_ns: timestamps (ns, ascending) of ticks at which what the live run did could not be repeated.
+    """
 
-    def note(self, topic: str, content: Content) -> None:
-        """Take note of when there are samples."""
-        spans = self.spans.setdefault(topic, MessageSpans())
-        if isinstance(content, SampleBlock):
-            spans.add_block(content)
-        else:
-            spans.add_stamp(content.stamp_ns)
+    ticks: MotionRows
+    offsets: BlockRows | None
+    corrections: CorrectionRows
+    status: EstimatorStatus
+    damage: str | None
+    repeated: bool
+    unrepeated_ns: NDArray[np.int64]
+    lost_ns: NDArray[np.int64]
+    remarks: tuple[str, ...]
 
-    def coverage_remarks(self) -> tuple[str, ...]:
-        """What the streams lack."""
-        found = {topic: spans.coverage() for topic, spans in self.spans.items()}
-        return coverage_remarks({topic: each for topic, each in found.items() if each is not None})
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last timestamp (ns) of the ticks, of which there is one at least."""
+        times = self.ticks.times
+        return int(times.read(0, 1)[0]), int(times.read(len(times) - 1, len(times))[0])
 
-    def add_motion(self, parts: list[ErrorMotion], compensator: Compensator | None) -> None:
-        """Take error motion, and with a compensator what it makes of it."""
-        self.motion += parts
-        if compensator is not None:
-            for part in parts:
-                compensator.accept_error_motion(part)
-            self.add_compensation(compensator)
+    @property
+    def held(self) -> int | None:
+        """Ticks at which the compensation held; None without a machine."""
+        return None if self.offsets is None else len(self) - len(self.offsets)
 
-    def refuse(self, topic: str, error: InputError) -> None:
-        """Take note of a message that cannot be used, as a node does: counted by topic, with the first reason."""
-        self._count(topic, "refused", str(error))
+    @property
+    def correction_count(self) -> int:
+        """How many corrections there are."""
+        return len(self.corrections)
 
-    def _count(self, topic: str, what: str, why: str) -> None:
-        count, first = self.refused.get((topic, what), (0, why))
-        self.refused[topic, what] = count + 1, first
+    @property
+    def is_complete(self) -> bool:
+        """Whether all that was published live is given, as it was."""
+        return not len(self.lost_ns) and not any(part.unrepeated.any() for part in self.parts())
 
-    def accept_machine(self, topic: str, content: object, compensator: Compensator, arrival_ns: int) -> None:
-        """Hand a joint state or a temperature on that was recorded at `arrival_ns`, timestamp (ns)."""
-        try:
-            if isinstance(content, JointState):
-                if refusal := self._joints_arrival.judge_ahead(content.stamp_ns, arrival_ns):
-                    raise InputError(refusal)
-                positions, velocities = joint_motion_of(
-                    content.names, content.position.tolist(), content.velocity.tolist()
-                )
-                compensator.accept_joint_state(content.stamp_ns, positions, velocities)
-                if doubt := compensator.joints.doubt:
-                    self._count(topic, "not believed", doubt)
-            elif isinstance(content, Temperature):
-                stamp_ns = min(content.stamp_ns or arrival_ns, arrival_ns)
-                if not compensator.push_temperature(content.temperature, stamp_ns):
-                    self._count(topic, "not believed", compensator.thermometer.doubt)
-        except InputError as error:
-            self.refuse(topic, error)
+    def __len__(self) -> int:
+        return len(self.ticks)
 
-    def accept_samples(
-        self, topic: str, block: SampleBlock, stream: str, estimator: Estimator, arrival_ns: int
-    ) -> None:
-        """Hand samples on that were recorded at `arrival_ns`, timestamp (ns)."""
-        try:
-            estimator.accept(stream, block, arrival_ns, recorded=True)
-        except InputError as error:
-            self.refuse(topic, error)
-
-    def note_doubts(self, estimator: Estimator) -> None:
-        """Take note of what the estimator does not believe, with the first reason for each, and of samples refused."""
-        for what, why in estimator.reasons:
-            self.doubted.setdefault(what, why)
-        for name, stream in estimator.status.streams.items():
-            if stream.admission.refused:
-                self.samples_refused[name] = dict(stream.admission.refused)
-
-    def belief_remarks(self) -> Iterator[str]:
-        """What was not used, and why."""
-        for (topic, what), (count, first) in self.refused.items():
-            yield f"{topic}: {count} messages {what}, the first: {first}"
-        for name, reasons in self.samples_refused.items():
-            yield f"{name}: samples refused: " + ", ".join(f"{count} {why}" for why, count in reasons.items() if count)
-        for what, why in self.doubted.items():
-            yield f"{what}: not believed at some time: {why}"
-        for why in self.holds.values():
-            yield f"tool offsets were held at some time: {why}"
-
-    def offsets_at(self, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(n, 6) offsets at all ticks, NaN where the compensation held."""
-        offset = np.full((len(stamps), 6), np.nan)
-        for block in self.offsets:
-            offset[np.searchsorted(stamps, block.times_ns)] = block.rows[:, 1:7]
-        return offset
-
-    def add_compensation(self, compensator: Compensator, *, last: bool = False) -> None:
-        """Take offsets and corrections of what was accepted, and why they are held once they have begun."""
-        found = compensator.finish() if last else compensator.advance()
-        self.offsets += found.offsets
-        self.corrections += found.corrections
-        if compensator.hold and self.offsets:
-            self.holds.setdefault(without_numbers(compensator.hold), compensator.hold)
-
-    def result(
-        self,
-        status: EstimatorStatus,
-        reader: BagReader,
-        window: Window | None,
-        with_machine: bool,
-        live_ns: NDArray[np.int64],
-        lacking: Mapping[str, NDArray[np.int64]],
-        absent: tuple[str, ...],
-    ) -> Replay:
-        """All of it; `live_ns` are the ticks (ns) published live, `lacking` those that lack something, by what."""
-        motion = ErrorMotion.joined([ErrorMotion.unknown(0), *self.motion])
+    def part(self, first: int, last: int, corrections: tuple[Correction, ...] = ()) -> Replay:
+        """Ticks from `first` to before `last`, with the corrections that are given."""
+        motion = self.ticks.part(first, last)
         stamps = motion.times_ns
-        unrepeated = np.unique(np.concatenate([*lacking.values(), np.empty(0, np.int64)]))
-        lost = lost_ticks(live_ns, stamps)
         return Replay(
             motion,
-            self.offsets_at(stamps) if with_machine else None,
-            tuple(self.corrections),
-            status,
-            damage_of(reader, window),
-            len(live_ns) > 0,
-            np.isin(stamps, unrepeated),
-            lost,
-            (
-                *remarks_of(reader, window),
-                *absent,
-                *self.belief_remarks(),
-                *self.coverage_remarks(),
-                *_unrepeated_remarks(lacking, stamps),
-                *_lost_remarks(lost, stamps),
-            ),
+            None if self.offsets is None else offsets_at(self.offsets, stamps),
+            corrections,
+            self.status,
+            self.damage,
+            self.repeated,
+            np.isin(stamps, self.unrepeated_ns),
+            self.lost_ns,
+            self.remarks,
         )
 
+    def parts(self) -> Iterator[Replay]:
+        """All ticks, some at a time."""
+        return (self.part(first, last) for first, last in parts_of(0, len(self)))
 
-def _unrepeated_remarks(lacking: Mapping[str, NDArray[np.int64]], stamps: NDArray[np.int64]) -> Iterator[str]:
-    """Which ticks are not those of the live run, and why."""
+    def save(self, path: Path | str, heights: Sequence[float] = ()) -> None:
+        """Write what `Replay.save` writes; memory holds a part of it at a time.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        ticks, corrections, with_machine = self.ticks, self.corrections, self.offsets is not None
+        rows = {"stamp_ns": ticks.times, "theta": ticks.theta}
+        if with_machine:
+            rows |= {
+                "correction_stamp_ns": corrections.stamp_ns,
+                "corrections": corrections.values,
+                "remaining_stamp_ns": corrections.remaining_ns,
+                "remaining_offset": corrections.remaining,
+            }
+        whole = {name: InParts.of_rows(each) for name, each in rows.items()}
+        save_arrays(path, _by_tick(len(self), self.parts, heights, self.lost_ns, with_machine) | whole)
+
+
+def _by_tick(
+    count: int,
+    parts: Callable[[], Iterable[Replay]],
+    heights: Sequence[float],
+    lost_ns: NDArray[np.int64],
+    with_machine: bool,
+) -> dict[str, InParts]:
+    """Arrays of a replay of `count` ticks that comes in parts, those of its machine's corrections left out."""
+
+    def column(give: Callable[[Replay], NDArray[Any]], *shape: int, kind: type = np.float64) -> InParts:
+        return InParts(np.dtype(kind), (count, *shape), lambda: map(give, parts()))
+
+    arrays = {
+        "stamp_ns": column(lambda part: part.stamp_ns, kind=np.int64),
+        "theta": column(lambda part: part.theta),
+        "error_motion": column(lambda part: part.error_motion, 6),
+        "covariance": column(lambda part: part.covariance, 6, 6),
+        "streams": column(lambda part: part.motion.streams, kind=np.int64),
+        "doubts": column(lambda part: part.motion.doubts, kind=np.int64),
+        "unrepeated": column(lambda part: part.unrepeated, kind=np.bool_),
+        "lost_stamp_ns": InParts.of_array(lost_ns),
+    }
+    if heights:
+        high = len(heights)
+        arrays["heights"] = InParts.of_array(np.array(heights))
+        arrays["radial"] = column(lambda part: _radial(part, heights)[0], high, 2)
+        arrays["radial_covariance"] = column(lambda part: _radial(part, heights)[1], high, 2, 2)
+    if with_machine:
+        arrays["tool_offset"] = column(_tool_offset, 6)
+    return arrays
+
+
+def _radial(part: Replay, heights: Sequence[float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Radial error motion (n, h, 2) at heights above the ring, m, and its covariance, NaN where not observable."""
+    at = [radial_at(part.error_motion, part.covariance, height) for height in heights]
+    motion = np.stack([radial for radial, _ in at], axis=1)
+    told = np.asarray(np.isfinite(motion).all(axis=2))[:, :, None, None]
+    return motion, np.where(told, np.stack([spread for _, spread in at], axis=1), np.nan)
+
+
+def _tool_offset(part: Replay) -> NDArray[np.float64]:
+    assert part.tool_offset is not None  # of a replay with a machine
+    return part.tool_offset
+
+
+def offsets_at(offsets: BlockRows, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(n, 6) tool offsets at ascending timestamps (n,), ns, NaN where the compensation held."""
+    found = np.full((len(stamps), 6), np.nan)
+    if len(stamps) and len(offsets):
+        first, last = (place_of(offsets.times, int(stamp)) for stamp in (stamps[0], stamps[-1] + 1))
+        times, block = offsets.part(first, last)
+        found[np.searchsorted(stamps, times)] = block.rows[:, 1:7]
+    return found
+
+
+def unrepeated_remarks(lacking: Mapping[str, NDArray[np.int64]], first_ns: int | None) -> Iterator[str]:
+    """Which ticks (ns) are not those of the live run, and why; `first_ns` is the first tick, where there is one."""
     for what, ticks in lacking.items():
-        begin = int(min(ticks.min(), stamps[0])) if len(stamps) else int(ticks.min())
+        begin = int(ticks.min()) if first_ns is None else min(int(ticks.min()), first_ns)
         since, until = (int(ticks.min()) - begin) * 1e-9, (int(ticks.max()) - begin) * 1e-9
         yield (
             f"{len(ticks)} ticks from {since:.3f} to {until:.3f} s cannot be repeated: the live run used {what}; "
@@ -277,23 +275,32 @@ def _unrepeated_remarks(lacking: Mapping[str, NDArray[np.int64]], stamps: NDArra
         )
 
 
-def lost_ticks(live_ns: NDArray[np.int64], given_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Ticks (ns, sorted) that were published live and are not given again, but for those close to others that are.
+def lost_ticks(live: Iterable[NDArray[np.int64]], given: Rows) -> NDArray[np.int64]:
+    """Ticks (ns, ascending) that were published live and are not given again, but for those close to others that are.
 
     The first ticks of a recording, or after a pause in it, rest on samples from before it; the last ones before a pause
     on samples after their own time.
+
+    Args:
+        live: ticks (ns) that were published live, ascending, part after part.
+        given: ticks (ns) that are given, ascending.
     """
-    lost = np.setdiff1d(live_ns, given_ns)
-    place = np.searchsorted(given_ns, lost)
-    before = np.append(np.int64(-1 << 62), given_ns)[place]
-    after = np.append(given_ns, np.int64(1 << 62))[place]
-    return lost[(after - lost > BEFORE_NS) & (lost - before > AFTER_NS)]
+    found = [np.empty(0, np.int64)]
+    for part in live:
+        first, last = (place_of(given, int(tick)) for tick in part[[0, -1]])
+        near = given.read(max(first - 1, 0), last + 1)
+        lost = np.setdiff1d(part, near)
+        place = np.searchsorted(near, lost)
+        before = np.append(np.int64(-1 << 62), near)[place]
+        after = np.append(near, np.int64(1 << 62))[place]
+        found.append(lost[(after - lost > BEFORE_NS) & (lost - before > AFTER_NS)])
+    return np.concatenate(found)
 
 
-def _lost_remarks(lost: NDArray[np.int64], stamps: NDArray[np.int64]) -> Iterator[str]:
-    """Which ticks of the live run are not given."""
+def lost_remarks(lost: NDArray[np.int64], first_ns: int | None) -> Iterator[str]:
+    """Which ticks (ns) of the live run are not given; `first_ns` as above."""
     if len(lost):
-        begin = int(min(lost[0], stamps[0])) if len(stamps) else int(lost[0])
+        begin = int(lost[0]) if first_ns is None else min(int(lost[0]), first_ns)
         yield (
             f"{len(lost)} estimates that were published live, from {(int(lost[0]) - begin) * 1e-9:.3f} to "
             f"{(int(lost[-1]) - begin) * 1e-9:.3f} s, are not given: the bag lacks the samples that they rest on"

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from array import array
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.course import Samples
 from rotary_error_monitor.analysis.health import StreamHealth
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import Content
-from rotary_error_monitor.commissioning.streams import Stream, describe_stream, join_blocks
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Topic, Wire
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
+from rotary_error_monitor.recordings.kept_samples import Distances, KeptCourse, KeptSamples, largest_of, mean_of
+from rotary_error_monitor.recordings.progress import Passed, Progress, silent
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans
+from rotary_error_monitor.signals.rows import Keep
 
-ANGLES = ("angle",)
+_AT_ONCE = 4_096
+"""Samples from which they are looked at together."""
+
 FORCE, TEMPERATURE, LVDT = "force", "temperature", "lvdt"
 
 
@@ -30,24 +36,34 @@ class RecordedStreams:
     Attributes:
         health: of each.
         rates: samples a second, Hz.
-        streams: their samples, as the description corrects them.
+        courses: force and temperatures over time, of long recordings with fewer points than samples.
+        kept: all samples of the streams that were asked for, where there are any.
     """
 
     health: list[StreamHealth] = field(default_factory=list)
     rates: dict[str, float] = field(default_factory=dict)
-    streams: dict[str, Stream] = field(default_factory=dict)
+    courses: dict[str, Samples] = field(default_factory=dict)
+    kept: dict[str, KeptSamples] = field(default_factory=dict)
+
+    @property
+    def lvdt(self) -> KeptSamples | None:
+        """Samples of the LVDT; None where it has none."""
+        return self.kept.get(LVDT)
+
+    @property
+    def most_force(self) -> float:
+        """Largest force on the shaft, N."""
+        return float(self.courses[FORCE].values.max()) if FORCE in self.courses else 0.0
 
     def acting(self, stage: StageDescription) -> Mapping[str, Samples]:
         """Force and temperatures, by name and unit."""
         found = {}
-        if FORCE in self.streams:
-            stream = self.streams[FORCE]
-            found["force, N"] = Samples(stream.times_ns, np.hypot(stream.values[:, 0], stream.values[:, 1]))
+        if FORCE in self.courses:
+            found["force, N"] = self.courses[FORCE]
         names = {TEMPERATURE: TEMPERATURE, **{stream: name for name, stream in stage.thermometers.items()}}
         for stream_name, name in names.items():
-            if stream_name in self.streams:
-                stream = self.streams[stream_name]
-                found[f"{name}, °C"] = Samples(stream.times_ns, stream.values[:, 0])
+            if stream_name in self.courses:
+                found[f"{name}, °C"] = self.courses[stream_name]
         return found
 
 
@@ -64,52 +80,128 @@ def contents_within(
             yield name, content, arrival_ns
 
 
-def read_streams(reader: BagReader, wire: Wire, stage: StageDescription) -> RecordedStreams:
+def read_streams(
+    reader: BagReader,
+    wire: Wire,
+    stage: StageDescription,
+    keep: Keep,
+    progress: Progress = silent,
+    kept: Collection[str] = (LVDT,),
+) -> RecordedStreams:
     """All streams of samples that instruments, controller and surroundings published.
 
     Messages that cannot be read are left out; a replay of the same bag says them.
+
+    Args:
+        reader: of the bag.
+        wire: topics of the stage.
+        stage: as described.
+        keep: where samples are kept that are needed one by one.
+        progress: is told how far it is.
+        kept: streams of which all samples are needed.
     """
     topics = {topic.name: topic for topic in wire if topic.is_raw}
     there = [name for name in topics if name in reader.topics and reader.topics[name].count]
-    blocks: dict[str, list[SampleBlock]] = {name: [] for name in there}
-    late: dict[str, list[float]] = {name: [] for name in there}
-    for name, content, arrival_ns in contents_within(reader, there, lambda topic, error: None):
-        if isinstance(content, SampleBlock):
-            blocks[name].append(content)
-            late[name].append((arrival_ns - content.newest_ns) * 1e-9)
+    streams = {name: _StreamReader(topics[name], stage, keep if topics[name].frame in kept else None) for name in there}
+    with progress("streams") as step:
+        passed = Passed(reader.window(there), step)
+        for name, content, arrival_ns in contents_within(reader, there, lambda topic, error: None):
+            passed.note(content)
+            if isinstance(content, SampleBlock):
+                streams[name].add(content, arrival_ns)
     found = RecordedStreams()
-    for name in there:
-        topic = topics[name]
-        try:
-            response = stage.responses.get(topic.frame)
-            corrected = [correct_block(block, topic.columns, response) for block in blocks[name]]
-            stream = join_blocks(corrected, topic.columns)
-        except InputError:
-            continue
-        if len(stream.times_ns) > 1:
-            found.streams[topic.frame] = stream
-            found.health.append(_health(topic, stream, blocks[name], late[name]))
-            found.rates[topic.frame] = found.health[-1].rate
+    for stream in streams.values():
+        stream.take()
+        if stream.samples > 1:
+            health, frame = stream.health, stream.topic.frame
+            found.health.append(health)
+            found.rates[frame] = health.rate
+            if stream.course is not None:
+                found.courses[frame] = stream.course.samples
+            if stream.kept is not None:
+                found.kept[frame] = stream.kept
     return found
 
 
-def _health(topic: Topic, stream: Stream, blocks: Sequence[SampleBlock], late: Sequence[float]) -> StreamHealth:
-    first = replace(stream, values=stream.values[:, :1])  # of the command only its angle goes on and on
-    figures = describe_stream(first, is_angle=topic.columns[:1] == ANGLES)
-    spans = MessageSpans()
-    for block in blocks:
-        spans.add_block(block)
-    coverage = spans.coverage()
-    gaps = np.diff(coverage.silences, axis=1) if coverage is not None else np.empty(0)
-    latency, slow = np.quantile(late, (0.5, 0.99))
-    return StreamHealth(
-        topic.name,
-        figures.samples,
-        figures.rate,
-        float(figures.jitter),
-        figures.lost,
-        float(gaps.max(initial=0)) * 1e-9,
-        figures.disordered,
-        float(latency),
-        float(slow),
-    )
+class _StreamReader:
+    """One stream, block after block.
+
+    Attributes:
+        topic: that it is of.
+        samples: that are in order and finite, as far as all blocks could be read.
+        course: of what acts on the stage; None of other streams.
+        kept: all samples; None of streams of which they are not needed.
+    """
+
+    def __init__(self, topic: Topic, stage: StageDescription, keep: Keep | None) -> None:
+        self.topic = topic
+        self.samples = self._disordered = 0
+        self._response = stage.responses.get(topic.frame)
+        self._newest = np.iinfo(np.int64).min
+        self._last: int | None = None  # that was in order and finite
+        self._spans, self._late, self._distances = MessageSpans(), array("d"), Distances()
+        self.course: KeptCourse | None = None
+        if topic.frame == FORCE:
+            self.course = KeptCourse(largest_of)
+        elif topic.frame in (TEMPERATURE, *stage.thermometers.values()):
+            self.course = KeptCourse(mean_of)
+        self.kept = None if keep is None else KeptSamples(keep, len(topic.columns))
+        self._is_readable = True
+        self._waiting: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
+        self._count = 0
+
+    def add(self, block: SampleBlock, arrival_ns: int) -> None:
+        """Take a block that was recorded at `arrival_ns`, timestamp (ns)."""
+        self._spans.add_block(block)
+        self._late.append((arrival_ns - block.newest_ns) * 1e-9)
+        try:
+            corrected = correct_block(block, self.topic.columns, self._response)
+            times, values = corrected.times_ns, corrected.columns(self.topic.columns)
+        except InputError:
+            self._is_readable, self.samples, self._waiting = False, 0, []
+        if not self._is_readable:
+            return
+        self._waiting.append((times, values))
+        self._count += len(times)
+        if self._count >= _AT_ONCE:
+            self.take()
+
+    def take(self) -> None:
+        """Take what waits: many blocks at once cost little more than one."""
+        if not self._waiting:
+            return
+        times, values = (np.concatenate(each) for each in zip(*self._waiting, strict=True))
+        self._waiting, self._count = [], 0
+        before = np.maximum.accumulate(np.concatenate([[self._newest], times]))
+        good = (times > before[:-1]) & np.isfinite(values).all(axis=1)
+        self._disordered += int((~good).sum())
+        times, values, last = times[good], values[good], self._last
+        self._newest = int(before[-1])
+        if len(times):
+            self._distances.add(np.diff(times if last is None else np.concatenate([[last], times])))
+            self._last = int(times[-1])
+            self.samples += len(times)
+        if self.course is not None:
+            self.course.add(times, np.hypot(*values[:, :2].T) if self.topic.frame == FORCE else values[:, 0])
+        if self.kept is not None:
+            self.kept.add(times, values)
+
+    @property
+    def health(self) -> StreamHealth:
+        """What it was like."""
+        coverage = self._spans.coverage()
+        assert coverage is not None
+        gaps = np.diff(coverage.silences, axis=1)
+        latency, slow = np.quantile(np.frombuffer(self._late), (0.5, 0.99))
+        rate, jitter = self._distances.rate_and_jitter()
+        return StreamHealth(
+            self.topic.name,
+            self.samples,
+            rate,
+            jitter,
+            coverage.lost,
+            float(gaps.max(initial=0)) * 1e-9,
+            self._disordered,
+            float(latency),
+            float(slow),
+        )

@@ -26,13 +26,15 @@ from rotary_error_monitor.pipeline.reference_readings import (
     reference_of,
     without_references,
 )
-from rotary_error_monitor.recordings.analysis import estimates_of, figures_table
+from rotary_error_monitor.recordings.analysis import figures_table
+from rotary_error_monitor.recordings.long_estimates import estimates_of
 from rotary_error_monitor.recordings.replay import check_estimated, replay_bag
 from rotary_error_monitor.recordings.replayed import Replay
 from rotary_error_monitor.recordings.stream_health import read_streams
 from rotary_error_monitor.report.page import made_by
 from rotary_error_monitor.report.verification import page
 from rotary_error_monitor.resources import config
+from rotary_error_monitor.signals.rows import RowsInMemory
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,8 @@ def verify_bag(
         InputError: there is no such bag, reference, or height with one, or not a whole turn of what is compared.
     """
     reader, wire = BagReader(bag, naming), wire_of(stage)
-    streams = read_streams(reader, wire, stage).streams
-    samples = {name: (stream.times_ns, stream.values) for name, stream in streams.items()}
+    kept = read_streams(reader, wire, stage, RowsInMemory, kept=(LVDT, *stage.sensors)).kept
+    samples = {name: samples.all() for name, samples in kept.items()}
     references = _references(stage, names, samples, str(bag))
     monitor = without_references(stage, tuple(references))
     replay = replay_bag(bag, monitor, naming=naming, repeat=monitor is stage)
@@ -133,7 +135,7 @@ def verify_bag(
         compare_reference(estimates, monitor, _during(references[name], stand), stand, str(bag))
         for name, stand in chosen
     ]
-    return Verification(tuple(compared), (int(replay.stamp_ns[0]), int(replay.stamp_ns[-1])), replay.remarks)
+    return Verification(tuple(compared), replay.span_ns, replay.remarks)
 
 
 def _references(

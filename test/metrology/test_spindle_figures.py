@@ -234,7 +234,7 @@ def test_turns_with_gaps_stops_and_both_ways_are_told_apart():
     assert (len(turns.profiles), turns.incomplete) == (8, 1)
     assert turns.whole == pytest.approx(9.5, abs=0.01)
     assert turns.cut_off == 142 < MOST_WAVES
-    assert np.diff(turns.rows, axis=1).sum() == pytest.approx(8000, abs=16)
+    assert np.diff(turns.labels, axis=1).sum() == pytest.approx(8000, abs=16)
     there_and_back = np.concatenate([theta[:4200], theta[4200] - np.arange(4200) * (2 * np.pi / 1000.0)])
     both = 1e-6 * np.cos(3 * there_and_back)
     forth, back = (cut_turns(there_and_back, both[:, None], [run]) for run in ((0, 4200), (4200, 8400)))
