@@ -28,6 +28,7 @@ KINDS = (
     "analysis",
     "analysis_of_less_than_a_turn",
     "commissioning",
+    "comparison",
     "diagnosis_of_a_stage",
     "diagnosis_of_a_machine",
     "diagnosis_of_a_folder",
@@ -36,7 +37,8 @@ KINDS = (
 """Pages that the package writes, and those of recordings that tell little."""
 
 
-def _analysis(folder: Path, seconds: float) -> Path:
+def _recorded(folder: Path, seconds: float) -> str:
+    """Bag of a mock stage."""
     plant = mock_stage(load_stage(), MockSettings(5, EPOCH_NS, (4.0,), forces=False, rate=300.0))
     contents = {}
     for stream in STREAMS:
@@ -45,9 +47,19 @@ def _analysis(folder: Path, seconds: float) -> Path:
             plant.samples(stream, first, last - first) for first, last in itertools.pairwise(edges) if last > first
         ]
     write_messages(folder / "bag", contents)
+    return str(folder / "bag")
+
+
+def _analysis(folder: Path, seconds: float) -> Path:
     limits = ["--limits", "radial_total_um=100", "tilt_total_nrad=5"] if seconds > 2 else []
     heights = ["--height", "0", "60"]
-    assert main(["analyse", str(folder / "bag"), *heights, *limits, "-o", str(folder / "page.html")]) in (0, 10)
+    arguments = ["analyse", _recorded(folder, seconds), *heights, *limits, "-o", str(folder / "page.html")]
+    assert main(arguments) in (0, 10)
+    return folder / "page.html"
+
+
+def _comparison(folder: Path) -> Path:
+    assert main(["compare", _recorded(folder, 8.0), "-o", str(folder / "page.html")]) in (0, 10)
     return folder / "page.html"
 
 
@@ -106,6 +118,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "analysis": _analysis(folders["analysis"], 8.0),
         "analysis_of_less_than_a_turn": _analysis(folders["analysis_of_less_than_a_turn"], 1.25),
         "commissioning": _commissioning(folders["commissioning"]),
+        "comparison": _comparison(folders["comparison"]),
         "diagnosis_of_a_stage": _diagnosis(folders["diagnosis_of_a_stage"], "stage"),
         "diagnosis_of_a_machine": _diagnosis(folders["diagnosis_of_a_machine"], "machine"),
         "diagnosis_of_a_folder": _fleet(folders["diagnosis_of_a_folder"]),
