@@ -12,7 +12,7 @@ from rotary_error_monitor.analysis.signals import Estimates
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.topics import samples_topic
-from rotary_error_monitor.recordings.analysis import estimates_of
+from rotary_error_monitor.recordings.long_estimates import estimates_of
 from rotary_error_monitor.recordings.replay import replay_bag
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 

@@ -74,7 +74,7 @@ def test_heights_of_an_lvdt(seed, monkeypatch):
     components = np.zeros((len(times), 6))
     components[:, 3:5] = tilt
     covariance = np.tile(1e-16 * np.eye(6), (len(times), 1, 1))
-    motion = ErrorMotion(theta, components, np.ones((len(times), 6), np.bool_), covariance)
+    motion = ErrorMotion.of(theta, components, np.ones((len(times), 6), np.bool_), covariance)
     there = rng.random(len(times)) > 0.01
     given = (times, motion, Lvdt(0.016, 5e-8), times[there] + 137, seen[there])
     whole = compare_stays(*given)
