@@ -92,8 +92,8 @@ class RowsOnDisk:
         except OSError as error:
             raise InputError(
                 f"{self._place}: what is kept beside memory while a long recording is read cannot be written "
-                f"({error.strerror}): as much as the recording's own size is needed; give a folder with room for it in "
-                "the variable TMPDIR"
+                f"({error.strerror}): up to five times the recording's own size is needed; give a folder with room for "
+                "it in the variable TMPDIR"
             ) from error
         self._waiting, self._written = [], self._count
 
