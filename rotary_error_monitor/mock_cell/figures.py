@@ -213,11 +213,16 @@ def _repetition(reader: BagReader, wire: Wire, replayed: Replay, since_ns: int) 
         yield Row(f"{topic.name}: published numbers that a replay does not repeat", float((~same).sum()), 0, 0)
 
 
+_BESIDE = ("lvdt_samples", "error_motion_heights_samples")
+"""What stands still at times, and what has several rows for each tick of the estimate."""
+
+
 def _losses(reader: BagReader, wire: Wire, since_ns: int) -> Iterator[Row]:
     """Samples of the sensors that are missing, and ticks without estimate or offset: held, or too late to be true."""
     lost, without, ticks = 0, 0, 0
     for topic in wire:
-        if not topic.is_sample_block or topic.key == "lvdt_samples" or topic.name not in reader.topics:
+        recorded = reader.topics.get(topic.name)
+        if not topic.is_sample_block or topic.key in _BESIDE or recorded is None or recorded.count == 0:
             continue
         times, _ = _samples(reader, topic)
         steps = np.diff(times[times >= since_ns])
