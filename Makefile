@@ -49,7 +49,8 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py commissioning/test_command.py \
 	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py few_heads.py \
 	gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py zero.py) \
-	$(addprefix pipeline/test_,estimation.py reversals.py uncertain_responses.py) recordings/test_cells.py)
+	$(addprefix pipeline/test_,command_belief.py estimation.py radial_heights.py reversals.py uncertain_responses.py) \
+	$(addprefix recordings/test_,cells.py long_recordings.py))
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,assembly_contradictions.py axis_lines.py collimator_rates.py identification.py steps.py \
@@ -63,8 +64,8 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.p
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
 SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py $(addprefix faults/test_,common_zero.py \
 	listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py without_heads.py) \
-	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py $(addprefix kinds/stage/test_,play.py slow_noise.py \
-	stuck_thermometers.py thermometers.py told_departures.py unknown.py))
+	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \
+	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
