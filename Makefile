@@ -45,8 +45,9 @@ ON_TIME := $(shell chrt --rr 1 true 2>/dev/null && echo chrt --rr 1)
 BESIDE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
 LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live linuxcnc_controller linuxcnc_demonstration mock_cell \
 	network nodes security supervision testing)
-# Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it.
-CELL_RATES := $(addprefix test/,fuzz soak test_lacking_recordings.py bags/test_writer.py commissioning/test_command.py \
+# Rates over many seeds compute for minutes, and coverage, which others give, would treble that: they come without it, as
+# do the tests of what is no part of the package.
+CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/test_writer.py commissioning/test_command.py \
 	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py few_heads.py \
 	gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py zero.py) \
 	$(addprefix pipeline/test_,command_belief.py estimation.py radial_heights.py reversals.py uncertain_responses.py) \
