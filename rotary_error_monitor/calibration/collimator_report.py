@@ -15,6 +15,7 @@ from rotary_error_monitor.metrology.two_axis_calibration import COVERAGE
 from rotary_error_monitor.metrology.two_axis_fit import numbers_of
 
 HOUR = 3600.0
+"""Seconds in an hour: data sheets of autocollimators state drift by the hour."""
 
 
 def collimator_text(result: CollimatorResult, output: Path) -> str:

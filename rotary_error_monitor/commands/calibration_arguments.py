@@ -11,6 +11,8 @@ from pathlib import Path
 from rotary_error_monitor.errors import InputError
 
 NOT_GOOD = 10
+"""Exit code of a calibration that does not fit, as of the other commands that find something wrong."""
+
 Subparsers = argparse._SubParsersAction  # the type that argparse gives has no public name
 
 

@@ -45,6 +45,9 @@ LEAST_SHARE = 1e-4
 """Part of what the reference is off by that the standard deviation of a mean is at least, for the same reason."""
 
 _ROUNDS = 20
+"""Gauss-Newton steps at most: a bend of some per cent, which is all that is not linear, settles in three or four; what
+takes five times as many goes to and fro."""
+
 _Z, _M, _Q, _RATE, _LOST = slice(0, 2), slice(2, 6), slice(6, 8), slice(8, 10), slice(10, 12)
 
 

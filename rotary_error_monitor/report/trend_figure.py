@@ -18,7 +18,7 @@ from rotary_error_monitor.metrology.spindle_figures import COVERAGE
 from rotary_error_monitor.report.drawing import WIDE, drawn, in_rows, label, new_axes, tiled
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import BLUE, GREY, VERMILION
-from rotary_error_monitor.report.wording import spoken
+from rotary_error_monitor.report.wording import MICRO, spoken
 
 MOST_PANELS = 12
 """Figures that are drawn of a stage: what fits on a page; the tables have all."""
@@ -28,9 +28,6 @@ _COLUMNS = 2
 
 _HEIGHT = 2.5
 """Of a picture, inches."""
-
-_MICRO = 1e6
-"""µm in a metre, µrad in a radian."""
 
 
 _NEAR = 2.0
@@ -92,18 +89,18 @@ def _in_words(stage: StageHistory, trend: Trend) -> str:
 
 def _draw(ax: Axes, stage: StageHistory, trend: Trend, limit: float | None) -> None:
     series = trend.series
-    expanded = COVERAGE * series.uncertainties * _MICRO
+    expanded = COVERAGE * series.uncertainties * MICRO
     dates = _dates(series.started_ns)
-    ax.errorbar(dates, series.values * _MICRO, expanded, color=BLUE, fmt=".", ms=5, lw=1.0, label=_VALUE)
+    ax.errorbar(dates, series.values * MICRO, expanded, color=BLUE, fmt=".", ms=5, lw=1.0, label=_VALUE)
     edges = [*trend.course.starts, len(dates)]
     for first, after in itertools.pairwise(edges):
         own = series.started_ns[[first, after - 1]]
-        ax.plot(_dates(own), trend.at(own) * _MICRO, color=VERMILION, lw=1.4, label=None if first else _COURSE)
+        ax.plot(_dates(own), trend.at(own) * MICRO, color=VERMILION, lw=1.4, label=None if first else _COURSE)
     for step in trend.steps:
         begun = np.array([stage.recordings[step.place].started_ns])
         ax.axvline(_dates(begun)[0], color=VERMILION, lw=1.0, ls=":")
     if limit is not None:
-        ax.axhline(limit * _MICRO, color=GREY, lw=1.2, ls="--", label=_LIMIT)
+        ax.axhline(limit * MICRO, color=GREY, lw=1.2, ls="--", label=_LIMIT)
     locator = AutoDateLocator(minticks=3, maxticks=6)  # type: ignore[no-untyped-call]  # matplotlib has no types here
     ax.xaxis.set_major_locator(locator)
     ax.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]

@@ -28,6 +28,7 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
+from rotary_error_monitor.report.wording import MICRO
 
 _TERMS = {
     "difference": "reference less monitor, the reference's zero and the eccentricity of its target taken off",
@@ -149,9 +150,6 @@ def _section(each: ReferenceComparison, pictures: Sequence[Drawn]) -> str:
     )
 
 
-_MICRO = 1e6
-
-
 def _rows(each: ReferenceComparison) -> list[list[str]]:
     """A row for each direction, lengths in µm."""
     return [
@@ -208,5 +206,5 @@ def _length(value: float) -> str:
 
 def _micrometres(value: float) -> str:
     """A length in µm to three digits, but none below a tenth of a nanometre."""
-    digits = max(0, min(4, 2 - math.floor(math.log10(max(abs(value) * _MICRO, 1e-4)))))
-    return f"{value * _MICRO:.{digits}f}"
+    digits = max(0, min(4, 2 - math.floor(math.log10(max(abs(value) * MICRO, 1e-4)))))
+    return f"{value * MICRO:.{digits}f}"
