@@ -49,6 +49,9 @@ TRAVEL_SLACK = 1e-3
 EMPTIEST = 10.0
 """Places in the table of targets and cycles for each reading: more are no runs over the same targets."""
 
+FEWEST_STOPS = 5
+"""Positions that a segment is read at: a cubic takes four, and one more tells what it misses."""
+
 LEAST_LEVER = 0.05
 """Least distance of the tool tip from a rotary axis whose angle it shows, m: a micrometre is 20 µrad there."""
 
@@ -184,8 +187,8 @@ def read_straightness(path: Path | str) -> dict[str, Placement]:
     """Placements by name of the segment, in the order of the file, from a CSV file.
 
     Raises:
-        InputError: what `read_table` raises, a run that does not go one way, a gap in one, or a mirror that is turned
-            within a segment.
+        InputError: what `read_table` raises, a run that does not go one way, a gap in one, a mirror that is turned
+            within a segment, or a segment of too few positions.
     """
     columns = [
         Column("segment", text=True),
@@ -208,6 +211,13 @@ def read_straightness(path: Path | str) -> dict[str, Placement]:
         _check_sides(table, rows, sides, segment, before.turned)
         passed = Run(positions, table.numbers["reading_um"][rows], int(directions[0]))
         segments[segment] = Placement((*before.runs, passed), before.turned)
+    for segment, placement in segments.items():
+        stops = len(np.unique(np.concatenate([run.positions for run in placement.runs])))
+        if stops < FEWEST_STOPS:
+            last = max(row for (name, _), rows in groups.items() if name == segment for row in rows)
+            raise table.error(
+                last, f"segment {segment} ends here with {stops} position(s); a curve takes {FEWEST_STOPS} at least"
+            )
     return segments
 
 

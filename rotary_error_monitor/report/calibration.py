@@ -1,4 +1,4 @@
-"""Pictures of a calibration: positioning, straightness, and which error costs what."""
+"""Pictures of a calibration: positioning, which error costs what, and flatness."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ import numpy as np
 
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction
 from rotary_error_monitor.calibration.steps import PositioningResult
-from rotary_error_monitor.calibration.straightness_step import StraightnessResult
 from rotary_error_monitor.calibration.volume import ErrorCost, VolumetricMap
 from rotary_error_monitor.metrology.positioning import COVERAGE
-from rotary_error_monitor.report.palette import BLUE, GREEN, GREY, VERMILION
+from rotary_error_monitor.report.palette import BLUE, VERMILION
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -43,25 +42,6 @@ def draw_positioning(path: Path, result: PositioningResult) -> None:
     ax.set_xlabel(f"target, {'deg' if rotary else 'mm'}")
     ax.set_ylabel(f"deviation, {'arcsec' if rotary else 'µm'}")
     ax.set_title(f"Positioning {result.name} (ISO 230-2)")
-    _save(figure, ax, path)
-
-
-def draw_straightness(path: Path, result: StraightnessResult) -> None:
-    """Deviations from the least squares line with their expanded uncertainty, overlaps shaded."""
-    spliced = result.spliced
-    figure, ax = plt.subplots(figsize=(9, 4.5), layout="constrained")
-    x, y = spliced.positions * 1e3, spliced.straightness().deviations * 1e6
-    margin = COVERAGE * np.sqrt(np.maximum(np.diag(spliced.deviation_covariance()), 0.0)) * 1e6
-    ax.plot(x, y, color=BLUE, label="deviation from the least squares line")
-    ax.fill_between(x, y - margin, y + margin, color=BLUE, alpha=0.2, lw=0, label="expanded uncertainty (k = 2)")
-    for number, overlap in enumerate(spliced.overlaps):
-        label = "overlap" if number == 0 else None
-        ax.axvspan(overlap.first * 1e3, overlap.last * 1e3, color=GREY, alpha=0.15, lw=0, label=label)
-    if result.rotated is not None:
-        ax.plot(result.rotated.positions * 1e3, result.rotated.errors * 1e6, "--", color=GREEN, label="rotated")
-    ax.set_xlabel("position, mm")
-    ax.set_ylabel("deviation, µm")
-    ax.set_title(f"Straightness {result.name}: {result.error * 1e6:.2f} µm")
     _save(figure, ax, path)
 
 
