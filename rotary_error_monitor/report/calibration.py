@@ -1,4 +1,4 @@
-"""Pictures of a calibration: positioning, which error costs what, and flatness."""
+"""Pictures of a calibration: positioning, and which error costs what."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
-import numpy as np
 
-from rotary_error_monitor.calibration.grinding import FlatnessPrediction
 from rotary_error_monitor.calibration.steps import PositioningResult
 from rotary_error_monitor.calibration.volume import ErrorCost, VolumetricMap
 from rotary_error_monitor.metrology.positioning import COVERAGE
@@ -64,34 +62,6 @@ def draw_errors(path: Path, costs: Sequence[ErrorCost], chart: VolumetricMap) ->
     ax.barh([cost.name for cost in shown], [cost.position_largest * 1e6 for cost in shown], color=BLUE, alpha=0.25)
     ax.barh([cost.name for cost in shown], [cost.position_rms * 1e6 for cost in shown], color=BLUE)
     ax.set_xlabel("tool position error by this error alone, µm: rms (dark) and largest (light)")
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def draw_flatness(path: Path, prediction: FlatnessPrediction) -> None:
-    """Surface before compensation, after it with the curves as measured, and after it with the rotated ones."""
-    comparison = prediction.comparison
-    surfaces = (
-        ("before", comparison.before),
-        ("after, as measured", comparison.unrotated),
-        ("after, rotated", comparison.rotated),
-    )
-    largest = max(float(np.abs(surface.heights).max()) for _, surface in surfaces) * 1e6
-    figure, axes = plt.subplots(3, 1, figsize=(8, 9), layout="constrained", sharex=True)
-    for ax, (name, surface) in zip(axes, surfaces, strict=True):
-        mesh = ax.pcolormesh(
-            prediction.first * 1e3,
-            prediction.second * 1e3,
-            surface.heights.T * 1e6,
-            cmap="RdBu_r",
-            vmin=-largest,
-            vmax=largest,
-            rasterized=True,
-        )
-        ax.set_title(f"{name}: flatness {surface.flatness * 1e6:.2f} µm, {surface.reversals} reversals", fontsize=9)
-        ax.set_ylabel(f"{prediction.feeds[1]}, mm")
-    axes[-1].set_xlabel(f"{prediction.feeds[0]}, mm")
-    figure.colorbar(mesh, ax=axes, label="height, µm")
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
