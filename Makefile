@@ -55,7 +55,7 @@ CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,assembly_contradictions.py axis_lines.py collimator_rates.py identification.py steps.py \
-	straightness_contradictions.py straightness_rates.py yaml_text.py) \
+	straightness_bounds.py straightness_contradictions.py straightness_rates.py yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py gross_errors.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py \
@@ -63,7 +63,7 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.p
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py spindle_figures.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
-SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py $(addprefix faults/test_,common_zero.py \
+SWEEPS := $(addprefix test/,analysis/test_probes.py calibration/test_straightness_sweep.py commissioning/test_rates.py $(addprefix faults/test_,common_zero.py \
 	listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py without_heads.py) \
 	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))

@@ -241,8 +241,9 @@ def flatness_text(prediction: FlatnessPrediction) -> str:
     """Flatness in µm before compensation, and after it over the reversal errors."""
     first = prediction.comparisons[0]
     errors = prediction.errors
+    before = first.before.flatness * 1e6
     lines = [
-        f"flatness over the workpiece before compensation {first.before.flatness * 1e6:.3f} µm; after it, at worst by where",
+        f"flatness over the workpiece before compensation {before:.3f} µm; after it, at worst by where",
         f"the positioning error of {errors.positioning * 1e6:g} µm lies (waves of {errors.period * 1e6:g} µm):",
         f"reversal error of {prediction.vertical}, µm   curves as measured, µm   rotated to be monotone, µm",
     ]

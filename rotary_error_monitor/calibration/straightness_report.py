@@ -80,9 +80,9 @@ def _repeatability(number: int, part: Placed) -> Iterator[str]:
         return
     low, high = bounds
     yield (
-        f"  segment {number}: {len(part.runs)} runs, repeatability {part.combined.scatter * 1e6:.3f} µm (standard "
-        f"deviation, 95 % interval {low * 1e6:.3f} to {high * 1e6:.3f}), largest deviation of a run from the mean of "
-        f"its direction {part.combined.largest_deviation * 1e6:.3f} µm"
+        f"  segment {number}: {len(part.runs)} runs, largest deviation of a run from the mean of its direction "
+        f"{part.combined.largest_deviation * 1e6:.3f} µm, standard deviation {part.combined.scatter * 1e6:.3f} "
+        f"({low * 1e6:.3f} to {high * 1e6:.3f})"
     )
 
 
@@ -91,10 +91,10 @@ def _mirror(result: StraightnessResult) -> Iterator[str]:
     if form is None:
         return
     worst = math.sqrt(max(0.0, float(np.diag(form.covariance).max())))
-    curvature = "its curvature as stated, not seen" if form.unseen > SEEN else "its curvature as well"
+    curvature = "its curvature unseen, as stated" if form.unseen > SEEN else "its curvature as well"
     yield (
-        f"  form of the mirror as the placements show it ({curvature}): {form.flatness * 1e6:.3f} µm peak to valley, "
-        f"standard uncertainty of a point {worst * 1e6:.3f} µm"
+        f"  form of the mirror ({curvature}): {form.flatness * 1e6:.3f} µm peak to valley, standard uncertainty of a "
+        f"point {worst * 1e6:.3f} µm"
     )
 
 
@@ -103,7 +103,7 @@ def _direct(result: StraightnessResult) -> Iterator[str]:
     if found is None:
         return
     yield (
-        f"  measured directly {np.ptp(found.second) * 1e6:.3f} µm, spliced {np.ptp(found.first) * 1e6:.3f} µm; "
-        f"largest difference {found.largest * 1e6:.3f} µm, at {found.at * 1e3:g} mm (both uncertainties explain "
-        f"{found.bound * 1e6:.3f} µm, p-value {found.probability:.2g})"
+        f"  measured directly {np.ptp(found.second) * 1e6:.3f} µm, spliced {np.ptp(found.first) * 1e6:.3f} µm; largest "
+        f"difference {found.largest * 1e6:.3f} µm, at {found.at * 1e3:g} mm\n"
+        f"    (both uncertainties explain {found.bound * 1e6:.3f} µm, p-value {found.probability:.2g})"
     )

@@ -78,14 +78,15 @@ def measure_straightness(path: Path, mirror: Mirror | None, reading: Reading, sp
         InputError: the table is wrong, segments do not fit, or there are several and no mirror; the file is named.
     """
     try:
-        parts = tuple(_place(placement, reading) for placement in read_straightness(path).values())
+        parts = tuple(place_runs(placement, reading) for placement in read_straightness(path).values())
         spliced = splice_segments([part.segment for part in parts], mirror, spacing=spacing)
     except InputError as error:
         raise (error if str(path) in str(error) else InputError(f"{path}: {error}")) from error
     return Measured(parts, spliced)
 
 
-def _place(placement: Placement, reading: Reading) -> Placed:
+def place_runs(placement: Placement, reading: Reading) -> Placed:
+    """What the runs along one placement have in common, and the segment that it makes."""
     runs = placement.runs
     combined, without = (
         combine_runs(runs, noise=reading.noise, position_noise=reading.position_noise, drop_outliers=drop)

@@ -116,7 +116,7 @@ def measured_text(name: str, surface: MeasuredSurface) -> str:
     if name == "before":
         rest = surface.heights - surface.predicted
         text += (
-            f", predicted there {np.ptp(surface.predicted) * 1e6:.3f} µm; what is left {np.ptp(rest) * 1e6:.3f} µm, "
+            f", predicted there {np.ptp(surface.predicted) * 1e6:.3f} µm;\n  what is left {np.ptp(rest) * 1e6:.3f} µm, "
             f"straightness explains {surface.explained:.0%} of the variance"
         )
     return text

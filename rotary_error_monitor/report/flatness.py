@@ -72,11 +72,11 @@ def _draw_map(ax: Axes, prediction: FlatnessPrediction, heights: NDArray[np.floa
 
 def _draw_points(ax: Axes, prediction: FlatnessPrediction, found: MeasuredSurface, largest: float) -> None:
     ax.set_ylabel(f"{prediction.feeds[1]}, mm")
-    ax.scatter(
+    ax.tripcolor(
         found.first * 1e3,
         found.second * 1e3,
-        c=found.heights * 1e6,
-        s=6,
+        found.heights * 1e6,
+        shading="gouraud",
         cmap="RdBu_r",
         vmin=-largest,
         vmax=largest,

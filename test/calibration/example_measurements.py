@@ -9,10 +9,12 @@ import math
 from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parents[2] / "doc" / "calibration"
+GRINDER = Path(__file__).parents[2] / "config" / "machines" / "grinder_zhou2023.yaml"
 
 REVERSAL = 1.2e-6
 X_TO_Y, Z_TO_X, Z_TO_Y = -16e-6, 11e-6, -19e-6
@@ -75,6 +77,44 @@ def straightness() -> str:
     return "\n".join(lines) + "\n"
 
 
+def direct() -> str:
+    """The same straightness by an interferometer without a mirror, over the whole axis; two runs forth and two back."""
+    rng = np.random.default_rng(4)
+    lines = [
+        "# simulated: X in Z, laser interferometer with straightness optics",
+        "segment,run,direction,position_mm,reading_um",
+    ]
+    for run in range(1, 5):
+        direction = 1 if run % 2 else -1
+        x = np.arange(-250, 251, 5.0)[::direction] * 1e-3
+        y = straightness_error(x) + 40e-6 * x + 60e-9 * rng.normal(size=x.size)
+        lines += [f"1,{run},{direction},{p * 1e3:g},{v * 1e6:.3f}" for p, v in zip(x, y, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def workpiece(*, compensated: bool) -> str:
+    """A workpiece ground on grinder_zhou2023, seen each 50 mm, with ripple of the process and noise of the sensor.
+
+    Compensated, it has the positioning error of the vertical axis, 1.2 µm in waves of 20 µm, where the wheel was.
+    """
+    rng = np.random.default_rng(6 + compensated)
+    errors = yaml.safe_load(GRINDER.read_text(encoding="utf-8"))["machine"]["errors"]
+    lines = ["# simulated: workpiece of 1400 mm x 500 mm, confocal sensor", "X_mm,Z_mm,height_um"]
+    for x in np.arange(-1400, 1, 50):
+        for z in np.arange(-650, -149, 50):
+            height = wheel = 0.0
+            for name, at, half in (("EYX", x * 1e-3, 0.7), ("EYZ", z * 1e-3, 0.4)):
+                table = errors[name]["table"]
+                error = float(np.interp(at, table["positions"], table["values"]))
+                height += error
+                wheel -= error + errors[name]["poly"][1] * (at + half) / half
+            if compensated:
+                height = 0.6e-6 * math.sin(2 * math.pi * wheel / 20e-6)
+            height += 0.3e-6 * math.sin(25 * x * 1e-3 + 9 * z * 1e-3) + 15e-6 * x * 1e-3 + 60e-9 * rng.normal()
+            lines.append(f"{x:g},{z:g},{height * 1e6:.3f}")
+    return "\n".join(lines) + "\n"
+
+
 def tracker() -> str:
     """A reflector in the spindle moved along Y, X and Z, seen from a tracker 1.6 m away."""
     rng = np.random.default_rng(3)
@@ -119,6 +159,9 @@ def autocollimator() -> str:
 FILES = {
     "x_positioning.csv": positioning,
     "x_straightness.csv": straightness,
+    "x_direct.csv": direct,
+    "workpiece_before.csv": lambda: workpiece(compensated=False),
+    "workpiece_after.csv": lambda: workpiece(compensated=True),
     "tracker.csv": tracker,
     "autocollimator.csv": autocollimator,
 }
