@@ -22,7 +22,7 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.calibration.csv_tables import Column, Table, read_table
 from rotary_error_monitor.calibration.identification import ProbedPoses
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
-from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.kinematics import arrange_machine, axis_columns, stand
@@ -183,12 +183,12 @@ class Placement:
     turned: bool = False
 
 
-def read_straightness(path: Path | str) -> dict[str, Placement]:
-    """Placements by name of the segment, in the order of the file, from a CSV file.
+def read_straightness(path: Path | str, axis: Axis | None = None) -> dict[str, Placement]:
+    """Placements by name of the segment, in the order of the file, from a CSV file; within the travel of an axis.
 
     Raises:
-        InputError: what `read_table` raises, a run that does not go one way, a gap in one, a mirror that is turned
-            within a segment, or a segment of too few positions.
+        InputError: what `read_table` raises, a position beyond the travel, a run that does not go one way, a gap in
+            one, a mirror that is turned within a segment, or a segment of too few positions.
     """
     columns = [
         Column("segment", text=True),
@@ -198,6 +198,8 @@ def read_straightness(path: Path | str) -> dict[str, Placement]:
         Column("reading_um", LINEAR_ERROR),
     ]
     table = read_table(path, [columns, [*columns, Column("mirror")]])
+    if axis is not None:
+        _check_positions(table, axis)
     sides = table.numbers.get("mirror", np.ones(len(table.lines)))
     groups: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(table.words["segment"], table.words["run"], strict=True)):
@@ -219,6 +221,19 @@ def read_straightness(path: Path | str) -> dict[str, Placement]:
                 last, f"segment {segment} ends here with {stops} position(s); a curve takes {FEWEST_STOPS} at least"
             )
     return segments
+
+
+def _check_positions(table: Table, axis: Axis) -> None:
+    positions, (low, high) = table.numbers["position_mm"], axis.travel
+    slack = TRAVEL_SLACK * (high - low)
+    beyond = (positions < low - slack) | (positions > high + slack)
+    if np.any(beyond):
+        row = int(np.argmax(beyond))
+        raise table.error(
+            row,
+            f"position {positions[row] * 1e3:g} mm leaves the travel of {axis.letter}, {low * 1e3:g} to "
+            f"{high * 1e3:g} mm: another axis, or another unit?",
+        )
 
 
 def _check_sides(table: Table, rows: list[int], sides: Array, segment: str, turned: bool) -> None:

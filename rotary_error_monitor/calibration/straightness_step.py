@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.calibration.steps import Job, check_travel, own_component
+from rotary_error_monitor.calibration.steps import Job, own_component
 from rotary_error_monitor.calibration.straightness_doubts import Doubts, find_doubts, unit_doubts
 from rotary_error_monitor.calibration.straightness_runs import Measured, Placed, Reading, measure_straightness
 from rotary_error_monitor.description.machine import Axis, MachineDescription
@@ -28,10 +28,11 @@ MOST_TABLE_ROWS = 101
 
 @dataclass(frozen=True)
 class Direct:
-    """A direct measurement of the same straightness: its file, and the mirror, None for an interferometer."""
+    """A direct measurement of the same straightness: its file, the mirror, None for an interferometer, the readings."""
 
     source: Path
     mirror: Mirror | None
+    reading: Reading
 
 
 @dataclass(frozen=True)
@@ -107,9 +108,8 @@ def calibrate_straightness(
     """
     asked = asked or Asked()
     axis = _straightness_axis(job.file.machine, name)
-    measured = measure_straightness(job.source, mirror, reading, asked.spacing)
+    measured = measure_straightness(job.source, axis, mirror, reading, asked.spacing)
     parts, spliced = measured.parts, measured.spliced
-    check_travel(axis, spliced.positions, job.source)
     if asked.form and spliced.mirror is None:
         raise InputError(
             f"{job.source}: the mirror's form is not shown: measure two placements or more, of a mirror whose flatness "
@@ -119,7 +119,7 @@ def calibrate_straightness(
     positions, values = _table(spliced, straightness.deviations)
     doubts = find_doubts(parts, spliced, straightness, reading.noise)
     doubts = doubts.beside(unit_doubts(axis, spliced.positions, None if mirror is None else mirror.length))
-    comparison = None if asked.direct is None else _compare(measured, doubts, asked.direct, reading)
+    comparison = None if asked.direct is None else _compare(axis, measured, doubts, asked.direct)
     if comparison is not None and comparison.probability < FALSE_ALARM:
         doubts = doubts.beside((_difference(comparison),), comparison.largest)
     rotated = rotate_monotone(positions, values) if asked.monotone else None
@@ -151,9 +151,9 @@ def _table(spliced: SplicedProfile, deviations: Array) -> tuple[Array, Array]:
     return positions, np.interp(positions, spliced.positions, deviations)
 
 
-def _compare(measured: Measured, doubts: Doubts, direct: Direct, reading: Reading) -> ProfileComparison:
-    other = measure_straightness(direct.source, direct.mirror, reading)
-    further = find_doubts(other.parts, other.spliced, other.spliced.straightness(), reading.noise).between
+def _compare(axis: Axis, measured: Measured, doubts: Doubts, direct: Direct) -> ProfileComparison:
+    other = measure_straightness(direct.source, axis, direct.mirror, direct.reading)
+    further = find_doubts(other.parts, other.spliced, other.spliced.straightness(), direct.reading.noise).between
     try:
         return compare_profiles(measured.spliced, other.spliced, (doubts.between, further))
     except InputError as error:

@@ -79,7 +79,7 @@ def read_workpiece(path: Path, prediction: FlatnessPrediction) -> MeasuredSurfac
         np.interp(at, curve.positions, curve.errors) for at, curve in zip(places, prediction.curves, strict=True)
     )
     plane = np.stack([np.ones_like(places[0]), places[0] - places[0].mean(), places[1] - places[1].mean()], axis=1)
-    if abs(float(np.corrcoef(*places)[0, 1])) > ON_A_LINE:
+    if abs(float(np.corrcoef(places[0], places[1])[0, 1])) > ON_A_LINE:
         raise InputError(f"{path}: all points lie about one line; a surface takes points both ways")
     heights, predicted = (
         np.asarray(z - plane @ np.linalg.lstsq(plane, z, rcond=None)[0])

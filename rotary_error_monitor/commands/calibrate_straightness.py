@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from rotary_error_monitor.calibration.measurements import read_mirror_profile
@@ -71,7 +72,10 @@ def _add_direct(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("direct measurement", "to hold the spliced one against")
     group.add_argument("--direct", type=Path, metavar="CSV", help="the same straightness, measured as one segment")
     group.add_argument("--direct-mirror-length-mm", type=positive, help="its mirror; none: an interferometer")
-    group.add_argument("--direct-flatness-um", type=flatness_um, default=argparse.SUPPRESS)
+    group.add_argument(
+        "--direct-flatness-um", type=flatness_um, default=argparse.SUPPRESS, help="of that mirror, or 'unknown'"
+    )
+    group.add_argument("--direct-noise-um", type=positive, help="of its readings (default: as --noise-um)")
 
 
 def _straightness(arguments: argparse.Namespace) -> int:
@@ -82,7 +86,7 @@ def _straightness(arguments: argparse.Namespace) -> int:
         mirror = _mirror_of(arguments, "mirror-length-mm", "mirror-flatness-um", arguments.mirror_profile)
         if mirror is None and arguments.mirror_form is not None:
             raise InputError(f"--mirror-form {arguments.mirror_form} without a mirror: state --mirror-length-mm")
-        asked = Asked(arguments.monotone, _direct_of(arguments), arguments.mirror_form is not None)
+        asked = Asked(arguments.monotone, _direct_of(arguments, reading), arguments.mirror_form is not None)
         result = calibrate_straightness(job, arguments.component, mirror, reading, asked)
     print(straightness_text(result, job.output))
     form = result.spliced.mirror
@@ -126,10 +130,11 @@ def _mirror_of(arguments: argparse.Namespace, length: str, flatness: str, profil
     return Mirror(size * 1e-3, None if height is None else height * 1e-6, form)
 
 
-def _direct_of(arguments: argparse.Namespace) -> Direct | None:
+def _direct_of(arguments: argparse.Namespace, reading: Reading) -> Direct | None:
     mirror = _mirror_of(arguments, "direct-mirror-length-mm", "direct-flatness-um", None)
     if arguments.direct is None:
         if mirror is not None:
             raise InputError("--direct-mirror-length-mm without --direct: give the file of the direct measurement")
         return None
-    return Direct(arguments.direct, mirror)
+    noise = arguments.direct_noise_um
+    return Direct(arguments.direct, mirror, reading if noise is None else replace(reading, noise=noise * 1e-6))

@@ -16,9 +16,9 @@ DRAWS = 2000
 MOST_POINTS = 201
 """Points of a curve that are simulated, evenly spaced: of a wave of 20 points the range is whole to 1 %."""
 
-ROUGHNESS = np.geomspace(1e-3, 1.0, 13)
-"""Second differences that are tried for the true curve, in those of the curve found (root mean square), which noise has
-made larger."""
+ROUGHNESS = np.geomspace(1e-3, 1e2, 21)
+"""Second differences that are tried for the true curve, in those of the curve found (root mean square): smaller where
+noise has made these larger, and larger where they go together, as those of a bow do."""
 
 ROUNDING = 1e-12
 """Part of the sum of variances that keeps a covariance regular in spite of rounding."""
@@ -36,9 +36,9 @@ def range_bounds(deviations: Array, covariance: Array, further: float = 0.0) -> 
     count = min(MOST_POINTS, deviations.size)
     chosen = np.unique(np.round(np.linspace(0, deviations.size - 1, count)).astype(int))
     spread = covariance[np.ix_(chosen, chosen)]
-    probable = _smoothed(deviations[chosen], spread)
     values, vectors = np.linalg.eigh(spread)
     kept = values > values.max(initial=0.0) * ROUNDING
+    probable = _smoothed(deviations[chosen], spread, int(kept.sum()))
     roots = vectors[:, kept] * np.sqrt(values[kept])
     rng = np.random.default_rng(0)
     drawn = np.ptp(probable + rng.normal(size=(DRAWS, roots.shape[1])) @ roots.T, axis=1) - np.ptp(probable)
@@ -47,24 +47,23 @@ def range_bounds(deviations: Array, covariance: Array, further: float = 0.0) -> 
     return max(0.0, found - float(high)), max(0.0, found - float(low))
 
 
-def _smoothed(values: Array, covariance: Array) -> Array:
-    """(n,) the most probable curve: second differences of a true curve are drawn independently, of most likely size.
+def _smoothed(values: Array, covariance: Array, rank: int) -> Array:
+    """(n,) the smoothest curve that the errors of `covariance`, of so many independent ones, explain the rest of.
 
-    What is a line stays out, which neither values nor second differences tell.
+    Second differences of the true curve are taken to be independent; their size is the smallest with which what is
+    left has no larger chi-square than its degrees of freedom (discrepancy principle: Morozov 1966). What is a line
+    stays out, which neither values nor second differences tell.
     """
     bent, kernel = _rough(values.size)
     told, spread = bent.T @ values, bent.T @ covariance @ bent
     usual = float(np.mean(np.diff(values, 2) ** 2))
-    best, probable = -np.inf, values
     for square in usual * ROUGHNESS**2:
         total = square * kernel + spread
         total += ROUNDING * np.trace(total) * np.eye(told.size)
-        factor = cho_factor(total)
-        solved = cho_solve(factor, told)
-        likelihood = -0.5 * float(told @ solved) - float(np.log(np.diag(factor[0])).sum())
-        if likelihood > best:
-            best, probable = likelihood, bent @ (square * kernel @ solved)
-    return np.asarray(probable, dtype=np.float64)
+        solved = cho_solve(cho_factor(total), told)
+        if solved @ spread @ solved <= rank:
+            return np.asarray(square * bent @ (kernel @ solved), dtype=np.float64)
+    return values
 
 
 @lru_cache(maxsize=4)

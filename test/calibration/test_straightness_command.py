@@ -203,3 +203,23 @@ def test_one_placement_of_a_mirror_shows_no_form(tmp_path: Path, machine: Path, 
     words[3] = "unknown"
     assert run(source, machine, *words[:4]) == 0
     assert "flatness is unknown: all of its form counts as the guideway's" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("scale", "code", "problem"),
+    [
+        (10, 2, "z.csv:2: position -8000 mm leaves the travel of Z, -800 to 0 mm: another axis, or another unit?"),
+        (1e-3, 10, "cover 0.10% of the travel of Z: are they in another unit?"),
+        (1 / 25.4, 10, "cover 3.94% of the travel of Z: are they in another unit?"),
+    ],
+)
+def test_positions_in_another_unit(
+    tmp_path: Path, machine: Path, scale: float, code: int, problem: str, capsys
+) -> None:
+    lines = [line.split(",") for line in rows(np.random.default_rng(9), -800, 0)]
+    scaled = [",".join([*cells[:3], f"{float(cells[3]) * scale:.9g}", cells[4]]) for cells in lines]
+    source, before = written(tmp_path / "z.csv", scaled), machine.read_bytes()
+    assert run(source, machine) == code
+    said = capsys.readouterr()
+    assert problem in said.err + said.out
+    assert machine.read_bytes() == before
