@@ -12,6 +12,7 @@ from rotary_error_monitor.calibration.csv_tables import Column, Table, read_tabl
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction
 from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.surface_range import flatness_bounds
 
 Array = NDArray[np.float64]
 
@@ -110,13 +111,19 @@ def _check_places(table: Table, name: str, at: Array, low: float, high: float) -
         )
 
 
-def measured_text(name: str, surface: MeasuredSurface) -> str:
-    """Flatness as measured, in µm; `name` is when: before or after."""
+def measured_text(name: str, surface: MeasuredSurface, noise: float | None) -> str:
+    """Flatness as measured, in µm; `name` is when: before or after. `noise` is that of a height, m, if known."""
     text = f"measured {name} compensation: flatness {surface.flatness * 1e6:.3f} µm over {surface.heights.size} points"
+    if noise is not None:
+        bounds = flatness_bounds(surface.first, surface.second, surface.heights, noise)
+        if bounds is None:
+            text += f"\n  no 95 % interval: it has more detail than noise of {noise * 1e6:g} µm explains"
+        else:
+            text += f"\n  95 % interval without noise {bounds[0] * 1e6:.3f} to {bounds[1] * 1e6:.3f} µm"
     if name == "before":
         rest = surface.heights - surface.predicted
         text += (
-            f", predicted there {np.ptp(surface.predicted) * 1e6:.3f} µm;\n  what is left {np.ptp(rest) * 1e6:.3f} µm, "
+            f"\n  predicted there {np.ptp(surface.predicted) * 1e6:.3f} µm, what is left {np.ptp(rest) * 1e6:.3f} µm; "
             f"straightness explains {surface.explained:.0%} of the variance"
         )
     return text

@@ -49,6 +49,7 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
         "--measured", type=Path, metavar="CSV", help="surface ground without compensation: X_mm,Z_mm,height_um"
     )
     parser.add_argument("--measured-after", type=Path, metavar="CSV", help="surface ground with it")
+    parser.add_argument("--height-noise-um", type=positive, help="standard deviation of their heights, for an interval")
     parser.add_argument(
         "--trajectory", type=Path, metavar="OUT.csv", help="write what the vertical axis adds over the workpiece"
     )
@@ -69,7 +70,8 @@ def _flatness(arguments: argparse.Namespace) -> int:
     prediction = predict_flatness(machine, arguments.vertical, limits, errors)
     surfaces = {name: read_workpiece(path, prediction) for name, path in measured.items() if path is not None}
     trajectory = trajectory_csv(prediction, arguments.step_mm * 1e-3) if arguments.trajectory else ""
-    print("\n".join([flatness_text(prediction), *(measured_text(*each) for each in surfaces.items())]))
+    noise = None if arguments.height_noise_um is None else arguments.height_noise_um * 1e-6
+    print("\n".join([flatness_text(prediction), *(measured_text(*each, noise) for each in surfaces.items())]))
     if arguments.trajectory:
         write_whole(arguments.trajectory, trajectory.encode())
     if arguments.figure:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 Array = NDArray[np.float64]
 
@@ -16,63 +17,77 @@ DRAWS = 2000
 MOST_POINTS = 201
 """Points of a curve that are simulated, evenly spaced: of a wave of 20 points the range is whole to 1 %."""
 
-ROUGHNESS = np.geomspace(1e-3, 1e2, 21)
-"""Second differences that are tried for the true curve, in those of the curve found (root mean square): smaller where
-noise has made these larger, and larger where they go together, as those of a bow do."""
+NORMAL_95 = 1.96
+"""Standard deviations within which a normal value lies in 95 of 100 cases."""
 
-ROUNDING = 1e-12
-"""Part of the sum of variances that keeps a covariance regular in spite of rounding."""
+LONG_ORDER = 12
+"""Order of polynomials up to which a curve has long waves, taken as found: as the form of a mirror may have them."""
+
+ROUGHNESS = np.geomspace(1e-4, 10.0, 26)
+"""Short waves that are tried for the true curve, in those of the curve found (root mean square)."""
+
+ROUNDING = 1e-9
+"""Part of the largest variance below which a variance is rounding."""
 
 
 def range_bounds(deviations: Array, covariance: Array, further: float = 0.0) -> tuple[float, float]:
     """95 % interval for the range of a true curve, m.
 
     `deviations` (n,) m, evenly spaced, about their line of least squares, were found with `covariance` (n, n) m²;
-    `further` is a standard uncertainty of the range that the covariance has not in it, m. Errors of a curve make its
-    range larger rather than smaller. How much is simulated (a fixed seed) on the curve as it most probably is, which is
-    smoother than the one found: a bootstrap on a smoothed curve, its interval reversed about what was found (Davison,
-    Hinkley, Bootstrap Methods and their Application, 1997, Sections 3.4 and 5.2.1).
+    `further` is a standard uncertainty of the range that the covariance has not in it, m. Errors make the range of a
+    curve larger rather than smaller. By how much, and how it scatters, is simulated (a fixed seed) on the curve without
+    what of its short waves is noise; the interval is the normal one about what was found less that bias (Davison and
+    Hinkley, Bootstrap Methods and their Application, 1997, Section 5.2.1).
     """
     count = min(MOST_POINTS, deviations.size)
     chosen = np.unique(np.round(np.linspace(0, deviations.size - 1, count)).astype(int))
     spread = covariance[np.ix_(chosen, chosen)]
-    values, vectors = np.linalg.eigh(spread)
-    kept = values > values.max(initial=0.0) * ROUNDING
-    probable = _smoothed(deviations[chosen], spread, int(kept.sum()))
-    roots = vectors[:, kept] * np.sqrt(values[kept])
-    rng = np.random.default_rng(0)
-    drawn = np.ptp(probable + rng.normal(size=(DRAWS, roots.shape[1])) @ roots.T, axis=1) - np.ptp(probable)
-    low, high = np.quantile(drawn + further * rng.normal(size=DRAWS), [0.025, 0.975])
-    found = float(np.ptp(deviations))
-    return max(0.0, found - float(high)), max(0.0, found - float(low))
+    probable = _smoothed(deviations[chosen], spread)
+    drawn = np.ptp(probable + np.random.default_rng(0).normal(size=(DRAWS, count)) @ _root(spread).T, axis=1)
+    middle = float(np.ptp(deviations)) - float(drawn.mean() - np.ptp(probable))
+    margin = NORMAL_95 * math.hypot(float(drawn.std()), further)
+    return max(0.0, middle - margin), max(0.0, middle + margin)
 
 
-def _smoothed(values: Array, covariance: Array, rank: int) -> Array:
-    """(n,) the smoothest curve that the errors of `covariance`, of so many independent ones, explain the rest of.
+def _smoothed(values: Array, covariance: Array) -> Array:
+    """(n,) values with the short waves that they most probably have; second differences of these are independent."""
+    short, kernel = _waves(values.size)
+    variances, vectors = np.linalg.eigh(short.T @ covariance @ short)
+    possible = variances > ROUNDING * float(np.trace(covariance))  # the others cannot come of errors
+    if not possible.any():
+        return values
+    seen, noise = vectors[:, possible], variances[possible]
+    told = seen.T @ short.T @ values
+    prior = _most_likely(seen.T @ kernel @ seen, noise, told)
+    left = told - prior @ np.linalg.solve(prior + np.diag(noise), told)
+    return np.asarray(values - short @ seen @ left, dtype=np.float64)
 
-    Second differences of the true curve are taken to be independent; their size is the smallest with which what is
-    left has no larger chi-square than its degrees of freedom (discrepancy principle: Morozov 1966). What is a line
-    stays out, which neither values nor second differences tell.
-    """
-    bent, kernel = _rough(values.size)
-    told, spread = bent.T @ values, bent.T @ covariance @ bent
-    usual = float(np.mean(np.diff(values, 2) ** 2))
+
+def _most_likely(kernel: Array, noise: Array, told: Array) -> Array:
+    """Covariance of short waves with which `told` (k,) is most likely, beside its `noise` variances (k,)."""
+    usual = float(told @ told) / float(np.trace(kernel))
+    best, found = -np.inf, kernel
     for square in usual * ROUGHNESS**2:
-        total = square * kernel + spread
-        total += ROUNDING * np.trace(total) * np.eye(told.size)
-        solved = cho_solve(cho_factor(total), told)
-        if solved @ spread @ solved <= rank:
-            return np.asarray(square * bent @ (kernel @ solved), dtype=np.float64)
-    return values
+        total = square * kernel + np.diag(noise)
+        likelihood = -0.5 * float(told @ np.linalg.solve(total, told) + np.linalg.slogdet(total)[1])
+        if likelihood > best:
+            best, found = likelihood, square * kernel
+    return found
+
+
+def _root(covariance: Array) -> Array:
+    """(n, n) of which the product with its transpose is the covariance."""
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
 
 
 @lru_cache(maxsize=4)
-def _rough(count: int) -> tuple[Array, Array]:
-    """Of n values: (n, n - 2) orthonormal curves that hold no line, and (n - 2, n - 2) the covariance of their sizes.
+def _waves(count: int) -> tuple[Array, Array]:
+    """Of n values: (n, k) orthonormal short waves, and (k, k) the covariance of their sizes.
 
-    Second differences are independent with a variance of 1.
+    Second differences of all values are independent with a variance of 1.
     """
-    second = np.diff(np.eye(count), 2, axis=0)
-    bent = np.linalg.qr(second.T)[0]
-    root = bent.T @ np.linalg.pinv(second)
-    return bent, np.asarray(root @ root.T, dtype=np.float64)
+    polynomials = legendre.legvander(np.linspace(-1, 1, count), min(LONG_ORDER, count - 1))
+    short = np.linalg.qr(polynomials, mode="complete")[0][:, polynomials.shape[1] :]
+    root = short.T @ np.linalg.pinv(np.diff(np.eye(count), 2, axis=0))
+    return short, np.asarray(root @ root.T, dtype=np.float64)

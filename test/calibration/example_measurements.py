@@ -110,7 +110,7 @@ def workpiece(*, compensated: bool) -> str:
                 wheel -= error + errors[name]["poly"][1] * (at + half) / half
             if compensated:
                 height = 0.6e-6 * math.sin(2 * math.pi * wheel / 20e-6)
-            height += 0.3e-6 * math.sin(25 * x * 1e-3 + 9 * z * 1e-3) + 15e-6 * x * 1e-3 + 60e-9 * rng.normal()
+            height += 0.3e-6 * math.sin(8 * x * 1e-3 + 9 * z * 1e-3) + 15e-6 * x * 1e-3 + 60e-9 * rng.normal()
             lines.append(f"{x:g},{z:g},{height * 1e6:.3f}")
     return "\n".join(lines) + "\n"
 

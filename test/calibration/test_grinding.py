@@ -185,8 +185,8 @@ def test_a_measured_workpiece_beside_the_prediction(tmp_path: Path, seed: int, c
     assert main([*COMMAND, *map(str, words)]) == 0
     said = capsys.readouterr().out
     found = re.search(
-        r"measured before compensation: flatness ([\d.]+) µm over 1197 points, predicted there ([\d.]+) µm;\n"
-        r" +what is left ([\d.]+) µm, straightness explains (\d+)%",
+        r"measured before compensation: flatness ([\d.]+) µm over 1197 points\n"
+        r" +predicted there ([\d.]+) µm, what is left ([\d.]+) µm; straightness explains (\d+)%",
         said,
     )
     assert found is not None, said
