@@ -75,7 +75,7 @@ class TiltBelief:
         self._still: Window | None = None
         self._repeated: tuple[float, float] | None = None
         self._calm: Window | None = None
-        self._gone = 0.0
+        self._gone = self._most_gone = 0.0
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -142,17 +142,23 @@ class TiltBelief:
         return ""
 
     def _stands(self, window: Window) -> str:
-        """A reading that stays within its noise while what is described of it goes on: its first digits stick."""
+        """A reading that stays within its noise for a turn while what is described of it goes on: its digits stick.
+
+        For less than a turn it may stand at a turning point while a motion that is not described goes on; that counts
+        as uncertain.
+        """
         near = self._instrument.resolution + SIGMAS * math.sqrt(2.0) * self._deviation(window)
         if self._calm is None or _distance(window.pair("tilt"), self._calm.pair("tilt")) > near:
-            self._calm, self._gone = window, 0.0
+            self._calm, self._gone, self._most_gone = window, 0.0, 0.0
             return ""
-        self._gone = _distance(window.pair("tilt_surplus"), self._calm.pair("tilt_surplus"))
-        self._gone *= self._gone > 0.5 * near  # less is noise
+        gone = _distance(window.pair("tilt_surplus"), self._calm.pair("tilt_surplus"))
+        self._gone = gone if gone > 0.5 * near else 0.0  # less is noise
+        self._most_gone = max(self._most_gone, self._gone)
         passed = (window.number - self._calm.number) * window.duration
-        if self._gone <= STANDING * near + SIGMAS * math.sqrt(2.0) * self._drift(passed):
+        far = STANDING * near + SIGMAS * math.sqrt(2.0) * self._drift(passed)
+        if self._most_gone <= far or abs(window["theta"] - self._calm["theta"]) < 2 * math.pi:
             return ""
-        return f"stuck: it stays where it is while what is described of it goes {self._gone * 1e6:.3g} µrad"
+        return f"stuck: it stays where it is while what is described of it goes {self._most_gone * 1e6:.3g} µrad"
 
     def _moved(self, window: Window) -> float:
         """How far the reading should have moved since it has been the same, rad; 0 where it is not."""
