@@ -32,6 +32,7 @@ COMMANDS = (
     "diagnose",
     "effects",
     "gap-benchmark",
+    "reproduce",
     "wire",
     "security",
 )

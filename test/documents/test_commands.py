@@ -57,6 +57,10 @@ ELSEWHERE = {
         "test/recordings/test_trend_command.py",
         '"--scheduler", cluster.scheduler_address',
     ),
+    "rotary_error_monitor reproduce lou2019 -o lou2019": (
+        "test/reproduction/test_lou2019.py",
+        'main(["reproduce", "lou2019", "-o"',
+    ),
     "rotary_error_monitor diagnose FOLDER --twin TWIN.yaml -o DIR": (
         "test/gap/test_folder_diagnosis.py",
         'main(["diagnose", str(place), "--twin"',
