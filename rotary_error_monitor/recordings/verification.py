@@ -131,10 +131,14 @@ def verify_bag(
     if heights:
         chosen = [pair for height in heights for pair in _at(stands, height, str(bag))]
     estimates = estimates_of(replay)
-    compared = [
-        compare_reference(estimates, monitor, _during(references[name], stand), stand, str(bag))
-        for name, stand in chosen
-    ]
+    try:
+        compared = [
+            compare_reference(estimates, monitor, _during(references[name], stand), stand, str(bag))
+            for name, stand in chosen
+        ]
+    except InputError as error:  # it may be for what was not believed
+        said = [remark for remark in replay.remarks if not remark.startswith(f"{bag}: ")]
+        raise InputError("; ".join([str(error), *said])) from error
     return Verification(tuple(compared), replay.span_ns, replay.remarks)
 
 
