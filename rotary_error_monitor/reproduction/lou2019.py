@@ -231,7 +231,7 @@ class Lou2019:
                 f"±{line:.2f} arcsec by a line, ±{found:.2f} arcsec by the command",
                 "the instrument is simulated so that a line leaves the paper's residual, beside the reference's own "
                 "±0.2 arcsec; the command fits cubic terms too",
-                found <= line,
+                found <= LEFT_BY_A_LINE[axis],
             )
 
     def _residual_of_steps(self, axis: int) -> tuple[float, float]:
