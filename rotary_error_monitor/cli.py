@@ -28,6 +28,7 @@ COMMANDS = (
     "convert",
     "calibrate",
     "commission",
+    "offset",
     "analyse",
     "compare",
     "trend",

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rotary_error_monitor.description.machine import (
-    BASE,
     DIRECTIONS,
     Axis,
     Body,
@@ -22,6 +21,7 @@ from rotary_error_monitor.description.machine import (
     ErrorComponent,
     MachineDescription,
 )
+from rotary_error_monitor.description.machine_section import BASE
 from rotary_error_monitor.machine.topology import way
 
 Entries = tuple[tuple[str, ...], ...]
@@ -173,7 +173,7 @@ def _rows(matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> Entries:
 
 
 def _error_entries(symbols: Sequence[str]) -> Entries:
-    """ΔT in first order (Equations 6, 8) of the symbols of x, y, z, α, β, γ, "0" where there is none; empty for none."""
+    """ΔT in first order (Equations 6, 8) of the symbols of x, y, z, α, β, γ, "0" for no error; empty without any."""
     if all(symbol == "0" for symbol in symbols):
         return ()
     x, y, z, a, b, c = symbols
@@ -194,9 +194,7 @@ def _motion_entries(axis: Axis) -> Entries:
     n, symbol = np.array(axis.direction), _position(axis)
     if axis.kind == "linear":
         shift = [_sum([(float(part), symbol)]) for part in n]
-        return tuple((*("1" if i == j else "0" for j in range(3)), shift[i]) for i in range(3)) + (
-            ("0", "0", "0", "1"),
-        )
+        return (*tuple((*("1" if i == j else "0" for j in range(3)), shift[i]) for i in range(3)), ("0", "0", "0", "1"))
     square, cross = np.outer(n, n), np.cross(np.eye(3), n)
     rows = [
         tuple(
@@ -211,7 +209,7 @@ def _motion_entries(axis: Axis) -> Entries:
         )
         for i in range(3)
     ]
-    return tuple((*row, "0") for row in rows) + (("0", "0", "0", "1"),)
+    return (*tuple((*row, "0") for row in rows), ("0", "0", "0", "1"))
 
 
 def _sum(terms: Sequence[tuple[float, str]]) -> str:
