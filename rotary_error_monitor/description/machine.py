@@ -48,6 +48,7 @@ class MachineDescription:
         errors: components by name: E, direction (X Y Z shifts, A B C rotations), letter of the axis.
         tool: name of the body whose origin is the tool tip and whose z axis is the tool axis.
         workpiece: name of the body in whose frame offsets are told.
+        spindle: name of the body whose z axis is the spindle's axis of rotation; none where the file names none.
         monitored: letter of the rotary axis whose six error components are measured live; none for a table only.
         limits: of its temperature.
         uncertainty: standard uncertainty of parameters by dotted name, as in the file; empty for an exact description.
@@ -63,6 +64,7 @@ class MachineDescription:
     reference_temperature: float = REFERENCE_TEMPERATURE
     limits: MachineLimits = field(default_factory=MachineLimits)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
+    spindle: str | None = None
 
     @property
     def letters(self) -> tuple[str, ...]:
@@ -158,6 +160,7 @@ def machine_mapping(machine: MachineDescription) -> dict[str, Any]:
         tool=machine.tool,
         workpiece=machine.workpiece,
         monitored=machine.monitored,
+        spindle=machine.spindle,
         reference_temperature=machine.reference_temperature,
         axes={axis.letter: axis for axis in machine.axes},
         bodies=tuple(
@@ -227,6 +230,7 @@ def _from_tree(section: TreeSection) -> MachineDescription:
         tool=section.tool,
         workpiece=section.workpiece,
         monitored=section.monitored,
+        spindle=section.spindle,
     )
 
 
@@ -263,7 +267,14 @@ def _from_parameters(section: ParameterSection) -> MachineDescription:
         Body("tool", "tool_holder", Displacement((0.0, 0.0, -section.tool_length))),
     )
     return MachineDescription(
-        "pan2013", bodies, (*linear, *rotary), {}, tool="tool", workpiece="workpiece", monitored="C"
+        "pan2013",
+        bodies,
+        (*linear, *rotary),
+        {},
+        tool="tool",
+        workpiece="workpiece",
+        monitored="C",
+        spindle="spindle",
     )
 
 

@@ -105,6 +105,7 @@ class Axis(Section):
         direction: along or about which it moves, in the frame of its body.
         expansion: of its scale: adds `expansion * dT * q` to its positioning error.
         reversal: width of its reversal error (ISO 230-2, B): half of it is missing in the direction of travel.
+        repeatability: of its positioning (ISO 230-2, R: four standard deviations); scatter, no part of the errors.
     """
 
     letter: Annotated[Letter, Key]
@@ -115,6 +116,9 @@ class Axis(Section):
     travel: Travel
     expansion: Expansion = 0.0
     reversal: Annotated[Deviation, Expected("reversal error in m or rad, at most 10 mm or 10 mrad")] = 0.0
+    repeatability: Annotated[
+        float | None, Expected("repeatability R of positioning in m or rad, at most 10 mm or 10 mrad", 0, 0.01)
+    ] = None
     speed: Annotated[
         float | None,
         Expected("fastest motion in m/s or rad/s; joint states that are faster are not believed", above=0, most=1e4),
@@ -315,6 +319,9 @@ class TreeSection(MachineSection):
     monitored: Annotated[
         Letter | None, Expected("letter of the rotary axis whose error motion is measured live, or null", null=True)
     ] = None
+    spindle: Annotated[
+        Name | None, Expected("name of the body whose z is the axis of the spindle, or null", null=True)
+    ] = None
     axes: Annotated[Mapping[Letter, Axis], Expected("axes by their letters", count=(1, math.inf))]
     bodies: Annotated[
         tuple[BodySection, ...], Expected("from 1 to 100 bodies, a parent before its children", count=(1, 100))
@@ -383,6 +390,9 @@ def _wrong_tree(section: TreeSection) -> Iterator[tuple[Place, str]]:
     for key, name in (("tool", section.tool), ("workpiece", section.workpiece)):
         if name not in seen:
             yield (key,), f"there is no body '{name}'; expected one of {', '.join(seen)}"
+    if section.spindle is not None and section.spindle not in {*seen} - {BASE}:
+        names = ", ".join(row.name for row in section.bodies)
+        yield ("spindle",), f"there is no body '{section.spindle}'; expected one of {names}"
     rotary = [letter for letter, axis in axes.items() if axis.kind == "rotary"]
     if section.monitored is not None and section.monitored not in rotary:
         yield ("monitored",), f"'{section.monitored}' is no rotary axis; expected {', '.join(rotary) or 'null'}"

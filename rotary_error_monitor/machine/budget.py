@@ -20,7 +20,15 @@ from rotary_error_monitor.machine.error_model import (
     offset_between,
     predict_tool_offset,
 )
-from rotary_error_monitor.machine.kinematics import STILL, MachineModel, Stance, arrange_machine, motions, stand
+from rotary_error_monitor.machine.kinematics import (
+    STILL,
+    MachineModel,
+    Stance,
+    arrange_machine,
+    axis_columns,
+    motions,
+    stand,
+)
 from rotary_error_monitor.machine.topology import branches
 from rotary_error_monitor.machine.transforms import Array, chain, cross, inverse, rotate, rotation_by, transform
 from rotary_error_monitor.machine.uncertainty import shifts_at_a_pose
@@ -103,23 +111,34 @@ def offset_covariance(
     direction: ArrayLike | None = None,
     temperature: ArrayLike | None = None,
 ) -> Array | None:
-    """(n, 6, 6) covariance of the offset by the standard uncertainties that the description states; None without any.
+    """(n, 6, 6) covariance of the offset by what the description states; None where it states nothing.
 
-    Each uncertain number is shifted by its standard uncertainty, uncorrelated (JCGM 101:2008, 5.10).
+    Each uncertain number is shifted by its standard uncertainty, uncorrelated (JCGM 101:2008, 5.10). An axis stands
+    where it should but for its repeatability, which is four standard deviations (ISO 230-2:2014, 3.16).
     """
-    shifts = shifts_at_a_pose(machine)
-    if not shifts:
+    shifts, effects = shifts_at_a_pose(machine), []
+    if shifts:
+        how = {"direction": direction, "temperature": temperature}
+        middle = predict_tool_offset(arrange_machine(machine), positions, **how)
+        effects += [predict_tool_offset(arrange_machine(each.machine), positions, **how) - middle for each in shifts]
+    effects += _scatter(machine, positions)
+    if not effects:
         return None
+    return np.asarray(sum(effect[:, :, None] * effect[:, None, :] for effect in effects))
 
-    def offset(each: MachineDescription) -> Array:
-        return predict_tool_offset(arrange_machine(each), positions, direction=direction, temperature=temperature)
 
-    middle = offset(machine)
-    covariance = np.zeros((len(middle), 6, 6))
-    for shift in shifts:
-        effect = offset(shift.machine) - middle
-        covariance += effect[:, :, None] * effect[:, None, :]
-    return covariance
+def _scatter(machine: MachineDescription, positions: ArrayLike) -> list[Array]:
+    """(n, 6) what one standard deviation of each axis's repeatability makes of the offset."""
+    if not any(axis.repeatability for axis in machine.axes):
+        return []
+    model = arrange_machine(machine)
+    shift, turn = axis_columns(model, stand(model, check_poses(model, positions).positions, None))
+    both = np.concatenate([shift, turn])
+    return [
+        np.ascontiguousarray(both[:, number].T) * axis.repeatability / 4
+        for number, axis in enumerate(machine.axes)
+        if axis.repeatability
+    ]
 
 
 def _parts(

@@ -62,6 +62,9 @@ def notes_of(machine: MachineDescription, poses: Poses, budget: OffsetBudget) ->
         )
     if budget.uncertainty is None:
         found.append(NONE_STATED)
+    elif not machine.uncertainty:
+        repeated = ", ".join(axis.letter for axis in machine.axes if axis.repeatability)
+        found.append(f"the uncertainty is that by the repeatability of {repeated}; of its errors {NONE_STATED}")
     return found
 
 

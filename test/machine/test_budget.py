@@ -112,7 +112,8 @@ def test_each_part_is_the_exact_offset_of_that_body_alone(seed: int, independent
 
 def test_uncertainty_in_closed_form() -> None:
     """Squareness known to u: the tool is known to u times the travel; a second, independent number adds in squares."""
-    machine = replace(ideal("pan2013"), uncertainty={"squareness": 2e-6})
+    exact = tuple(replace(axis, repeatability=None) for axis in ideal("pan2013").axes)
+    machine = replace(ideal("pan2013"), axes=exact, uncertainty={"squareness": 2e-6})
     at = np.array([[1.5, 0.0, 0.0, 0.0, 0.0]])
     found = estimate_budget(machine, at).uncertainty
     assert found is not None
@@ -127,4 +128,7 @@ def test_uncertainty_in_closed_form() -> None:
     found = estimate_budget(both, at).uncertainty
     assert found is not None
     assert found[0, 1] == pytest.approx(math.sqrt(3e-6**2 + 1e-6**2 + (0.5 * 1e-6) ** 2), rel=1e-6)
-    assert estimate_budget(ideal("pan2013"), at).uncertainty is None
+    found = estimate_budget(ideal("pan2013"), at).uncertainty
+    assert found is not None
+    np.testing.assert_allclose(found[0], [10e-6 / 4, 8e-6 / 4, 11e-6 / 4, 0, 0, 0], rtol=0, atol=1e-18)  # repeatability
+    assert estimate_budget(load_machine("xyzac_trt"), at).uncertainty is None
