@@ -133,11 +133,11 @@ def machine_text(result: MachineResult, output: Path) -> str:
 
 def ranking_text(costs: Sequence[ErrorCost]) -> str:
     """Errors by what each costs alone."""
-    lines = ["error                     position, µm: rms   largest   orientation, µrad: rms"]
+    lines = [f"{'error':40} position, µm: rms  largest  orientation, µrad: rms"]
     for cost in costs:
         lines.append(
-            f"{cost.name:30} {cost.position_rms * 1e6:12.3f} {cost.position_largest * 1e6:9.3f} "
-            f"{cost.orientation_rms * 1e6:24.3f}"
+            f"{cost.name:40} {cost.position_rms * 1e6:17.3f} {cost.position_largest * 1e6:8.3f} "
+            f"{cost.orientation_rms * 1e6:23.3f}"
         )
     return "\n".join(lines)
 

@@ -1,4 +1,4 @@
-"""Location errors by the names of ISO 230 and of the paper, and that they are all of what the machine is described to have."""
+"""Location errors by the names of ISO 230 and of the paper; together they are all of what a machine has."""
 
 from __future__ import annotations
 
