@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.calibration.axis_lines import ZERO, SquarenessResult
+from rotary_error_monitor.calibration.axis_lines import SquarenessResult
+from rotary_error_monitor.calibration.axis_location import ZERO
+from rotary_error_monitor.calibration.axis_table import AxisRelation
 from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
 from rotary_error_monitor.calibration.straightness_step import StraightnessResult
 from rotary_error_monitor.calibration.volume import ErrorCost
+from rotary_error_monitor.machine.location_names import SPINDLE
 
 ARCSEC = 648000 / math.pi
 MOST_ROWS = 12
@@ -85,20 +88,45 @@ def squareness_text(result: SquarenessResult, output: Path) -> str:
     for letter, other, angle, uncertainty in result.squareness:
         lines.append(f"  {letter} to {other}: {angle * 1e6:+.2f}, standard uncertainty {uncertainty * 1e6:.2f}")
     for letter, found in result.locations.items():
+        name = letter if letter == SPINDLE else f"axis {letter}"
         lines.append(
-            f"  axis {letter} tilted by ({_micro(found.rotation)}) µrad about x, y, z, standard uncertainty "
+            f"  {name} tilted by ({_micro(found.rotation)}) µrad about x, y, z, standard uncertainty "
             f"{found.rotation_uncertainty.max() * 1e6:.2f}"
         )
         if letter == result.reference:
             lines.append(f"    its place is that of the file, and others count from it (no feature {ZERO})")
             continue
+        if np.all(np.isnan(found.shift_uncertainty)):
+            lines.append("    its place is that of the file: nothing that carries it ties it to the others")
+            continue
         lines.append(
             f"    displaced by ({_micro(np.where(np.isnan(found.shift_uncertainty), np.nan, found.shift))}) µm along "
             f"x, y, z (nan: not seen), standard uncertainty {np.nanmax(found.shift_uncertainty) * 1e6:.2f}"
         )
+    lines += _relation_lines(result.relations)
     for letter, ratio in result.scatter:
         lines.append(f"  the points of {letter} scatter {ratio:.2f} times the noise, which the uncertainty counts")
     return "\n".join([*lines, _ending(result.misfits, result.written, output)])
+
+
+def _relation_lines(rows: Sequence[AxisRelation]) -> list[str]:
+    """How axes lie beside each other, as Pan et al. 2013, Table 2 has it."""
+    if not rows:
+        return []
+    lines = [f"  {'between axes':32} {'mm / mm':>12} {'degrees':>10}  {'arcsec':>8}  95 %"]
+    for row in rows:
+        name, found = f"{row.item} {row.axes}", row.relation
+        if row.length is None:
+            bounds = f"{found.low * 1e3:.5f} … {found.high * 1e3:.5f} mm"
+            lines.append(f"  {name:32} {found.value * 1e3:12.5f} {'':10}  {'':8}  {bounds}")
+            continue
+        # Squareness is less than 90 degrees where negative, a size is what is missing to it.
+        sign = 1.0 if row.item == "squareness" else -1.0
+        angle = 90 + sign * math.degrees(found.value) if row.right else math.degrees(found.value)
+        over = f"{abs(found.value) * row.length * 1e3:.5f}/{row.length * 1e3:g}"
+        bounds = f"{found.low * ARCSEC:.3f} … {found.high * ARCSEC:.3f}″"
+        lines.append(f"  {name:32} {over:>12} {angle:10.5f}° {found.value * ARCSEC:8.3f}  {bounds}")
+    return lines
 
 
 def _micro(values: NDArray[np.float64]) -> str:

@@ -51,6 +51,10 @@ class LineFit:
     ratio: float = 1.0
     cross_covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
+    def reversed(self) -> LineFit:
+        """The same line, running the other way."""
+        return replace(self, direction=-self.direction, cross_covariance=-self.cross_covariance)
+
     def moved_along(self, distance: float) -> LineFit:
         """The same line by its point that lies `distance` m further along it."""
         mixed = distance * (self.cross_covariance + self.cross_covariance.T)

@@ -103,18 +103,26 @@ def coplanarity(first: LineFit, second: LineFit, nominal: float = 0.0) -> Relati
     return _signed(distance, [first, second])
 
 
-def concentricity(first: LineFit, second: LineFit, at: Array, nominal: Array | None = None) -> Relation:
-    """Distance of two axes that run alike, m, less the nominal (3,), in the plane through the point `at` (3,)."""
-    middle, across = second.direction, _across(second.direction)
-    apart = np.zeros(3) if nominal is None else nominal
+def concentricity(first: LineFit, second: LineFit, at: Array) -> Relation:
+    """Distance of two axes that should coincide, m, in the plane through the point `at` (3,)."""
+    return _size(_apart(second.direction, at), [first, second])
+
+
+def distance_alike(first: LineFit, second: LineFit, at: Array, nominal: float) -> Relation:
+    """Distance of two axes that run alike, m, less the nominal one, in the plane through the point `at` (3,)."""
+    apart = _apart(second.direction, at)
+    return _signed(lambda lines: np.array([np.linalg.norm(apart(lines)) - nominal]), [first, second])
+
+
+def _apart(middle: Array, at: Array) -> Callable[[Array], Array]:
+    """What gives the (2,) distance of two lines across `middle`, in the plane through `at`."""
+    across = _across(middle)
 
     def distance(lines: Array) -> Array:
-        places = [
-            line[:3] + line[3:] * ((at - line[:3]) @ middle) / (line[3:] @ middle) for line in (lines[0], lines[1])
-        ]
-        return across @ (places[0] - places[1] - apart)
+        places = [line[:3] + line[3:] * ((at - line[:3]) @ middle) / (line[3:] @ middle) for line in lines]
+        return np.asarray(across @ (places[0] - places[1]), dtype=np.float64)
 
-    return _size(distance, [first, second])
+    return distance
 
 
 def _unit(vector: Array) -> Array:

@@ -14,6 +14,7 @@ from rotary_error_monitor.metrology.axis_fits import LineFit, estimate_squarenes
 from rotary_error_monitor.metrology.axis_relations import (
     concentricity,
     coplanarity,
+    distance_alike,
     parallelism,
     perpendicularity,
     size_bounds,
@@ -58,8 +59,10 @@ def test_closed_forms(turn: Rotation) -> None:
     at = turn.apply([0, 0, -0.35])
     away = np.array([1.4e-5 + 4.35 * 1.2e-5, -4.35 * 1.6e-5])
     assert concentricity(spindle, c, at).value == pytest.approx(float(np.linalg.norm(away)), rel=1e-6)
-    known = concentricity(spindle, c, at, nominal=turn.apply([1.4e-5, 0, 0]))
-    assert known.value == pytest.approx(4.35 * 2e-5, rel=1e-6)
+    far = line(turn.apply([0.5, 0, -0.35]), turn.apply([0, 0, 1]), shift=3e-6)
+    apart = distance_alike(far, c, at, nominal=0.5)
+    assert apart.value == pytest.approx(math.hypot(0.5 + 4.35 * 1.2e-5, 4.35 * 1.6e-5) - 0.5, rel=1e-6)
+    assert apart.uncertainty == pytest.approx(math.sqrt(3e-6**2 + 1e-6**2 + 4.35e-6**2), rel=1e-3)
 
 
 def test_what_point_and_direction_have_in_common_counts() -> None:
