@@ -31,7 +31,7 @@ COMMANDS: Sequence[tuple[Sequence[str], Sequence[str], Sequence[str]]] = [
     (["calibrate", "positioning", "measured.csv", *SOURCE, "--axis", "X"], ["-o", "--figure"], ["measured.csv"]),
     (["calibrate", "positioning", "measured.csv", *SOURCE, "--axis", "X"], ["--figure"], ["machine.yaml"]),
     (STRAIGHTNESS, ["-o", "--figure"], ["measured.csv", "mirror.csv"]),
-    (["calibrate", "squareness", "measured.csv", *SOURCE], ["-o"], ["measured.csv"]),
+    (["calibrate", "squareness", "measured.csv", *SOURCE], ["-o", "--figure"], ["measured.csv"]),
     (["calibrate", "assembly", "bag", "--stage", "stage.yaml"], ["-o"], ["bag/bag_0.mcap", "bag/metadata.yaml"]),
     (
         ["calibrate", "autocollimator", "measured.csv", "--stage", "stage.yaml", "--reference-arcsec", "1"],
