@@ -99,12 +99,7 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
     linear, rotary = _in_order(machine, lines)
     if len(linear) < 2:
         raise InputError(f"{job.source}: features of {len(linear)} linear axes; squareness needs two, such as X and Y")
-    found = []
-    for k, letter in enumerate(linear):
-        for other in linear[: min(k, 2)]:
-            square = squareness_between(lines[letter], lines[other])
-            found.append((letter, other, square.angle, square.uncertainty))
-            job.file.set_squareness(letter, other, square.angle)
+    found = _square(job, linear, lines)
     frame = basis_of(machine, linear) @ basis(lines[linear[0]].direction, lines[linear[1]].direction).T
     unsure = turn_covariance_of(*(turned(lines[letter], frame) for letter in linear[:2]))
     seen = {name: turned(lines[name], frame, unsure) for name in rotary}
@@ -116,27 +111,47 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
         origin = origin_by_axis(machine, seen, unsure)
     relations = relate_axes(machine, {name: turned(line, frame) for name, line in lines.items()}, origin)
     locations = {} if origin is None else locate(job, seen, origin, reference)
-    worst = max([row[3] for row in found] + [float(each.rotation_uncertainty.max()) for each in locations.values()])
     mirrored = left_handed(machine, fitted)
-    doubts = less_sure(job.file, worst, _angles_before(machine, found, locations))
+    parts = _angles_before(machine, found, locations)
+    doubts = less_sure(job.file, parts)
     along = {name: points for name, points in tracks.items() if name != SPINDLE}
     misfits = (*mirrored, *implausible_lengths(machine, along), *_stray_points(fitted), *doubts)
-    if mirrored:  # angles of exchanged axes, or of the wrong sign
-        worst = math.hypot(worst, 2 * max(abs(row[2]) for row in found))
-    written = job.finish([SQUARENESS, *map(location_name, locations)], worst, {}, misfits)
+    # angles of exchanged axes, or of the wrong sign
+    wrong = 2 * max(abs(row[2]) for row in found) if mirrored else 0.0
+    figures = {location_name(name): _shift_figures(each) for name, each in locations.items()}
+    written = job.finish_parts(
+        {name: (math.hypot(own, wrong), figures.get(name, {})) for name, (_, own) in parts.items()}, misfits
+    )
     scatter = tuple((letter, line.ratio) for letter, line in fitted.items() if _scatters(line))
     return SquarenessResult(tuple(found), locations, relations, reference, scatter, misfits, written)
 
 
+def _square(job: Job, linear: Sequence[str], lines: Mapping[str, LineFit]) -> list[tuple[str, str, float, float]]:
+    """Squareness of each linear axis to the two first before it: axis, other, angle and uncertainty, rad."""
+    found = []
+    for k, letter in enumerate(linear):
+        for other in linear[: min(k, 2)]:
+            square = squareness_between(lines[letter], lines[other])
+            found.append((letter, other, square.angle, square.uncertainty))
+            job.file.set_squareness(letter, other, square.angle)
+    return found
+
+
 def _in_order(machine: MachineDescription, lines: Mapping[str, LineFit]) -> tuple[list[str], list[str]]:
     """Linear axes of which there are lines, and rotary ones with the spindle, both in the order of the bodies."""
-    linear, rotary = [], []
+    linear, rotary = list[str](), list[str]()
     for body in machine.bodies:
         if body.axis is not None and body.axis in lines:
             (linear if machine.axis(body.axis).kind == "linear" else rotary).append(body.axis)
         if body.name == machine.spindle and SPINDLE in lines:
             rotary.append(SPINDLE)
     return linear, rotary
+
+
+def _shift_figures(location: RotaryLocation) -> dict[str, float]:
+    """What is noted of a place that was seen: the standard uncertainty of its shift, m."""
+    seen = location.shift_uncertainty[~np.isnan(location.shift_uncertainty)]
+    return {"shift_uncertainty": float(seen.max())} if len(seen) else {}
 
 
 def _angles_before(

@@ -79,13 +79,18 @@ class Job:
 
         Gives whether the file was written.
         """
+        return self.finish_parts(dict.fromkeys(names, (uncertainty, figures)), misfits)
+
+    def finish_parts(
+        self, parts: Mapping[str, tuple[float | None, Mapping[str, float]]], misfits: Sequence[str] = ()
+    ) -> bool:
+        """The same of sections that each have an uncertainty and figures of their own, by name."""
         if misfits and not self.force:
             return False
-        remark = "; ".join(misfits)
-        provenance = Calibrated(
-            self.day.isoformat(), self.source.name, hash_source(self.source), uncertainty, figures, remark or None
-        )
-        self.file.note(names, provenance)
+        remark, known = "; ".join(misfits) or None, hash_source(self.source)
+        for name, (uncertainty, figures) in parts.items():
+            provenance = Calibrated(self.day.isoformat(), self.source.name, known, uncertainty, figures, remark)
+            self.file.note([name], provenance)
         self.file.save(self.output)
         return True
 

@@ -116,11 +116,14 @@ def offset_covariance(
     Each uncertain number is shifted by its standard uncertainty, uncorrelated (JCGM 101:2008, 5.10). An axis stands
     where it should but for its repeatability, which is four standard deviations (ISO 230-2:2014, 3.16).
     """
-    shifts, effects = shifts_at_a_pose(machine), []
+    shifts, effects = shifts_at_a_pose(machine), list[Array]()
     if shifts:
-        how = {"direction": direction, "temperature": temperature}
-        middle = predict_tool_offset(arrange_machine(machine), positions, **how)
-        effects += [predict_tool_offset(arrange_machine(each.machine), positions, **how) - middle for each in shifts]
+
+        def offset(each: MachineDescription) -> Array:
+            return predict_tool_offset(arrange_machine(each), positions, direction=direction, temperature=temperature)
+
+        middle = offset(machine)
+        effects += [offset(each.machine) - middle for each in shifts]
     effects += _scatter(machine, positions)
     if not effects:
         return None
