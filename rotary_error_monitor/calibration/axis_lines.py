@@ -34,7 +34,7 @@ from rotary_error_monitor.calibration.axis_table import AxisRelation, relate_axe
 from rotary_error_monitor.calibration.machine_file import SQUARENESS, location_name
 from rotary_error_monitor.calibration.measurements import read_tracker
 from rotary_error_monitor.calibration.steps import Job
-from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine import SHIFT_UNCERTAINTY, MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.location_names import SPINDLE
 from rotary_error_monitor.metrology.axis_fits import (
@@ -151,7 +151,7 @@ def _in_order(machine: MachineDescription, lines: Mapping[str, LineFit]) -> tupl
 def _shift_figures(location: RotaryLocation) -> dict[str, float]:
     """What is noted of a place that was seen: the standard uncertainty of its shift, m."""
     seen = location.shift_uncertainty[~np.isnan(location.shift_uncertainty)]
-    return {"shift_uncertainty": float(seen.max())} if len(seen) else {}
+    return {SHIFT_UNCERTAINTY: float(seen.max())} if len(seen) else {}
 
 
 def _angles_before(

@@ -113,19 +113,19 @@ def _relation_lines(rows: Sequence[AxisRelation]) -> list[str]:
     """How axes lie beside each other, as Pan et al. 2013, Table 2 has it."""
     if not rows:
         return []
-    lines = [f"  {'between axes':32} {'mm / mm':>12} {'degrees':>10}  {'arcsec':>8}  95 %"]
+    lines = [f"  {'between axes':34} {'mm / mm':>12} {'degrees':>10}  {'arcsec':>8}  95 %"]
     for row in rows:
         name, found = f"{row.item} {row.axes}", row.relation
         if row.length is None:
             bounds = f"{found.low * 1e3:.5f} … {found.high * 1e3:.5f} mm"
-            lines.append(f"  {name:32} {found.value * 1e3:12.5f} {'':10}  {'':8}  {bounds}")
+            lines.append(f"  {name:34} {found.value * 1e3:12.5f} {'':10}  {'':8}  {bounds}")
             continue
         # Squareness is less than 90 degrees where negative, a size is what is missing to it.
         sign = 1.0 if row.item == "squareness" else -1.0
         angle = 90 + sign * math.degrees(found.value) if row.right else math.degrees(found.value)
         over = f"{abs(found.value) * row.length * 1e3:.5f}/{row.length * 1e3:g}"
         bounds = f"{found.low * ARCSEC:.3f} … {found.high * ARCSEC:.3f}″"
-        lines.append(f"  {name:32} {over:>12} {angle:10.5f}° {found.value * ARCSEC:8.3f}  {bounds}")
+        lines.append(f"  {name:34} {over:>12} {angle:10.5f}° {found.value * ARCSEC:8.3f}  {bounds}")
     return lines
 
 

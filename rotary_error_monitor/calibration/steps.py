@@ -22,7 +22,7 @@ from rotary_error_monitor.calibration.parameters import Orders, list_parameters
 from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits
 from rotary_error_monitor.calibration.yaml_document import hash_source
-from rotary_error_monitor.description.machine import DIRECTIONS, Axis
+from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, Axis
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import (
@@ -239,7 +239,7 @@ def calibrate_machine(
     held_out = check_held_out(machine, parameters, poses)
     verdict = judge_calibration(identification, held_out, poses, required=required, limits=limits)
     parts = job.file.set_machine(identification.machine)
-    figures = {"held_out_ratio": held_out.ratio, "volumetric_uncertainty": verdict.uncertainty}
+    figures = {"held_out_ratio": held_out.ratio, VOLUMETRIC: verdict.uncertainty}
     misfits = [] if verdict.good else [verdict.sentence]
     # a model that does not hold all errors misses by what it missed on the poses that were held out
     missed = held_out.error if held_out.ratio > held_out.limit else 0.0

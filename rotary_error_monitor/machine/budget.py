@@ -6,13 +6,14 @@ is fitted, and its error motion ΔTs about the place to which its axis has gone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rotary_error_monitor.description.machine import Body, Displacement, MachineDescription
+from rotary_error_monitor.description.machine import WHOLE_MACHINE, Body, Displacement, MachineDescription
 from rotary_error_monitor.machine.error_model import (
     CheckedPoses,
     actual_errors,
@@ -31,7 +32,7 @@ from rotary_error_monitor.machine.kinematics import (
 )
 from rotary_error_monitor.machine.topology import branches
 from rotary_error_monitor.machine.transforms import Array, chain, cross, inverse, rotate, rotation_by, transform
-from rotary_error_monitor.machine.uncertainty import shifts_at_a_pose
+from rotary_error_monitor.machine.uncertainty import calibrated_shifts, measured_apart, shifts_at_a_pose
 
 
 @dataclass(frozen=True)
@@ -113,10 +114,12 @@ def offset_covariance(
 ) -> Array | None:
     """(n, 6, 6) covariance of the offset by what the description states; None where it states nothing.
 
-    Each uncertain number is shifted by its standard uncertainty, uncorrelated (JCGM 101:2008, 5.10). An axis stands
+    Each uncertain number is shifted by its standard uncertainty, uncorrelated (JCGM 101:2008, 5.10). What a calibration
+    has measured counts with the uncertainty that it left, and not with that of its kind as well. An axis stands
     where it should but for its repeatability, which is four standard deviations (ISO 230-2:2014, 3.16).
     """
-    shifts, effects = shifts_at_a_pose(machine), list[Array]()
+    stated = [shift for shift in shifts_at_a_pose(machine) if not measured_apart(machine, shift.name)]
+    shifts, effects = (*stated, *calibrated_shifts(machine)), list[Array]()
     if shifts:
 
         def offset(each: MachineDescription) -> Array:
@@ -125,6 +128,10 @@ def offset_covariance(
         middle = offset(machine)
         effects += [offset(each.machine) - middle for each in shifts]
     effects += _scatter(machine, positions)
+    if WHOLE_MACHINE in machine.calibrated:  # root mean square of the distance, alike in three directions
+        part = machine.calibrated[WHOLE_MACHINE] / math.sqrt(3.0)
+        count = len(np.asarray(positions))
+        effects += [np.tile(part * np.eye(6)[k], (count, 1)) for k in range(3)]
     if not effects:
         return None
     return np.asarray(sum(effect[:, :, None] * effect[:, None, :] for effect in effects))

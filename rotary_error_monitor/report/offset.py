@@ -39,7 +39,7 @@ HEAD = ("x, µm", "y, µm", "z, µm", "a, µrad", "b, µrad", "c, µrad")
 MOST_ROWS = 20
 """Poses that are printed: what a terminal shows without scrolling; files have all."""
 
-NONE_STATED = "the file states no uncertainty (its section uncertainty)"
+NONE_STATED = "the file states no uncertainty (sections uncertainty and calibration, repeatability of axes)"
 
 
 def offset_text(machine: MachineDescription, poses: Poses, budget: OffsetBudget) -> str:
@@ -62,10 +62,20 @@ def notes_of(machine: MachineDescription, poses: Poses, budget: OffsetBudget) ->
         )
     if budget.uncertainty is None:
         found.append(NONE_STATED)
-    elif not machine.uncertainty:
+    else:
         repeated = ", ".join(axis.letter for axis in machine.axes if axis.repeatability)
-        found.append(f"the uncertainty is that by the repeatability of {repeated}; of its errors {NONE_STATED}")
+        parts = [
+            *(["the file's section uncertainty"] if machine.uncertainty else []),
+            *([f"calibration of {', '.join(_without_places(machine))}"] if machine.calibrated else []),
+            *([f"repeatability of {repeated}"] if repeated else []),
+        ]
+        found.append(f"the uncertainty is by {'; '.join(parts)}; errors of which nothing is stated count as exact")
     return found
+
+
+def _without_places(machine: MachineDescription) -> list[str]:
+    """Names of calibrated parts."""
+    return list(dict.fromkeys(name.removesuffix(".shift") for name in machine.calibrated))
 
 
 def _has_directions(machine: MachineDescription, letter: str) -> bool:

@@ -117,8 +117,14 @@ def tracks(machine: MachineDescription, points: int = 25) -> dict[str, Array]:
     return found
 
 
-def rows(features: Mapping[str, Array], noise: tuple[float, float], rng: np.random.Generator) -> str:
+def rows(
+    features: Mapping[str, Array],
+    noise: tuple[float, float],
+    rng: np.random.Generator,
+    digits: tuple[int, int] = (9, 12),
+) -> str:
     """Table of what a tracker reads, with standard deviations of distance (m) and of both angles (rad)."""
+    near, fine = digits
     lines = [HEADER]
     for feature, points in features.items():
         seen = points @ TURN.T + STATION
@@ -127,7 +133,7 @@ def rows(features: Mapping[str, Array], noise: tuple[float, float], rng: np.rand
         distance = distance + noise[0] * rng.normal(size=len(seen))
         angles = np.stack([elevation, azimuth]) + noise[1] * rng.normal(size=(2, len(seen)))
         table = zip(distance * 1e3, *np.rad2deg(angles), strict=True)
-        lines += [f"{feature},{d:.9f},{e:.12f},{a:.12f}" for d, e, a in table]
+        lines += [f"{feature},{d:.{near}f},{e:.{fine}f},{a:.{fine}f}" for d, e, a in table]
     return "\n".join(lines)
 
 

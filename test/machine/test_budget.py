@@ -110,6 +110,38 @@ def test_each_part_is_the_exact_offset_of_that_body_alone(seed: int, independent
         np.testing.assert_allclose(part.both, truth, rtol=0, atol=(2e-4) ** 2)
 
 
+def test_uncertainty_that_calibrations_have_left() -> None:
+    """Each part in closed form: squareness by its lever, a place by its shift, a component as it is."""
+    at = np.array([[1.5, 0.0, 0.0, 0.0, 0.0]])
+    exact = tuple(replace(axis, repeatability=None) for axis in ideal("pan2013").axes)
+    machine = replace(ideal("pan2013"), axes=exact)
+
+    def found(calibrated: dict[str, float], **stated: float) -> Array:
+        uncertainty = {name.replace("_", "."): value for name, value in stated.items()}
+        budget = estimate_budget(replace(machine, calibrated=calibrated, uncertainty=uncertainty), at)
+        assert budget.uncertainty is not None
+        return budget.uncertainty[0]
+
+    square = [1e-6, math.hypot(3e-6, 1e-6), 0.0, 2e-6, 2e-6, 2e-6]
+    np.testing.assert_allclose(found({"squareness": 2e-6}), square, rtol=1e-6, atol=2e-12)
+    # Known by itself, it does not count a second time with what is stated of its kind.
+    np.testing.assert_allclose(found({"squareness": 2e-6}, squareness=9e-6), square, rtol=1e-6, atol=2e-12)
+    np.testing.assert_allclose(found({"EYX": 4e-7}), [0, 4e-7, 0, 0, 0, 0], rtol=1e-9, atol=1e-18)
+    # A leans about y and z; 0.5 m below it hangs the tool.
+    leaning = [0.5 * 3e-6, 0, 0, 0, 3e-6, 3e-6]
+    np.testing.assert_allclose(found({"location of A": 3e-6}), leaning, rtol=1e-6, atol=1e-11)
+    shifted = found({"location of spindle.shift": 2e-6})
+    np.testing.assert_allclose(shifted, [2e-6, 2e-6, 0, 0, 0, 0], rtol=1e-6, atol=1e-15)
+    whole = found({"machine": 3e-6})
+    np.testing.assert_allclose(whole, [math.sqrt(3) * 1e-6] * 3 + [0] * 3, rtol=1e-9)
+    both = found({"location of A": 3e-6}, location_angular=5e-6)
+    # Of the others C and spindle lean as stated, and X, Y, Z; A as it was measured.
+    assert both[0] > leaning[0]
+    assert both[0] == pytest.approx(
+        math.sqrt(leaning[0] ** 2 + found({}, location_angular=5e-6)[0] ** 2 - (2.5e-6) ** 2)
+    )
+
+
 def test_uncertainty_in_closed_form() -> None:
     """Squareness known to u: the tool is known to u times the travel; a second, independent number adds in squares."""
     exact = tuple(replace(axis, repeatability=None) for axis in ideal("pan2013").axes)
