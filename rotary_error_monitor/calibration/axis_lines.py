@@ -188,10 +188,11 @@ def _stray_points(lines: Mapping[str, LineFit]) -> tuple[str, ...]:
     """Axes of which single readings stand off from the others, in words."""
     misfits = []
     for letter, line in lines.items():
+        name = letter if letter == SPINDLE else f"axis {letter}"
         strays = find_outlying_points(line, FALSE_ALARM / len(lines))
         if len(strays):
             misfits.append(
-                f"axis {letter}: {len(strays)} reading(s) stand off from the others, number {strays[0] + 1} by "
+                f"{name}: {len(strays)} reading(s) stand off from the others, number {strays[0] + 1} by "
                 f"{line.departures[strays[0]]:.1f} standard deviations of the stated noise; drop or repeat them"
             )
     return tuple(misfits)

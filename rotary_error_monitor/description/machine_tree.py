@@ -55,6 +55,9 @@ def wrong_tree(section: TreeSection) -> Iterator[tuple[Place, str]]:
     if section.spindle is not None and section.spindle not in {*seen} - {BASE}:
         names = ", ".join(row.name for row in section.bodies)
         yield ("spindle",), f"there is no body '{section.spindle}'; expected one of {names}"
+    for row in section.bodies:
+        if row.name == section.spindle and row.axis is not None:
+            yield ("spindle",), f"axis {row.axis} moves '{row.name}'; expected a body of its own, fixed on that one"
     rotary = [letter for letter, axis in axes.items() if axis.kind == "rotary"]
     if section.monitored is not None and section.monitored not in rotary:
         yield ("monitored",), f"'{section.monitored}' is no rotary axis; expected {', '.join(rotary) or 'null'}"

@@ -185,11 +185,15 @@ class Lines:
 
 
 def calibrated(
-    folder: Path, machine: MachineDescription, noise: tuple[float, float], rng: np.random.Generator
+    folder: Path,
+    machine: MachineDescription,
+    noise: tuple[float, float],
+    rng: np.random.Generator,
+    features: Mapping[str, Array] | None = None,
 ) -> SquarenessResult:
-    """What the calibration of the shipped file finds of another machine."""
+    """What the calibration of the shipped file finds of another machine, by all features or by these."""
     source = folder / "tracker.csv"
-    source.write_text(rows(tracks(machine), noise, rng), encoding="utf-8")
+    source.write_text(rows(features or tracks(machine), noise, rng), encoding="utf-8")
     file = MachineFile(config("machines/pan2013.yaml"))
     job = Job(source, file, folder / "machine.yaml", date(2026, 11, 26), force=True)
     return calibrate_squareness(job, TrackerNoise(NOISE[0], 0.0, NOISE[1], NOISE[1]))

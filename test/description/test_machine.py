@@ -176,6 +176,7 @@ def test_names_that_a_machine_has_not() -> None:
         ),
         ("monitored: C", "monitored: C\n  spindle: base", 6, "there is no body 'base'; expected one of chuck"),
         ("travel: [-0.5, 0]", "travel: [-0.5, 0], repeatability: 8", 8, "expected: repeatability R of positioning"),
+        ("monitored: C", "monitored: C\n  spindle: chuck", 6, "axis C moves 'chuck'; expected a body of its own"),
         ("monitored: C", "monitored: X", 5, "'X' is no rotary axis; expected C"),
         ("rotary, direction: [0, 0, 1]", "rotary, direction: [0, 1, 0]", 9, r"not the z of the stage .* pose.rotation"),
         ("rotary, direction: [0, 0, 1]", "rotary, direction: [0, 0, -1]", 9, r"expected \[0, 0, 1\], with the body"),
