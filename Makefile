@@ -63,7 +63,7 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.p
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py spindle_figures.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
-SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py $(addprefix faults/test_,common_zero.py \
+SWEEPS := $(addprefix test/,analysis/test_probes.py calibration/test_axis_table_rates.py commissioning/test_rates.py $(addprefix faults/test_,common_zero.py \
 	listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py without_heads.py) \
 	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))

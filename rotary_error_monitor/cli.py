@@ -26,6 +26,7 @@ COMMANDS = (
     "convert",
     "calibrate",
     "commission",
+    "offset",
     "analyse",
     "compare",
     "trend",

@@ -31,7 +31,7 @@ COMMANDS: Sequence[tuple[Sequence[str], Sequence[str], Sequence[str]]] = [
     (["calibrate", "positioning", "measured.csv", *SOURCE, "--axis", "X"], ["-o", "--figure"], ["measured.csv"]),
     (["calibrate", "positioning", "measured.csv", *SOURCE, "--axis", "X"], ["--figure"], ["machine.yaml"]),
     (STRAIGHTNESS, ["-o", "--figure"], ["measured.csv", "mirror.csv"]),
-    (["calibrate", "squareness", "measured.csv", *SOURCE], ["-o"], ["measured.csv"]),
+    (["calibrate", "squareness", "measured.csv", *SOURCE], ["-o", "--figure"], ["measured.csv"]),
     (["calibrate", "assembly", "bag", "--stage", "stage.yaml"], ["-o"], ["bag/bag_0.mcap", "bag/metadata.yaml"]),
     (
         ["calibrate", "autocollimator", "measured.csv", "--stage", "stage.yaml", "--reference-arcsec", "1"],
@@ -41,6 +41,7 @@ COMMANDS: Sequence[tuple[Sequence[str], Sequence[str], Sequence[str]]] = [
     (["calibrate", "machine", "bag", *SOURCE], ["-o"], ["bag/bag_0.mcap", "bag/metadata.yaml"]),
     (["calibrate", "tables", "machine.yaml", "--axis", "X"], ["-o"], ["machine.yaml"]),
     (["calibrate", "errors", "machine.yaml"], ["--figure"], ["machine.yaml"]),
+    (["offset", "machine.yaml", "--program", "measured.csv", "--format", "csv"], ["-o"], ["measured.csv"]),
     (
         ["calibrate", "flatness", "machine.yaml", "--vertical", "Y", "--workpiece", "X=0,1", "Z=0,1"]
         + ["--reversal-um", "1", "--positioning-um", "1"],

@@ -12,6 +12,7 @@ Headers (columns in any order):
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -288,21 +289,24 @@ def read_probed_poses(path: Path | str, machine: MachineDescription, noise: floa
     return _poses_of_table(path, machine, noise) if path.suffix == ".csv" else _poses_of_bag(path, machine, noise)
 
 
-def _poses_of_table(path: Path, machine: MachineDescription, noise: float) -> ProbedPoses:
-    axes = [
+def axis_columns_of(machine: MachineDescription) -> list[Column]:
+    """Columns of a table that holds poses: X_mm of a linear axis, C_deg of a rotary one."""
+    return [
         Column(f"{a.letter}_mm", LENGTH) if a.kind == "linear" else Column(f"{a.letter}_deg", ANGLE)
         for a in machine.axes
     ]
+
+
+def _poses_of_table(path: Path, machine: MachineDescription, noise: float) -> ProbedPoses:
+    axes = axis_columns_of(machine)
     rest = [Column("temperature_degC", 200.0), *(Column(f"d{letter}_um", LINEAR_ERROR) for letter in "xyz")]
     ways = [Column(f"{letter}_direction") for letter in machine.letters]
     table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]])
     positions = np.stack([table.numbers[column.name] for column in axes], axis=1)
     for row, pose in enumerate(positions):
-        _check_within_travel(f"{path}:{table.lines[row]}", machine, pose)
+        check_within_travel(f"{path}:{table.lines[row]}", machine, pose)
     known = ways[0].name in table.numbers
-    direction = np.stack([table.numbers[c.name] for c in ways], axis=1) if known else np.zeros_like(positions)
-    for row, axis in np.argwhere(~np.isin(direction, (-1, 0, 1)))[:1]:
-        raise table.error(row, f"{ways[axis].name} {direction[row, axis]:g}; expected 1, -1, or 0 where unknown")
+    direction = directions_of(table, ways) if known else np.zeros_like(positions)
     return ProbedPoses(
         positions=positions,
         direction=direction,
@@ -310,6 +314,18 @@ def _poses_of_table(path: Path, machine: MachineDescription, noise: float) -> Pr
         deviations=np.stack([table.numbers[column.name] for column in rest[1:]], axis=1),
         noise=noise,
     )
+
+
+def directions_of(table: Table, columns: Sequence[Column]) -> Array:
+    """(n, axes) directions of travel from these columns of a table.
+
+    Raises:
+        InputError: one of them is other than 1, -1 and 0.
+    """
+    direction = np.stack([table.numbers[column.name] for column in columns], axis=1)
+    for row, axis in np.argwhere(~np.isin(direction, (-1, 0, 1)))[:1]:
+        raise table.error(row, f"{columns[axis].name} {direction[row, axis]:g}; expected 1, -1, or 0 where unknown")
+    return direction
 
 
 def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> ProbedPoses:
@@ -342,12 +358,17 @@ def _axes_of(state: Content | None, machine: MachineDescription, where: str) -> 
             f"{where}: no position of axis {', '.join(missing)}; the joint state names {', '.join(state.names)}"
         )
     order = [state.names.index(letter) for letter in machine.letters]
-    _check_within_travel(where, machine, state.position[order])
+    check_within_travel(where, machine, state.position[order])
     direction = np.sign(state.velocity[order]) if len(state.velocity) else np.zeros(len(order))
     return state.position[order], direction
 
 
-def _check_within_travel(where: str, machine: MachineDescription, pose: Array) -> None:
+def check_within_travel(where: str, machine: MachineDescription, pose: Array) -> None:
+    """Hold that a pose (axes,), m or rad, is one that the machine can take; `where` it was given, for the message.
+
+    Raises:
+        InputError: an axis is beyond its travel.
+    """
     for axis, value in zip(machine.axes, pose, strict=True):
         low, high = axis.travel
         slack = TRAVEL_SLACK * (high - low)

@@ -22,7 +22,7 @@ from rotary_error_monitor.calibration.parameters import Orders, list_parameters
 from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits
 from rotary_error_monitor.calibration.yaml_document import hash_source
-from rotary_error_monitor.description.machine import DIRECTIONS, Axis
+from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, Axis
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import (
@@ -79,13 +79,18 @@ class Job:
 
         Gives whether the file was written.
         """
+        return self.finish_parts(dict.fromkeys(names, (uncertainty, figures)), misfits)
+
+    def finish_parts(
+        self, parts: Mapping[str, tuple[float | None, Mapping[str, float]]], misfits: Sequence[str] = ()
+    ) -> bool:
+        """The same of sections that each have an uncertainty and figures of their own, by name."""
         if misfits and not self.force:
             return False
-        remark = "; ".join(misfits)
-        provenance = Calibrated(
-            self.day.isoformat(), self.source.name, hash_source(self.source), uncertainty, figures, remark or None
-        )
-        self.file.note(names, provenance)
+        remark, known = "; ".join(misfits) or None, hash_source(self.source)
+        for name, (uncertainty, figures) in parts.items():
+            provenance = Calibrated(self.day.isoformat(), self.source.name, known, uncertainty, figures, remark)
+            self.file.note([name], provenance)
         self.file.save(self.output)
         return True
 
@@ -234,7 +239,7 @@ def calibrate_machine(
     held_out = check_held_out(machine, parameters, poses)
     verdict = judge_calibration(identification, held_out, poses, required=required, limits=limits)
     parts = job.file.set_machine(identification.machine)
-    figures = {"held_out_ratio": held_out.ratio, "volumetric_uncertainty": verdict.uncertainty}
+    figures = {"held_out_ratio": held_out.ratio, VOLUMETRIC: verdict.uncertainty}
     misfits = [] if verdict.good else [verdict.sentence]
     # a model that does not hold all errors misses by what it missed on the poses that were held out
     missed = held_out.error if held_out.ratio > held_out.limit else 0.0

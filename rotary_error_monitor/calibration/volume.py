@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from rotary_error_monitor.calibration.parameters import without_errors
-from rotary_error_monitor.description.machine import Displacement, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
+from rotary_error_monitor.machine.location_names import location_errors
 
 Array = NDArray[np.float64]
 Limits = Mapping[str, tuple[float, float]]
@@ -42,7 +43,7 @@ class ErrorCost:
     """What one error does to the tool if it were alone, over the working volume.
 
     Attributes:
-        name: such as EXX, ECC, squareness and location of a body, reversal of an axis.
+        name: such as EXX, ECC, squareness X-Y (EC0X), reversal of an axis.
         position_rms, position_largest: length of the tool's shift, m.
         orientation_rms: angle, rad.
     """
@@ -114,9 +115,8 @@ def rank_errors(
 def _each_error(machine: MachineDescription) -> list[tuple[str, MachineDescription]]:
     ideal = without_errors(machine)
     alone = [(name, replace(ideal, errors={name: component})) for name, component in machine.errors.items()]
-    for body in machine.bodies:
-        if body.location_error != Displacement():
-            alone.append((f"location of {body.name}", ideal.with_location_error(body.name, body.location_error)))
+    for error in location_errors(machine):
+        alone.append((error.name, ideal.with_location_error(error.body, error.displacement)))
     for axis in machine.axes:
         if axis.reversal:
             alone.append((f"reversal of {axis.letter}", ideal.with_axis(axis.letter, reversal=axis.reversal)))

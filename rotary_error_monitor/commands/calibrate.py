@@ -121,11 +121,12 @@ def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 
 def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
-    text = "laser tracker along and round axes: feature,distance_mm,elevation_deg,azimuth_deg"
+    text = "laser tracker along and round axes and spindle: feature,distance_mm,elevation_deg,azimuth_deg"
     parser = _step(steps, "squareness", _squareness, text)
     parser.add_argument("--distance-um", type=positive, default=0.5, help="standard uncertainty (default 0.5)")
     parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
     parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
+    add_figure(parser, "draw how axes and spindle lie beside each other")
 
 
 def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -220,6 +221,11 @@ def _squareness(arguments: argparse.Namespace) -> int:
     with _job(arguments) as job:
         result = calibrate_squareness(job, noise)
     print(reports.squareness_text(result, job.output))
+    if arguments.figure:
+        from rotary_error_monitor.report.axes_figure import draw_axes
+
+        with writing(arguments.figure):
+            draw_axes(arguments.figure, result)
     return 0 if result.written else NOT_GOOD
 
 

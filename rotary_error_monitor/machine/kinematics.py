@@ -158,7 +158,7 @@ def stand(model: MachineModel, positions: Array, errors: Array | None) -> Stance
     With `errors` (6, m, n) the machine as it is, location errors included; without, the ideal machine.
     """
     fixtures = model.ideal if errors is None else model.actual
-    moved = chain(fixtures.axes, _motions(model, positions, errors))
+    moved = chain(fixtures.axes, motions(model, positions, errors))
     return Stance(
         _follow([moved[:, :, axis] for axis in model.tool_axes], fixtures.tool),
         _follow([moved[:, :, axis] for axis in model.workpiece_axes], fixtures.workpiece),
@@ -185,7 +185,7 @@ def axis_columns(model: MachineModel, ideal: Stance) -> tuple[Array, Array]:
     return rotate(back[:, :, None], shift), rotate(back[:, :, None], rotation)
 
 
-def _motions(model: MachineModel, positions: Array, errors: Array | None) -> Array:
+def motions(model: MachineModel, positions: Array, errors: Array | None) -> Array:
     """(3, 4, m, n): each axis's own Ts ΔTs at positions (m, n), ΔTs from errors (6, m, n) if given."""
     if errors is None:
         moved = np.zeros((3, 4, *positions.shape))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,6 +14,9 @@ from rotary_error_monitor.description.machine import (
     Vector,
 )
 from rotary_error_monitor.errors import InputError
+
+ALONG = 0.99
+"""Part of a direction from which it is that of the axis itself: about it nothing can be measured of its place."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,65 @@ def shifts_at_a_pose(machine: MachineDescription) -> tuple[Shift, ...]:
         if errors.table is not None and size > 0:
             found.append(Shift(f"{name}.table", machine.with_error(name, poly=(size,))))
     return tuple(found)
+
+
+def calibrated_shifts(machine: MachineDescription) -> tuple[Shift, ...]:
+    """The machine at one pose with what calibrations have measured off by its standard uncertainty, part by part.
+
+    An error component is off as a whole. Squareness is off at each linear axis by itself, the place of a rotary axis or
+    of the spindle by two tilts and two shifts across it.
+    """
+    found = []
+    for name, size in machine.calibrated.items():
+        if size > 0:
+            found += [Shift(label, shifted) for label, shifted in _off(machine, name, size)]
+    return tuple(found)
+
+
+def measured_apart(machine: MachineDescription, label: str) -> bool:
+    """Whether a calibration has measured what `shifts_at_a_pose` gives this name, so that it is known by itself."""
+    if label.split(".")[0] in machine.calibrated or label.split("[")[0] in machine.calibrated:
+        return True
+    if not label.startswith("location."):
+        return False
+    body = next(body for body in machine.bodies if body.name == label.split(".")[2].split("[")[0])
+    return f"location of {'spindle' if body.name == machine.spindle else body.axis}" in machine.calibrated
+
+
+def _off(machine: MachineDescription, name: str, size: float) -> list[tuple[str, MachineDescription]]:
+    """The machine with a calibrated part off by `size`."""
+    if re.fullmatch("E[XYZABC][A-Z]", name) and name[2] in machine.letters:
+        return [(name, machine.with_error(name, poly=(size,)))]
+    if name == "squareness":
+        turned = [(body, _turn(*normal)) for body, normal in _square_normals(machine)]
+    else:
+        owner = name.removeprefix("location of ").removesuffix(".shift")
+        if owner == name or (owner not in machine.letters and owner != "spindle"):
+            return []
+        body = machine.spindle if owner == "spindle" else machine.body_of(owner).name
+        if body is None:
+            return []
+        own = (0.0, 0.0, 1.0) if owner == "spindle" else machine.axis(owner).direction
+        units = _SHIFTS if name.endswith(".shift") else _TURNS
+        turned = [(body, unit) for unit, part in zip(units, own, strict=True) if abs(part) < ALONG]
+    return [
+        (f"{name}[{i}]", machine.with_location_error(body, _scaled(unit, size)))
+        for i, (body, unit) in enumerate(turned)
+    ]
+
+
+def _square_normals(machine: MachineDescription) -> list[tuple[str, Vector]]:
+    """Body of each linear axis and the direction about which its squareness to the first two before it turns it."""
+    found: list[tuple[str, Vector]] = []
+    seen: list[Vector] = []
+    for body in machine.bodies:
+        if body.axis is None or machine.axis(body.axis).kind != "linear":
+            continue
+        x, y, z = machine.axis(body.axis).direction
+        for a, b, c in seen[:2]:
+            found.append((body.name, (y * c - z * b, z * a - x * c, x * b - y * a)))
+        seen.append((x, y, z))
+    return found
 
 
 def _shifted(machine: MachineDescription, name: str, size: float) -> list[tuple[str, MachineDescription]]:

@@ -1,6 +1,6 @@
 """The measurements of doc/calibration: simulated, so that what they should show is known.
 
-python test/calibration/example_measurements.py writes them anew.
+PYTHONPATH=test python test/calibration/example_measurements.py writes them anew.
 """
 
 from __future__ import annotations
@@ -9,7 +9,10 @@ import math
 from pathlib import Path
 
 import numpy as np
+from calibration import tracked_axes
 from numpy.typing import NDArray
+
+from rotary_error_monitor.description.machine import load_machine
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parents[2] / "doc" / "calibration"
@@ -90,6 +93,13 @@ def tracker() -> str:
     return "\n".join(lines) + "\n"
 
 
+def tracker_head() -> str:
+    """Axes and spindle of the machine of Pan et al. 2013, as it is described."""
+    features = tracked_axes.tracks(load_machine("pan2013"), points=15)
+    table = tracked_axes.rows(features, tracked_axes.NOISE, np.random.default_rng(4), digits=(6, 9))
+    return f"# simulated: laser tracker, reflectors on the spindle's nose and beside it\n{table}\n"
+
+
 def autocollimator() -> str:
     """A quadrant detector under a Gaussian spot, turned by 3 degrees, before a reference of ±0.2 arcsec."""
     rng = np.random.default_rng(5)
@@ -120,6 +130,7 @@ FILES = {
     "x_positioning.csv": positioning,
     "x_straightness.csv": straightness,
     "tracker.csv": tracker,
+    "tracker_head.csv": tracker_head,
     "autocollimator.csv": autocollimator,
 }
 

@@ -78,6 +78,8 @@ def test_commands_print_what_the_page_shows(worked: tuple[Path, list[str]]) -> N
     folder, wrong = worked
     assert wrong == []
     assert (folder / "straightness.png").stat().st_size > 10_000
+    assert (folder / "axes.png").stat().st_size > 10_000
+    assert (folder / "axes.png").stat().st_size > 10_000
     assert (folder / "errors.png").stat().st_size > 10_000
     assert (folder / "autocollimator.png").stat().st_size > 30_000
     assert (folder / "x.comp").read_text(encoding="ascii").startswith("-240.000000000 ")

@@ -22,6 +22,7 @@ DOC = ROOT / "doc"
 
 PAGES_ELSEWHERE = {
     "calibration": "test/calibration/test_tutorial.py",
+    "offset": "test/report/test_offset_document.py",
     "tutorial_mount": "test/test_tutorials.py",
     "tutorial_quadrature": "test/test_tutorials.py",
 }
