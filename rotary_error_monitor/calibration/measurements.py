@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.reader import BagReader
-from rotary_error_monitor.calibration.csv_tables import Column, Table, read_table
 from rotary_error_monitor.calibration.identification import ProbedPoses
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.errors import InputError

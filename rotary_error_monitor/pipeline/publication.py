@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage import PeriodicTable, StageDescription
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
@@ -196,7 +196,8 @@ class Publication:
 class AssemblyVariance:
     """Variance that the stated uncertainty of what is taken off adds to a component, m² and rad².
 
-    A vector that turns with the rotor adds that of one of its components at each angle; so does each order.
+    A vector that turns with the rotor adds that of one of its components at each angle; so does each order, and a
+    measured curve that of its values.
 
     Attributes:
         eccentricity, graduation: of the ring, to the radial error motion.
@@ -221,7 +222,9 @@ class AssemblyVariance:
         """As a stage's description states it."""
         stated, encoder = stage.uncertainty, stage.encoder or ABSENT
         graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(encoder.graduation))
+        graduation = math.hypot(graduation, _uncertainty(encoder.graduation_table))
         flatness = stated.get("mirror.flatness", 0.0) * math.sqrt(len(stage.mirror.flatness))
+        flatness = math.hypot(flatness, _uncertainty(stage.mirror.flatness_table))
         gain, roll = stage.response(AUTOCOLLIMATOR).gain, stage.response(AUTOCOLLIMATOR).roll
         return AssemblyVariance(
             stated.get("encoder.eccentricity", 0.0) ** 2,
@@ -258,6 +261,11 @@ class AssemblyVariance:
         rolls = [sign * self.roll_angle for sign in ((1, -1) if axis is None else ((1, -1)[axis],))]
         found = [distortion_variance(roll, self.distortion, along, across) for roll in rolls]
         return np.asarray(linear + np.max(found, axis=0))
+
+
+def _uncertainty(table: PeriodicTable | None) -> float:
+    """Standard uncertainty of a value of a measured curve, rad; 0 where there is none."""
+    return 0.0 if table is None else table.uncertainty
 
 
 def redundancy_of(layout: HeadLayout | None) -> int:
