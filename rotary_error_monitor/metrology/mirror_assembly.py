@@ -44,6 +44,8 @@ class MirrorAssembly:
     Attributes:
         flatness: orders that stand out or stood in the description.
         flatness_std: largest of the four coefficients of an order.
+        flatness_covariance: (4 r, 4 r) of the coefficients of these orders, one after another: x cos, x sin, y cos,
+            y sin, rad².
         kept: orders of the description that the recording cannot tell.
         line_of_sight: constant reading of the autocollimator, rad: how it is set up, not an error of the mirror.
         delay: age of the autocollimator's values at their stamps, s.
@@ -55,6 +57,7 @@ class MirrorAssembly:
     tilt_std: tuple[float, float]
     flatness: tuple[PlanarHarmonic, ...]
     flatness_std: tuple[float, ...]
+    flatness_covariance: Array
     kept: tuple[PlanarHarmonic, ...]
     line_of_sight: tuple[float, float]
     delay: float
@@ -68,6 +71,8 @@ def estimate_mirror_assembly(
     recording: ShaftRecording,
     delay: tuple[float, float] = (0.0, DELAY_STD),
     highest: int | None = None,
+    *,
+    every: bool = False,
 ) -> MirrorAssembly:
     """Tilt of the mirror and its flatness.
 
@@ -79,6 +84,7 @@ def estimate_mirror_assembly(
         recording: of the shaft between centres.
         delay: age of the autocollimator's values at their stamps and its standard uncertainty, as known before, s.
         highest: order up to which is looked; by default what the sampling tells apart.
+        every: take all orders from 2 on, whether they stand out or not.
 
     Raises:
         InputError: no autocollimator, one that does not change, or rotations that leave too much of the turn out.
@@ -98,6 +104,9 @@ def estimate_mirror_assembly(
         recording.times[valid],
     )
     described = {row.order for row in stage.mirror.flatness if row not in kept}
+    if every:
+        # order 1 against the rotation, which a leaning shaft makes as well, still has to stand out
+        described |= set(range(2, told + 1))
     return replace(_fit_mirror(stage, seen, described, told, delay), kept=kept)
 
 
@@ -144,15 +153,18 @@ def _fit_mirror(
     tilt, tilt_spread = with_tilt @ waves[1][0], with_tilt @ waves[1][1] @ with_tilt.T
     rows: list[PlanarHarmonic] = []
     stds: list[float] = []
+    parts: list[Array] = []  # of all coefficients, what makes those of a row
     other, other_spread = against @ waves[1][0], against @ waves[1][1] @ against.T
     if 1 in described or significant(other, other_spread, fit.freedom, told):
         rows.append(PlanarHarmonic(1, (float(other[0]), float(other[1])), (float(other[1]), -float(other[0]))))
         stds.append(float(np.sqrt(np.diag(other_spread).max())))
+        parts.append(_placed(np.array([[1, 0], [0, 1], [0, 1], [-1, 0]]) @ against, fit.place(1), len(spread)))
     for k in orders[1:]:
         (x_cos, y_cos, x_sin, y_sin), own = waves[k]
         if k in described or significant(waves[k][0], own, fit.freedom, told):
             rows.append(PlanarHarmonic(k, (float(x_cos), float(x_sin)), (float(y_cos), float(y_sin))))
             stds.append(float(np.sqrt(np.diag(own).max())))
+            parts.append(_placed(np.eye(4)[[0, 2, 1, 3]], fit.place(k), len(spread)))
     judged = judge_recording(
         fit.residual,
         seen.variances,
@@ -162,11 +174,13 @@ def _fit_mirror(
         seen.speed,
     )
     std = np.hypot(np.sqrt(np.diag(tilt_spread)), judged.discrepancy)
+    made = np.concatenate([np.zeros((0, len(spread))), *parts])
     return MirrorAssembly(
         tilt=(float(tilt[0]), float(tilt[1])),
         tilt_std=(float(std[0]), float(std[1])),
         flatness=tuple(rows),
         flatness_std=tuple(float(np.hypot(each, judged.discrepancy)) for each in stds),
+        flatness_covariance=made @ spread @ made.T + judged.discrepancy**2 * np.eye(len(made)),
         kept=(),
         line_of_sight=(float(fit.coefficients[0, 0]), float(fit.coefficients[0, 1])),
         delay=found,
@@ -174,6 +188,13 @@ def _fit_mirror(
         highest=told,
         fit=judged,
     )
+
+
+def _placed(part: Array, place: slice, count: int) -> Array:
+    """(4, count) a matrix of the coefficients of one order as one of those of all orders."""
+    placed = np.zeros((len(part), count))
+    placed[:, place] = part
+    return placed
 
 
 def doubt_mirror(mirror: MirrorAssembly, ring: RingAssembly) -> MirrorAssembly:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -17,6 +18,7 @@ from rotary_error_monitor.description.stage import (
     PeriodicTable,
     PlanarHarmonic,
     PlanarTable,
+    StageDescription,
 )
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
 
@@ -125,3 +127,65 @@ def doubted_orders(table: PeriodicTable) -> tuple[tuple[int, ...], float]:
     """
     count = min(MOST_DOUBTED, max(1, (len(table.knots[0]) - 1) // TO_A_WAVE))
     return tuple(range(2, 2 + count)), table.uncertainty / float(np.sqrt(count))
+
+
+STANDS_OUT = 4.0
+"""Standard uncertainties of a coefficient from which an order of a curve is more than its noise: of some hundred
+orders hardly one is by chance."""
+
+
+def stage_by_orders(stage: StageDescription, highest: int, least: tuple[float, float]) -> StageDescription:
+    """The stage with its measured curves as harmonics, up to `highest`, as far as they stand out.
+
+    Order 1 of a graduation is left out: it is eccentricity, which nothing tells from it. What a table says of its
+    uncertainty is then that of its coefficients.
+
+    Args:
+        stage: as described.
+        highest: order beyond which nothing is taken.
+        least: amplitudes in the curves of ring and mirror below which an order is none, rad.
+    """
+    encoder, mirror, doubts = stage.encoder, stage.mirror, dict(stage.uncertainty)
+    if encoder is not None and encoder.graduation_table is not None:
+        limit = max(least[0], STANDS_OUT * _coefficient_std(encoder.graduation_table))
+        _doubt(doubts, "encoder.graduation", encoder.graduation_table)
+        found = angular_orders(encoder.graduation_table, highest)
+        more = tuple(row for row in found if row.order != 1 and np.hypot(row.cos, row.sin) > limit)
+        encoder = replace(encoder, graduation=_with_angular(encoder.graduation, more), graduation_table=None)
+    if mirror.flatness_table is not None:
+        limit = max(least[1], STANDS_OUT * _coefficient_std(mirror.flatness_table))
+        _doubt(doubts, "mirror.flatness", mirror.flatness_table)
+        forms = planar_orders(mirror.flatness_table, highest)
+        flat = tuple(row for row in forms if np.linalg.norm([*row.x, *row.y]) > limit)
+        mirror = replace(mirror, flatness=_with_planar(mirror.flatness, flat), flatness_table=None)
+    return replace(stage, encoder=encoder, mirror=mirror, uncertainty=doubts)
+
+
+def _doubt(doubts: dict[str, float], name: str, table: PeriodicTable) -> None:
+    """Add to the uncertainties of a stage that of coefficients that are from a table, if it states one."""
+    if table.uncertainty:
+        doubts[name] = float(np.hypot(doubts.get(name, 0.0), _coefficient_std(table)))
+
+
+def _coefficient_std(table: PeriodicTable) -> float:
+    """Standard uncertainty of a coefficient of one of the orders that a table tells, rad."""
+    return table.uncertainty / float(np.sqrt(max(1, (len(table.knots[0]) - 1) // TO_A_WAVE)))
+
+
+def _with_angular(rows: tuple[AngularHarmonic, ...], more: tuple[AngularHarmonic, ...]) -> tuple[AngularHarmonic, ...]:
+    """Rows with others added to those of the same order."""
+    sums: dict[int, AngularHarmonic] = {}
+    for row in (*rows, *more):
+        old = sums.get(row.order, AngularHarmonic(row.order, 0.0, 0.0))
+        sums[row.order] = AngularHarmonic(row.order, old.cos + row.cos, old.sin + row.sin)
+    return tuple(sums[order] for order in sorted(sums))
+
+
+def _with_planar(rows: tuple[PlanarHarmonic, ...], more: tuple[PlanarHarmonic, ...]) -> tuple[PlanarHarmonic, ...]:
+    """Rows with others added to those of the same order."""
+    sums: dict[int, PlanarHarmonic] = {}
+    for row in (*rows, *more):
+        old = sums.get(row.order, PlanarHarmonic(row.order, (0.0, 0.0), (0.0, 0.0)))
+        x, y = ((a[0] + b[0], a[1] + b[1]) for a, b in ((old.x, row.x), (old.y, row.y)))
+        sums[row.order] = PlanarHarmonic(row.order, x, y)
+    return tuple(sums[order] for order in sorted(sums))

@@ -92,7 +92,9 @@ def _turn(known: dict[str, tuple[bool, st.SearchStrategy[Any]]], count: int) -> 
     step = 2 * math.pi / count
     off = st.lists(st.floats(-0.2, 0.2), min_size=count, max_size=count)
     angles = off.map(lambda parts: [step * (k + part) for k, part in enumerate(parts)])
-    many = {name: (required, drawn.map(lambda some: (some * count)[:count])) for name, (required, drawn) in known.items()}
+    many = {
+        name: (required, drawn.map(lambda some: (some * count)[:count])) for name, (required, drawn) in known.items()
+    }
     return _fixed({**many, "angles": (True, angles)})
 
 

@@ -98,7 +98,12 @@ DAMAGE = {
     "unsorted": (turned(4), ZERO, 8, r"the angle 0\.698\d* rad \(40°\) comes after 0\.87\d* rad \(50°\)"),
     "half a turn": (EVEN / 2, ZERO, 38, r"does not close over the turn: it ends at .*\(175°\) and begins at 0 rad"),
     "radians": (np.radians(EVEN), ZERO, 38, r"does not close .*are they rad under the name of degrees\?"),
-    "two turns": (EVEN - 180 + np.where(EVEN > 170, 180, 0), ZERO, 38, "more than a turn; give the mean over the turns"),
+    "two turns": (
+        EVEN - 180 + np.where(EVEN > 170, 180, 0),
+        ZERO,
+        38,
+        "more than a turn; give the mean over the turns",
+    ),
     "beyond": (EVEN * 2, ZERO, 22, "angle_deg 380 is beyond ±360: is it in another unit"),
     "a hole": (np.where(EVEN > 100, EVEN / 2 + 180, EVEN), ZERO, 14, "no angle within .*; expected 8 a turn at least"),
     "a unit that cannot be": (EVEN, np.where(EVEN == 30.0, 3000.0, 0.0), 6, "3000 is beyond ±2062.65: is it in ano"),

@@ -25,6 +25,7 @@ from rotary_error_monitor.pipeline.publication import AssemblyVariance
 
 SEEDS = range(6)
 
+
 @pytest.mark.parametrize("even", [True, False])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_interpolation_stays_within_its_bound(seed: int, even: bool) -> None:
