@@ -20,6 +20,7 @@ from rotary_error_monitor.description.stage import (
     PlanarTable,
     StageDescription,
 )
+from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, HeadLayout, seen_part
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
 
 Array = NDArray[np.float64]
@@ -127,6 +128,23 @@ def doubted_orders(table: PeriodicTable) -> tuple[tuple[int, ...], float]:
     """
     count = min(MOST_DOUBTED, max(1, (len(table.knots[0]) - 1) // TO_A_WAVE))
     return tuple(range(2, 2 + count)), table.uncertainty / float(np.sqrt(count))
+
+
+def curve_in_radial(encoder: Encoder) -> float:
+    """Variance that the uncertainty of a measured graduation adds to the radial error motion along x or y, m².
+
+    It is taken to lie in the orders that heads between centres tell: what all heads see alike is no displacement, and
+    a curve that the same heads measured has nothing of it.
+    """
+    table = encoder.graduation_table
+    if table is None or table.uncertainty == 0.0 or len(encoder.azimuths) < 2:
+        return 0.0
+    azimuths = tuple(encoder.azimuths.values())
+    highest = 1 + max(1, (len(table.knots[0]) - 1) // TO_A_WAVE)
+    orders = [k for k in range(2, highest + 1) if seen_part(np.array(azimuths), k) >= LEAST_SEEN]
+    parts = [view.as_radial for view in HeadLayout(azimuths).graduation_view(orders)]
+    share = float(np.mean(np.square(parts))) if parts else 0.0
+    return share * (encoder.disc_radius * table.uncertainty) ** 2
 
 
 STANDS_OUT = 4.0

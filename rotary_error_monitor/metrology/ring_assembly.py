@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, helmert
 
 from rotary_error_monitor.description.stage import AngularHarmonic, Encoder, StageDescription
+from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.metrology.recording_fit import RecordingFit, judge_recording
 from rotary_error_monitor.metrology.rotation_fit import (
@@ -26,12 +27,10 @@ from rotary_error_monitor.metrology.rotation_fit import (
     with_rounding,
 )
 from rotary_error_monitor.metrology.shaft_recording import (
-    LEAST_SEEN,
     Observed,
     ShaftRecording,
     check_heads,
     observe,
-    seen_part,
     told_orders,
 )
 

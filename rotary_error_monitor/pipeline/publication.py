@@ -11,11 +11,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import PeriodicTable, StageDescription
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.metrology.periodic_curves import curve_in_radial
 from rotary_error_monitor.metrology.responses import distortion_variance
 from rotary_error_monitor.pipeline.belief import DOUBTS, Verdict
 from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
@@ -222,13 +223,13 @@ class AssemblyVariance:
         """As a stage's description states it."""
         stated, encoder = stage.uncertainty, stage.encoder or ABSENT
         graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(encoder.graduation))
-        graduation = math.hypot(graduation, _uncertainty(encoder.graduation_table))
         flatness = stated.get("mirror.flatness", 0.0) * math.sqrt(len(stage.mirror.flatness))
-        flatness = math.hypot(flatness, _uncertainty(stage.mirror.flatness_table))
+        flat = stage.mirror.flatness_table
+        flatness = math.hypot(flatness, 0.0 if flat is None else flat.uncertainty)
         gain, roll = stage.response(AUTOCOLLIMATOR).gain, stage.response(AUTOCOLLIMATOR).roll
         return AssemblyVariance(
             stated.get("encoder.eccentricity", 0.0) ** 2,
-            0.5 * (encoder.disc_radius * graduation) ** 2,
+            0.5 * (encoder.disc_radius * graduation) ** 2 + curve_in_radial(encoder),
             stated.get("mirror.tilt", 0.0) ** 2,
             flatness**2,
             (stated.get("autocollimator.gain", 0.0) / gain) ** 2,
@@ -261,11 +262,6 @@ class AssemblyVariance:
         rolls = [sign * self.roll_angle for sign in ((1, -1) if axis is None else ((1, -1)[axis],))]
         found = [distortion_variance(roll, self.distortion, along, across) for roll in rolls]
         return np.asarray(linear + np.max(found, axis=0))
-
-
-def _uncertainty(table: PeriodicTable | None) -> float:
-    """Standard uncertainty of a value of a measured curve, rad; 0 where there is none."""
-    return 0.0 if table is None else table.uncertainty
 
 
 def redundancy_of(layout: HeadLayout | None) -> int:
