@@ -63,7 +63,7 @@ def _reversal(signal: Signal) -> str:
     if signal.reversal is None:
         return "; one direction only"
     apart, noise = (value * ARCSEC for value in signal.reversal)
-    return f"; forward and backward differ by {apart:.4f} (noise makes {noise:.4f})"
+    return f"; forward and backward differ by {apart:.4f} (scatter alone {noise:.4f})"
 
 
 def _curve_lines(curve: MeasuredCurve) -> list[str]:

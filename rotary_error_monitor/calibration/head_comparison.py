@@ -58,9 +58,10 @@ class Signal:
 
     @property
     def reversal(self) -> tuple[float, float] | None:
-        """Root mean square over the turn of what is left forward less backward, and what noise makes of it, rad.
+        """Root mean square over the turn of what is left forward less backward, and what scatter makes of it, rad.
 
-        None where one direction only was recorded.
+        None where one direction only was recorded. Scatter is that within parts of the turn, which independent noise
+        makes; of heads whose resolution is coarser than their noise neighbouring readings round alike, which adds some.
         """
         means, variances = self._means(self.after)
         apart = means[0] - means[1]

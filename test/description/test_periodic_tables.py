@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -169,3 +170,24 @@ def test_what_is_wrong_in_the_stage_file_has_its_line(
     path = stage_file(tmp_path, inline(angles, values))
     with pytest.raises(InputError, match=rf"^{path}:\d+: stage\.encoder\.{message}"):
         load_stage(path)
+
+
+def test_the_page_shows_what_is_read(tmp_path: Path) -> None:
+    """doc/sensors.md: its rows of a stage file, and the columns of a file of which it shows the beginning."""
+    page = (Path(__file__).parents[2] / "doc" / "sensors.md").read_text(encoding="utf-8")
+    part = page.partition("## Ring and mirror as measured curves")[2].partition("\n## ")[0]
+    (rows,) = re.findall(r"```yaml\n(.*?)```", part, re.DOTALL)
+    (beginning,) = re.findall(r"```text\n(.*?)```", part, re.DOTALL)
+    header, *shown = beginning.splitlines()
+    step = float(shown[1].split(",")[0])
+    more = [f"{angle:g},0.3,0.016" for angle in np.arange(len(shown) * step, 360, step)]
+    (tmp_path / "my_ring.csv").write_text("\n".join([header, *shown, *more]), encoding="utf-8")
+    content, told = (yaml.safe_load(text)["stage"] for text in (config("stage.yaml").read_text("utf-8"), rows))
+    for part_name, fields in told.items():
+        content[part_name] |= fields
+    path = tmp_path / "stage.yaml"
+    path.write_text(yaml.safe_dump({"stage": content}), encoding="utf-8")
+    stage = load_stage(path)
+    assert stage.ring.graduation_table is not None and len(stage.ring.graduation_table.angles) == 72
+    assert stage.ring.graduation_table.values[1] == pytest.approx(float(shown[1].split(",")[1]) * ARCSEC)
+    assert stage.mirror.flatness_table is not None and stage.mirror.flatness_table.uncertainty == pytest.approx(2e-7)
