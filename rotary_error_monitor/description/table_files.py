@@ -16,6 +16,7 @@ from rotary_error_monitor.description.quantities import LARGEST_TILT
 from rotary_error_monitor.description.sections import place_named
 from rotary_error_monitor.description.yaml_files import YamlContent
 from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.files import exists
 
 GRADUATION = ("encoder", "graduation_table")
 FLATNESS = ("mirror", "flatness_table")
@@ -67,7 +68,7 @@ def read_curve(path: Path, place: tuple[str, str], where: str = "") -> dict[str,
     """
     columns = COLUMNS[place]
     lead = f"{where}: " if where else ""
-    if not path.is_file():
+    if not (exists(path) and path.is_file()):
         raise InputError(f"{lead}{path}: no such file; expected a CSV file, its name relative to the stage file")
     table = read_table(path, _choices(tuple(columns)), _expected(tuple(columns)))
     fields = {_plain(name): values for name, values in table.numbers.items()}
