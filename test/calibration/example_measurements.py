@@ -67,6 +67,16 @@ def positioning() -> str:
     return "\n".join(lines) + "\n"
 
 
+def laser() -> str:
+    """The same readings as an instrument with decimal commas writes them, among columns that nobody asked for."""
+    lines = ["Linear measurement, axis X (simulated)", "", "No;Run;Direction;Position;Error (µm);Air (°C)"]
+    for number, line in enumerate(positioning().splitlines()[2:], start=1):
+        target, direction, cycle, deviation = line.split(",")
+        sign = "+" if direction == "1" else "-"
+        lines.append(f"{number};{cycle};{sign};{target};{deviation.replace('.', ',')};20,1")
+    return "\n".join(lines) + "\n"
+
+
 def straightness() -> str:
     """Two placements of the mirror, the first one measured both ways up; two runs forth and two back in each."""
     rng = np.random.default_rng(2)
@@ -167,6 +177,7 @@ def between_centres() -> dict[str, list[SampleBlock]]:
 
 FILES = {
     "x_positioning.csv": positioning,
+    "x_laser.txt": laser,
     "x_straightness.csv": straightness,
     "tracker.csv": tracker,
     "autocollimator.csv": autocollimator,

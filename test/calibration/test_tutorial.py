@@ -64,7 +64,7 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     folder = tmp_path_factory.mktemp("tutorial")
     for name in ("doc", "config"):
         shutil.copytree(ROOT / name, folder / name)
-    rows = {line for path in DATA.glob("*.csv") for line in path.read_text(encoding="utf-8").splitlines()}
+    rows = {line for path in [*DATA.glob("*.csv"), *DATA.glob("*.txt")] for line in path.read_text(encoding="utf-8").splitlines()}
     printed, wrong = "", []
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -110,6 +110,11 @@ def test_the_curves_are_those_of_ring_and_mirror(worked: tuple[Path, list[str]])
     flat = np.stack([mirror.x, mirror.y], axis=1) - true_flatness(EXAMPLE.FLATNESS, angles)
     assert np.sqrt(np.mean(flat**2)) < 2 * mirror.uncertainty < 5e-7
     np.testing.assert_allclose(stage.ring.eccentricity, EXAMPLE.SHAFT.eccentricity, atol=1e-8)
+
+
+def test_an_instruments_own_file_gives_the_same(worked: tuple[Path, list[str]]) -> None:
+    tables = [load_machine(worked[0] / name).errors["EXX"].table for name in ("my_machine.yaml", "from_laser.yaml")]
+    assert tables[0] is not None and tables[0] == tables[1]
 
 
 def test_the_machine_file_holds_what_was_put_in(worked: tuple[Path, list[str]]) -> None:
