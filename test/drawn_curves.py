@@ -36,8 +36,10 @@ class DrawnCurves:
         gap = float(np.diff(np.append(self.angles, self.angles[0] + 2 * np.pi)).max())
         doubts = (u,) * ANGLES if u else ()
         angles = tuple(self.angles.tolist())
-        self.ring_table = AngularTable(angles=angles, values=tuple(self.graduation(self.angles)), uncertainties=doubts)
-        x, y = self.flatness(self.angles).T
+        self.ring_table = AngularTable(
+            angles=angles, values=tuple(self.graduation(self.angles).tolist()), uncertainties=doubts
+        )
+        x, y = self.flatness(self.angles).T.tolist()
         self.mirror_table = PlanarTable(angles=angles, x=tuple(x), y=tuple(y), uncertainties=doubts)
         self.ring_bound = interpolation_bound(self.orders, [np.hypot(row.cos, row.sin) for row in self.ring], gap)
         sizes = [np.hypot(np.hypot(*row.x), np.hypot(*row.y)) for row in self.mirror]

@@ -64,7 +64,8 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     folder = tmp_path_factory.mktemp("tutorial")
     for name in ("doc", "config"):
         shutil.copytree(ROOT / name, folder / name)
-    rows = {line for path in [*DATA.glob("*.csv"), *DATA.glob("*.txt")] for line in path.read_text(encoding="utf-8").splitlines()}
+    texts = [path.read_text(encoding="utf-8") for path in (*DATA.glob("*.csv"), *DATA.glob("*.txt"))]
+    rows = {line for text in texts for line in text.splitlines()}
     printed, wrong = "", []
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
