@@ -135,6 +135,21 @@ def test_a_stage_file_that_cannot_be_written_leaves_no_curve(
     assert not list(tmp_path.glob("*.csv")) and load_stage(stage) == load_stage()
 
 
+def test_a_copy_elsewhere_lacks_the_curves_beside_the_file(
+    tmp_path: Path, stage: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What is written elsewhere would name files that are not there: it is not written, and the file is named."""
+    assert calibrate(simulated(tmp_path), stage, "--as", "table", *IDEAL) == 0
+    steps = Path(__file__).parents[2] / "doc" / "calibration" / "autocollimator.csv"
+    (tmp_path / "elsewhere").mkdir()
+    out = tmp_path / "elsewhere" / "other.yaml"
+    words = ["calibrate", "autocollimator", str(steps), "--stage", str(stage), "-o", str(out), "--force"]
+    assert main([*words, "--reference-arcsec", "0.115"]) == 2
+    told = capsys.readouterr().err
+    assert f"{out}:" in told and "graduation_table: " in told and "draft" not in told
+    assert not list(out.parent.iterdir())
+
+
 def test_bounds_hold_the_truth_as_often_as_they_say() -> None:
     """Of 12 drawn calibrations; of many more in `test_assembly_table_rates.py`.
 
