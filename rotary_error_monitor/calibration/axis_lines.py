@@ -34,6 +34,7 @@ from rotary_error_monitor.calibration.axis_table import AxisRelation, relate_axe
 from rotary_error_monitor.calibration.machine_file import SQUARENESS, location_name
 from rotary_error_monitor.calibration.measurements import read_tracker
 from rotary_error_monitor.calibration.steps import Job
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import SHIFT_UNCERTAINTY, MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.location_names import SPINDLE
@@ -93,7 +94,7 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
             or a rotary axis lies far from where the file has it.
     """
     machine = job.file.machine
-    tracks, zero = _tracks(job.source, machine, noise)
+    tracks, zero = _tracks(job.source, machine, noise, job.layout)
     fitted = _axis_lines(job.source, machine, tracks)
     lines = {letter: _as_scattered(line) for letter, line in fitted.items()}
     linear, rotary = _in_order(machine, lines)
@@ -199,12 +200,12 @@ def _stray_points(lines: Mapping[str, LineFit]) -> tuple[str, ...]:
 
 
 def _tracks(
-    source: Path, machine: MachineDescription, noise: TrackerNoise
+    source: Path, machine: MachineDescription, noise: TrackerNoise, layout: ColumnLayout | None
 ) -> tuple[dict[str, list[Points]], Points | None]:
     """Points with covariances by axis, and the tool tip at zero with its covariance if it was measured."""
     tracks: dict[str, list[Points]] = {}
     zero = None
-    for feature, reading in read_tracker(source).items():
+    for feature, reading in read_tracker(source, layout).items():
         points = estimate_points(*reading), estimate_point_covariance(*reading, noise)
         if feature == ZERO:
             zero = points[0].mean(axis=0), points[1].mean(axis=0) / len(points[0])

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.calibration.csv_tables import Column, Table, read_table
+from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.metrology.tilt import tilt_from_quadrants
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings

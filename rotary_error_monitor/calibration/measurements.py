@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.reader import BagReader
-from rotary_error_monitor.calibration.csv_tables import Column, Table, read_table
 from rotary_error_monitor.calibration.identification import ProbedPoses
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.description.column_layout import ColumnLayout
+from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.errors import InputError
@@ -54,8 +55,10 @@ LEAST_LEVER = 0.05
 """Least distance of the tool tip from a rotary axis whose angle it shows, m: a micrometre is 20 µrad there."""
 
 
-def read_positioning(path: Path | str, *, rotary: bool) -> PositioningRuns:
+def read_positioning(path: Path | str, *, rotary: bool, layout: ColumnLayout | None = None) -> PositioningRuns:
     """Bidirectional runs of one axis from a CSV file; targets that a cycle did not visit become NaN.
+
+    With a `layout` from a table as an instrument writes it.
 
     Raises:
         InputError: what `read_table` raises, a direction other than 1 and -1, or a run whose targets do not go one way.
@@ -67,7 +70,7 @@ def read_positioning(path: Path | str, *, rotary: bool) -> PositioningRuns:
     else:
         target = Column("target_mm", LENGTH)
         measured = [Column("deviation_um", LINEAR_ERROR), Column("reading_mm", LENGTH)]
-    table = read_table(path, [[target, *common, column] for column in measured])
+    table = read_table(path, [[target, *common, column] for column in measured], layout=layout)
     targets = table.numbers[target.name]
     if measured[0].name in table.numbers:
         deviations = table.numbers[measured[0].name]
@@ -181,7 +184,7 @@ class Placement:
     turned: bool = False
 
 
-def read_straightness(path: Path | str) -> dict[str, Placement]:
+def read_straightness(path: Path | str, layout: ColumnLayout | None = None) -> dict[str, Placement]:
     """Placements by name of the segment, in the order of the file, from a CSV file.
 
     Raises:
@@ -195,7 +198,7 @@ def read_straightness(path: Path | str) -> dict[str, Placement]:
         Column("position_mm", LENGTH),
         Column("reading_um", LINEAR_ERROR),
     ]
-    table = read_table(path, [columns, [*columns, Column("mirror")]])
+    table = read_table(path, [columns, [*columns, Column("mirror")]], layout=layout)
     sides = table.numbers.get("mirror", np.ones(len(table.lines)))
     groups: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(table.words["segment"], table.words["run"], strict=True)):
@@ -256,7 +259,7 @@ def _check_pass(table: Table, rows: list[int], positions: Array, directions: Arr
         )
 
 
-def read_tracker(path: Path | str) -> dict[str, tuple[Array, Array, Array]]:
+def read_tracker(path: Path | str, layout: ColumnLayout | None = None) -> dict[str, tuple[Array, Array, Array]]:
     """Distance (m), elevation and azimuth (rad) of each feature's readings, in the order of the file.
 
     Raises:
@@ -268,7 +271,7 @@ def read_tracker(path: Path | str) -> dict[str, tuple[Array, Array, Array]]:
         Column("elevation_deg", math.pi / 2),
         Column("azimuth_deg", 2 * math.pi),
     ]
-    table = read_table(path, [columns])
+    table = read_table(path, [columns], layout=layout)
     features = np.array(table.words["feature"])
     names = list(dict.fromkeys(table.words["feature"]))
     values = [table.numbers[column.name] for column in columns[1:]]

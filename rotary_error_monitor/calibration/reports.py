@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.calibration.axis_lines import SquarenessResult
 from rotary_error_monitor.calibration.axis_location import ZERO
 from rotary_error_monitor.calibration.axis_table import AxisRelation
+from rotary_error_monitor.calibration.controller_tables import CompensationChange
 from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
 from rotary_error_monitor.calibration.straightness_step import StraightnessResult
 from rotary_error_monitor.calibration.volume import ErrorCost
@@ -19,6 +20,19 @@ from rotary_error_monitor.machine.location_names import SPINDLE
 
 ARCSEC = 648000 / math.pi
 MOST_ROWS = 12
+
+
+def change_text(change: CompensationChange, before: Path) -> str:
+    """How far a compensation is from an earlier one."""
+    unit, scale = ("arcsec", ARCSEC) if change.rotary else ("µm", 1e6)
+    place = f"{math.degrees(change.position):g} degrees" if change.rotary else f"{change.position * 1e3:g} mm"
+    text = (
+        f"the error that it takes out differs from that of {before} by {change.rms * scale:.3f} {unit} (root mean "
+        f"square), most by {change.largest * scale:+.3f} {unit} at {place}, direction {change.direction:+d}"
+    )
+    if change.uncovered > 0:
+        text += f"; {change.uncovered:.1%} of its travel had no rows before"
+    return text
 
 
 def positioning_text(result: PositioningResult, output: Path) -> str:

@@ -22,6 +22,7 @@ from rotary_error_monitor.calibration.parameters import Orders, list_parameters
 from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits
 from rotary_error_monitor.calibration.yaml_document import hash_source
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, Axis
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.errors import InputError
@@ -64,6 +65,7 @@ class Job:
         output: where to write it.
         day: day of the calibration.
         force: write what does not fit as well.
+        layout: which column of the source is what, of a table as an instrument writes it.
     """
 
     source: Path
@@ -71,6 +73,12 @@ class Job:
     output: Path
     day: date
     force: bool = False
+    layout: ColumnLayout | None = None
+
+    @property
+    def is_table(self) -> bool:
+        """Whether the source is a table; else it is a bag."""
+        return self.layout is not None or self.source.suffix == ".csv"
 
     def finish(
         self, names: list[str], uncertainty: float | None, figures: Mapping[str, float], misfits: Sequence[str] = ()
@@ -130,8 +138,8 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
         InputError: the machine has no such axis, the table is wrong, or its targets leave the travel.
     """
     axis = job.file.machine.axis(letter)
-    if job.source.suffix == ".csv":
-        runs = read_positioning(job.source, rotary=axis.kind == "rotary")
+    if job.is_table:
+        runs = read_positioning(job.source, rotary=axis.kind == "rotary", layout=job.layout)
     else:
         runs = read_positioning_poses(job.source, job.file.machine, letter)
     check_travel(axis, runs.targets, job.source)
@@ -169,7 +177,7 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
     remarks = check_standard_test(runs)
     if share < LEAST_COVERED:
         remarks += (f"the targets cover {share:.0%} of the travel; beyond them the error of the last one holds",)
-    if runs.rotary and job.source.suffix != ".csv":
+    if runs.rotary and not job.is_table:
         remarks += ("told from a tool tip: radial error motions and a displaced axis count into the angle",)
     return PositioningResult(name, runs, figures, outliers, drop_outliers, remarks, uncertainty, misfits, written)
 

@@ -96,7 +96,7 @@ def calibrate_straightness(
     """
     axis = _straightness_axis(job.file.machine, name)
     try:
-        parts = [_segment(placement, reading) for placement in read_straightness(job.source).values()]
+        parts = [_segment(placement, reading) for placement in read_straightness(job.source, job.layout).values()]
         spliced = splice_segments([part.segment for part in parts], mirror, spacing=spacing)
     except InputError as error:
         raise (error if str(job.source) in str(error) else InputError(f"{job.source}: {error}")) from error

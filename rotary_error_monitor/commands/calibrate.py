@@ -13,7 +13,13 @@ import numpy as np
 
 from rotary_error_monitor.calibration import reports
 from rotary_error_monitor.calibration.axis_lines import calibrate_squareness
-from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
+from rotary_error_monitor.calibration.controller_tables import (
+    comp_file,
+    compare_compensations,
+    predict_axis_compensation,
+    read_comp_file,
+    volumetric_table,
+)
 from rotary_error_monitor.calibration.grinding import flatness_text, predict_flatness
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.measurements import read_mirror_profile
@@ -26,6 +32,7 @@ from rotary_error_monitor.commands import calibrate_stage
 from rotary_error_monitor.commands.calibration_arguments import (
     NOT_GOOD,
     Subparsers,
+    add_columns,
     add_figure,
     add_force,
     today,
@@ -39,7 +46,9 @@ from rotary_error_monitor.commands.values import (
     positive,
     split_word,
 )
-from rotary_error_monitor.description.machine import load_machine, machine_path
+from rotary_error_monitor.description.column_layout import ColumnLayout
+from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.metrology.splicing import Mirror
 from rotary_error_monitor.metrology.tracker import TrackerNoise
@@ -89,6 +98,7 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave flagged readings out of figures and machine file"
     )
+    add_columns(parser, "target=Pos,mm direction=Dir cycle=Run deviation=Error,um")
     add_figure(parser)
 
 
@@ -114,6 +124,7 @@ def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave readings out that stand off from those of other runs"
     )
+    add_columns(parser, "segment=Seg run=Run direction=Dir position=X,mm reading=Gauge,um")
     add_figure(parser)
     parser.add_argument(
         "--monotone", action="store_true", help="rotate the curve so that its correction never reverses"
@@ -127,6 +138,7 @@ def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
     parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
     add_figure(parser, "draw how axes and spindle lie beside each other")
+    add_columns(parser, "feature=Point distance=Dist,m elevation=V,deg azimuth=Hz,deg")
 
 
 def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -148,6 +160,9 @@ def _add_tables(steps: Subparsers[argparse.ArgumentParser]) -> None:
     what.add_argument("--axis", help="COMP_FILE of this axis")
     what.add_argument("--grid", nargs="+", metavar="X=5", help="volumetric table: points by axis; others at mid-travel")
     parser.add_argument("--type", type=int, choices=(0, 1), default=0, help="COMP_FILE_TYPE (default 0)")
+    parser.add_argument(
+        "--against", type=Path, metavar="OLD.comp", help="say how far the COMP_FILE is from this one, of the same type"
+    )
     parser.add_argument("--rows", type=int, default=256, help="rows of a COMP_FILE at most (default 256)")
     parser.set_defaults(run=_tables)
 
@@ -179,12 +194,14 @@ def _add_flatness(steps: Subparsers[argparse.ArgumentParser]) -> None:
 def _job(arguments: argparse.Namespace) -> Iterator[Job]:
     """What a step needs; what it writes is its own from before it is read."""
     output = arguments.output or arguments.machine
+    columns = getattr(arguments, "columns", [])
+    layout = ColumnLayout.of(columns) if columns else None
     profile = getattr(arguments, "mirror_profile", None)
     check_outputs([arguments.output], [arguments.source, profile])
     check_outputs([getattr(arguments, "figure", None)], [arguments.source, profile, arguments.machine, output])
     with changing(output):
         file = MachineFile(arguments.machine)
-        yield Job(arguments.source, file, output, arguments.date or today(), arguments.force)
+        yield Job(arguments.source, file, output, arguments.date or today(), arguments.force, layout)
 
 
 def _positioning(arguments: argparse.Namespace) -> int:
@@ -240,21 +257,32 @@ def _machine(arguments: argparse.Namespace) -> int:
 
 
 def _tables(arguments: argparse.Namespace) -> int:
-    check_outputs([arguments.output], [machine_path(arguments.machine)])
+    check_outputs([arguments.output], [machine_path(arguments.machine), arguments.against])
     machine = load_machine(arguments.machine)
+    if arguments.against and not arguments.axis:
+        raise InputError(f"--against {arguments.against}: a COMP_FILE is of one axis; give --axis as well")
     if arguments.axis:
-        compensation = predict_axis_compensation(machine, arguments.axis, arguments.rows)
-        with writing(arguments.output):
-            arguments.output.write_text(comp_file(compensation, arguments.type), encoding="ascii")
-        residue = np.rad2deg(compensation.residue) * 3600 if compensation.rotary else compensation.residue * 1e6
-        unit = "arcsec" if compensation.rotary else "µm"
-        print(f"{len(compensation.positions)} rows written to {arguments.output}, {residue:.3g} {unit} off between")
-        print(f"[JOINT_N] COMP_FILE = {arguments.output.name}, COMP_FILE_TYPE = {arguments.type}; take BACKLASH out")
-        return 0
+        return _comp_file(arguments, machine)
     counts = {name: count_of(value, f"{name}={value}") for name, value in map(split_word, arguments.grid)}
     with writing(arguments.output):
         arguments.output.write_text(volumetric_table(machine, counts), encoding="ascii")
     print(f"{math.prod(counts.values())} poses written to {arguments.output}")
+    return 0
+
+
+def _comp_file(arguments: argparse.Namespace, machine: MachineDescription) -> int:
+    compensation = predict_axis_compensation(machine, arguments.axis, arguments.rows)
+    before = None
+    if arguments.against:
+        before = read_comp_file(arguments.against, machine.axis(arguments.axis), arguments.type)
+    with writing(arguments.output):
+        arguments.output.write_text(comp_file(compensation, arguments.type), encoding="ascii")
+    residue = np.rad2deg(compensation.residue) * 3600 if compensation.rotary else compensation.residue * 1e6
+    unit = "arcsec" if compensation.rotary else "µm"
+    print(f"{len(compensation.positions)} rows written to {arguments.output}, {residue:.3g} {unit} off between")
+    print(f"[JOINT_N] COMP_FILE = {arguments.output.name}, COMP_FILE_TYPE = {arguments.type}; take BACKLASH out")
+    if before is not None:
+        print(reports.change_text(compare_compensations(before, compensation), arguments.against))
     return 0
 
 

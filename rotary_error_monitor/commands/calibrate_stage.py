@@ -70,6 +70,15 @@ def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
         default=Centres().lean * ARCSEC,
         help="and how far it may lean, which looks like a tilted mirror (default 1)",
     )
+    parser.add_argument(
+        "--as",
+        dest="form",
+        choices=("orders", "table"),
+        default="orders",
+        help="write graduation and flatness by the orders that stand out, or as measured curves of all orders, in CSV "
+        "files beside the stage file (default: orders)",
+    )
+    add_figure(parser, "draw heads against one another and the mirror, before and after")
     parser.set_defaults(run=_assembly)
 
 
@@ -123,6 +132,7 @@ def _add_autocollimator(steps: Subparsers[argparse.ArgumentParser]) -> None:
 def _assembly(arguments: argparse.Namespace) -> int:
     output = arguments.output or arguments.stage
     check_outputs([arguments.output], [arguments.source])
+    check_outputs([arguments.figure], [arguments.source, arguments.stage, output])
     with changing(output):
         result = calibrate_assembly(
             arguments.source,
@@ -131,9 +141,15 @@ def _assembly(arguments: argparse.Namespace) -> int:
             arguments.date or today(),
             delay=(arguments.delay_ms * 1e-3, arguments.delay_std_ms * 1e-3),
             centres=Centres(arguments.centre_radial_um * 1e-6, arguments.centre_lean_arcsec / ARCSEC),
+            as_table=arguments.form == "table",
             force=arguments.force,
         )
     print(assembly_text(result, output))
+    if arguments.figure:
+        from rotary_error_monitor.report.assembly import draw_assembly
+
+        with writing(arguments.figure):
+            draw_assembly(arguments.figure, result)
     return 0 if result.written else NOT_GOOD
 
 

@@ -28,6 +28,18 @@ def add_figure(parser: argparse.ArgumentParser, help_: str = "draw what was foun
     parser.add_argument("--figure", type=Path, metavar="PNG", help=help_)
 
 
+def add_columns(parser: argparse.ArgumentParser, example: str) -> None:
+    """Describe `--columns`."""
+    parser.add_argument(
+        "--columns",
+        nargs="+",
+        default=[],
+        metavar="WHAT=HEADER,UNIT",
+        help=f"of a table as an instrument writes it: which column is what, and its unit, such as {example}; lines "
+        "before the headers and other columns are passed over, and semicolons or tabs may separate columns",
+    )
+
+
 def today() -> date:
     """The day in UTC."""
     return datetime.now(UTC).date()

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from rotary_error_monitor.description.stage import Mirror, StageDescription
 from rotary_error_monitor.metrology.description_check import FigureCheck
+from rotary_error_monitor.metrology.periodic_curves import steepest
 from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Evidence, Reach, Window, WindowGrid
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, PERSISTENT, SHORT, HeadBelief
@@ -373,7 +374,8 @@ class Belief:
 def _slope_of(mirror: Mirror) -> float:
     """Largest change of what the mirror shows of itself per rotation, rad/rad."""
     flatness = sum(row.order * math.hypot(*row.x, *row.y) for row in mirror.flatness)
-    return math.hypot(*mirror.tilt) + flatness
+    measured = 0.0 if mirror.flatness_table is None else steepest(mirror.flatness_table)
+    return math.hypot(*mirror.tilt) + flatness + measured
 
 
 def names_of(doubts: int) -> Sequence[str]:

@@ -16,6 +16,7 @@ from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.metrology.periodic_curves import curve_in_radial
 from rotary_error_monitor.metrology.responses import distortion_variance
 from rotary_error_monitor.pipeline.belief import DOUBTS, Verdict
 from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
@@ -196,7 +197,8 @@ class Publication:
 class AssemblyVariance:
     """Variance that the stated uncertainty of what is taken off adds to a component, m² and rad².
 
-    A vector that turns with the rotor adds that of one of its components at each angle; so does each order.
+    A vector that turns with the rotor adds that of one of its components at each angle; so does each order, and a
+    measured curve that of its values.
 
     Attributes:
         eccentricity, graduation: of the ring, to the radial error motion.
@@ -222,10 +224,12 @@ class AssemblyVariance:
         stated, encoder = stage.uncertainty, stage.encoder or ABSENT
         graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(encoder.graduation))
         flatness = stated.get("mirror.flatness", 0.0) * math.sqrt(len(stage.mirror.flatness))
+        flat = stage.mirror.flatness_table
+        flatness = math.hypot(flatness, 0.0 if flat is None else flat.uncertainty)
         gain, roll = stage.response(AUTOCOLLIMATOR).gain, stage.response(AUTOCOLLIMATOR).roll
         return AssemblyVariance(
             stated.get("encoder.eccentricity", 0.0) ** 2,
-            0.5 * (encoder.disc_radius * graduation) ** 2,
+            0.5 * (encoder.disc_radius * graduation) ** 2 + curve_in_radial(encoder),
             stated.get("mirror.tilt", 0.0) ** 2,
             flatness**2,
             (stated.get("autocollimator.gain", 0.0) / gain) ** 2,
