@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
-from rotary_error_monitor.gap.departures import Departing, Departures
+from rotary_error_monitor.gap.departures import Departing, Departures, amplitude_sizes
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Problem, Rows
 from rotary_error_monitor.twin.finite import UnpredictableError
 
@@ -59,6 +59,20 @@ class KnownEffects:
     @cached_property
     def _candidates(self) -> tuple[Candidate, ...]:
         return self._problem.candidates(self._rest, self._causes)
+
+    def sizes(self, shown: Callable[[Columns], Array]) -> list[Array]:
+        """White columns (c n, p) of each cause that was found, its amplitudes as uncertain as they are large.
+
+        Fitted alone they hold what else is there in part: beside another explanation they may be any others.
+
+        Args:
+            shown: as `seen_by`.
+        """
+        return [
+            shown(self._problem.signature(cause, cause.effect.indices(Role.LINEAR), self._causes))
+            * amplitude_sizes(cause)
+            for cause in self._causes
+        ]
 
     def seen_by(self, shown: Callable[[Columns], Array]) -> Iterator[KnownEffect]:
         """Those that an instrument shows, with the ways in which they may depart, causes that were found first.
