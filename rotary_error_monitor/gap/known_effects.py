@@ -60,19 +60,22 @@ class KnownEffects:
     def _candidates(self) -> tuple[Candidate, ...]:
         return self._problem.candidates(self._rest, self._causes)
 
+    @cached_property
+    def _signatures(self) -> list[Columns]:
+        """Those of the causes."""
+        linear = [cause.effect.indices(Role.LINEAR) for cause in self._causes]
+        return [self._problem.signature(c, own, self._causes) for c, own in zip(self._causes, linear, strict=True)]
+
     def sizes(self, shown: Callable[[Columns], Array]) -> list[Array]:
         """White columns (c n, p) of each cause that was found, its amplitudes as uncertain as they are large.
 
-        Fitted alone they hold what else is there in part: beside another explanation they may be any others.
+        Fitted alone they hold a part of what else may be there: beside that they may be of any other size.
 
         Args:
             shown: as `seen_by`.
         """
-        return [
-            shown(self._problem.signature(cause, cause.effect.indices(Role.LINEAR), self._causes))
-            * amplitude_sizes(cause)
-            for cause in self._causes
-        ]
+        pairs = zip(self._causes, map(shown, self._signatures), strict=True)
+        return [columns * amplitude_sizes(cause) for cause, columns in pairs if np.any(columns)]
 
     def seen_by(self, shown: Callable[[Columns], Array]) -> Iterator[KnownEffect]:
         """Those that an instrument shows, with the ways in which they may depart, causes that were found first.
@@ -94,8 +97,8 @@ class KnownEffects:
                 return kept(0, problem.departures((candidate.cause(amplitudes),)))
             return np.zeros((0, 0)), ()
 
-        for place, cause in enumerate(self._causes):
-            columns = shown(problem.signature(cause, cause.effect.indices(Role.LINEAR), self._causes))
+        for place, signature in enumerate(self._signatures):
+            columns = shown(signature)
             if np.any(columns):
                 yield KnownEffect(columns, partial(departures_of, place))
         for candidate in self._candidates:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.fitting import fit_causes
+from rotary_error_monitor.kinds.stage.problem import StageProblem
 
 EFFECTS = load_effects(StageEffect)
 SEEDS = range(4, 12)
@@ -40,3 +44,15 @@ def test_slow_noise_beside_a_cause_is_learnt(stage_problem):
         problem, truth = stage_problem(seed, "single", ["head_missed_counts"], snr=(100.0, 200.0), noise="wander")
         told += slow_noise_beside_lost_counts(problem, truth.faults[0].location)
     assert len(told) >= len(seeds) - 1, told
+
+
+def test_a_cause_that_shows_nowhere_changes_nothing(stage_problem):
+    """A compliance where no force acts, and every component of it: as in a part of a recording without its sensors."""
+    whole, _ = stage_problem(3, "null")
+    streams = {name: stream for name, stream in whole.recording.streams.items() if name != "force"}
+    problem = StageProblem(whole.stage, dataclasses.replace(whole.recording, streams=streams), EFFECTS)
+    compliance = next(effect for effect in EFFECTS if effect.name == "load_compliance")
+    cause = Cause(compliance, "", np.full(compliance.size, 1e-9))
+    assert compliance.size > 1 and problem.signature(cause, range(compliance.size)) == {}
+    problem.learn_noise((cause,))
+    assert not [remark for remark in problem.remarks(problem.residual(())) if "slow noise" in remark]
