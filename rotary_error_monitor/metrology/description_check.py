@@ -173,7 +173,8 @@ class FigureCheck:
         self._described[place] += part * (complex(*described) - self._described[place])
         self._turned[place] = complex(math.cos(theta), math.sin(theta))
         self._count[place] = count
-        self.covered = (BINS - self._count.count(0)) / BINS
+        if new:
+            self.covered = (BINS - self._count.count(0)) / BINS
         return new
 
     def judge(self, deviation: float = 0.0) -> Finding | None:

@@ -16,6 +16,9 @@ TREND = 2
 
 Array = NDArray[np.float64]
 
+_TINY = float(np.finfo(np.float64).tiny)
+"""Stands for a sum of squares of zero."""
+
 
 class SpeedSlope:
     """Slope over the speed of what windows show, by least squares; drift and some orders of the rotation beside it.
@@ -26,6 +29,7 @@ class SpeedSlope:
     Attributes:
         value: the slope (k,) where it stands out from what is left, in the unit of the values times s/rad; zero
             elsewhere.
+        length: of the slope as a vector.
     """
 
     def __init__(self, kept: int, size: int = 1, orders: int = 0) -> None:
@@ -36,74 +40,113 @@ class SpeedSlope:
         self._orders = np.arange(1, orders + 1)
         self._kept = kept
         # twice the room: only once in `kept` windows the latest are moved to the front
-        self._room = np.empty((2 * kept, 2 + size))
+        self._room, self._waves = np.empty((2 * kept, 2 + size)), np.empty((2 * kept, 2 * orders))
         self._begin = self._end = 0
-        self._time, self._powers = np.empty(0), np.empty((0, TREND + 1))
-        self.value = np.zeros(size)
+        self._new: list[tuple[float, ...]] = []  # windows that are not in the room yet
+        self._trend = _Trend(orders == 0)
+        self.value, self.length = np.zeros(size), 0.0
 
     def forget(self) -> None:
         """Forget the windows; what they have shown stays."""
         self._begin = self._end = 0
+        self._new.clear()
 
     def add(self, number: int, theta: float, *values: float) -> None:
         """Take in what the window of a `number` shows at a rotation (rad)."""
-        if self._end == len(self._room):
-            latest = self._room[self._end - self._kept + 1 :]
-            self._room[: len(latest)] = latest
-            self._begin, self._end = 0, len(latest)
-        self._room[self._end] = (number, theta, *values)
-        self._end += 1
-        self._begin = max(self._begin, self._end - self._kept)
+        self._new.append((number, theta, *values))
+        if len(self._new) >= self._kept:
+            self._make_room()
 
     def measure(self, duration: float) -> None:
         """Renew the slope by what was taken in, of windows of a duration (s).
 
         At a constant speed nothing is seen of it: what was seen before holds until it is contradicted.
         """
+        self._make_room()
         rows = self._room[self._begin : self._end]
         inner = np.flatnonzero(rows[2:, 0] - rows[:-2, 0] == 2.0) + 1
-        speed = (rows[inner + 1, 1] - rows[inner - 1, 1]) / (2.0 * duration)
-        slope, margin = self._regress(rows[inner, 0], rows[inner, 1], np.column_stack([speed, rows[inner, 2:]]))
+        if len(inner) == len(rows) - 2:  # no gap: a view of them all, not a copy
+            before, chosen, after = slice(0, -2), slice(1, -1), slice(2, None)
+        else:
+            before, chosen, after = inner - 1, inner, inner + 1
+        speed = (rows[after, 1] - rows[before, 1]) / (2.0 * duration)
+        waves = self._waves[self._begin : self._end][chosen]
+        slope, margin = self._regress(rows[chosen, 0], waves, np.column_stack([speed, rows[chosen, 2:]]))
         unseen = np.where(np.abs(slope - self.value) > margin, 0.0, self.value)
         self.value = np.where(np.abs(slope) > margin, slope, unseen)
+        self.length = math.sqrt(float(self.value @ self.value))
 
-    def _regress(self, number: Array, theta: Array, rows: Array) -> tuple[Array, Array]:
+    def _make_room(self) -> None:
+        """Put new windows behind the others, with the waves of their angles: these are the same at each measurement."""
+        if not self._new:
+            return
+        new = np.array(self._new)
+        self._new.clear()
+        if self._end + len(new) > len(self._room):
+            latest = slice(max(self._begin, self._end + len(new) - self._kept), self._end)
+            count = latest.stop - latest.start
+            for each in (self._room, self._waves):
+                each[:count] = each[latest]
+            self._begin, self._end = 0, count
+        place = slice(self._end, self._end + len(new))
+        angles = new[:, 1:2] * self._orders
+        self._room[place], self._waves[place] = new, np.hstack([np.cos(angles), np.sin(angles)])
+        self._end = place.stop
+        self._begin = max(self._begin, self._end - self._kept)
+
+    def _regress(self, number: Array, waves: Array, rows: Array) -> tuple[Array, Array]:
         """Slope (k,), and how large it can be by chance, from rows (n, 1 + k) of speed and values.
 
-        The windows' numbers (n,) tell their times, which have gaps where samples were missing; `theta` (n,) is in rad.
+        The windows' numbers (n,) tell their times, which have gaps where samples were missing; `waves` (n, w) are
+        those of the rotation.
         """
-        angles, time = theta[:, None] * self._orders, number - number.mean() if len(number) else number
-        time = time / max(float(np.abs(time).max(initial=0.0)), 1.0)
-        known = np.column_stack([self._powers_of(time), np.cos(angles), np.sin(angles)])
-        if len(rows) < 2 * known.shape[1]:
+        unknown = TREND + 1 + waves.shape[1]
+        if len(rows) < 2 * unknown:
             return np.zeros_like(self.value), np.full_like(self.value, np.inf)
-        others, _ = np.linalg.qr(known)
+        others = self._trend.orthogonal(number, waves)
         free = rows - others @ (others.T @ rows)
         speed, values = free[:, 0], free[:, 1:]
-        spread = max(float(speed @ speed), np.finfo(float).tiny)
+        spread = max(float(speed @ speed), _TINY)
         slope = speed @ values / spread
         rest = values - speed[:, None] * slope
-        freedom = np.maximum(_independent(rest) - known.shape[1] - 1.0, 1.0)
-        deviation = np.sqrt(np.square(rest).sum(axis=0) / spread / freedom)
+        squares = np.square(rest).sum(axis=0)
+        freedom = np.maximum(_independent(rest, squares) - unknown - 1.0, 1.0)
+        deviation = np.sqrt(squares / spread / freedom)
         return slope, self._quantile(freedom, 1.0 - CHANCE) * deviation
 
-    def _powers_of(self, time: Array) -> Array:
-        """(n, TREND + 1) powers of times (n,); windows without a gap have the same times whenever all are kept."""
-        if not np.array_equal(time, self._time):
-            self._time, self._powers = time, time[:, None] ** np.arange(TREND + 1)
-        return self._powers
-
     def __len__(self) -> int:
-        return self._end - self._begin
-
-    @property
-    def length(self) -> float:
-        """Length of the slope as a vector."""
-        return math.sqrt(float(self.value @ self.value))
+        return min(self._end - self._begin + len(self._new), self._kept)
 
 
-def _independent(rest: Array) -> Array:
-    """How many of n residuals (n, k) count where neighbours are alike (Bayley and Hammersley 1946, first order)."""
-    square = np.square(rest).sum(axis=0)
+class _Trend:
+    """Powers of time, and with waves beside them what spans all of these.
+
+    As many windows without a gap always have the same times: what was made of these is kept.
+    """
+
+    def __init__(self, alone: bool) -> None:
+        """With `alone` there are never waves beside the powers."""
+        self._alone = alone
+        self._count, self._powers = 0, np.empty((0, TREND + 1))
+        self._orthogonal = self._powers
+
+    def orthogonal(self, number: Array, waves: Array) -> Array:
+        """(n, TREND + 1 + w) orthonormal columns of the same span, for windows by their increasing numbers (n,)."""
+        count = len(number)
+        if count != self._count or number[-1] - number[0] != count - 1:
+            time = number - number.mean()
+            time = time / max(float(np.abs(time).max()), 1.0)
+            self._powers = time[:, None] ** np.arange(TREND + 1)
+            self._count = count if number[-1] - number[0] == count - 1 else 0
+            if self._alone:
+                self._orthogonal = np.linalg.qr(self._powers)[0]
+        return self._orthogonal if self._alone else np.linalg.qr(np.column_stack([self._powers, waves]))[0]
+
+
+def _independent(rest: Array, square: Array) -> Array:
+    """How many of n residuals (n, k) count where neighbours are alike (Bayley and Hammersley 1946, first order).
+
+    `square` (k,) is the sum of their squares.
+    """
     alike = (rest[1:] * rest[:-1]).sum(axis=0).clip(0.0)
-    return np.asarray(len(rest) * (square - alike) / np.maximum(square + alike, np.finfo(float).tiny))
+    return np.asarray(len(rest) * (square - alike) / np.maximum(square + alike, _TINY))

@@ -63,6 +63,7 @@ class TiltBelief:
         """Believe the tilt again."""
         self.doubt = ""
         self.scale = self._noise_scale = 1.0
+        self._stated = self._noise  # standard deviation of the mean of a window by the stated noise
         self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
         self.figure.forget()
@@ -94,6 +95,8 @@ class TiltBelief:
             self._still = self._repeated = self._calm = None
             self._agreeing = self._gone = 0.0
             return
+        samples = max(1.0, window.ticks * window["tilt_samples"])
+        self._stated = self._noise / math.sqrt(samples)
         stuck = self._is_stuck(window) or self._stands(window)
         step = self._step(window)
         wrong = stuck or step or self._beyond(window) or self._misread(window)
@@ -120,8 +123,7 @@ class TiltBelief:
         deviation = math.sqrt(window["tilt_variance"] or math.inf)
         self.scale = math.hypot(self._noise_scale, self._unseen(window) / deviation)
         # one tick is less sure than the mean of a window, and may be a window and a half away
-        samples = max(1.0, window.ticks * window["tilt_samples"])
-        noise = math.hypot(self._deviation(window) * math.sqrt(1.0 + samples), self._drift(window.duration))
+        noise = math.hypot(self._deviation * math.sqrt(1.0 + samples), self._drift(window.duration))
         reach = 1.5 * self._limits.tilt_rate * window.duration + SIGMAS * noise
         self.reach = Reach(*window.pair("tilt_surplus"), reach)
 
@@ -143,7 +145,7 @@ class TiltBelief:
 
     def _stands(self, window: Window) -> str:
         """A reading that stays within its noise while what is described of it goes on: its first digits stick."""
-        near = self._instrument.resolution + SIGMAS * math.sqrt(2.0) * self._deviation(window)
+        near = self._instrument.resolution + SIGMAS * math.sqrt(2.0) * self._deviation
         if self._calm is None or _distance(window.pair("tilt"), self._calm.pair("tilt")) > near:
             self._calm, self._gone = window, 0.0
             return ""
@@ -178,7 +180,7 @@ class TiltBelief:
             return ""
         passed = (window.number - last.number) * window.duration
         step = _distance(window.pair("tilt_surplus"), last.pair("tilt_surplus"))
-        noise = math.hypot(self._deviation(window), self._drift(window.duration))
+        noise = math.hypot(self._deviation, self._drift(window.duration))
         if step <= self._limits.tilt_rate * passed + SIGMAS * math.sqrt(2.0) * noise:
             return ""
         self._size = step
@@ -205,7 +207,7 @@ class TiltBelief:
         """Scatter of a window about its neighbours against what the stated noise explains."""
         recent = self._recent
         if len(recent) >= 2 and self._last is not None and window.number == self._last.number + 1 and not self.doubt:
-            variance = 1.5 * self._deviation(window, stated=True) ** 2 + self._drift(window.duration) ** 2
+            variance = 1.5 * self._stated**2 + self._drift(window.duration) ** 2
             here = window.pair("tilt_surplus")
             for first, middle, last in zip(recent[-2], recent[-1], here, strict=True):
                 self._squares.append(min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6))
@@ -213,20 +215,19 @@ class TiltBelief:
             for name in ("tilt_surplus_x", "tilt_surplus_y"):
                 self._within.append(min(window.scattering(name) ** 2 / variance, 1e6))
         if len(self._squares) >= SHORT:
-            values = list(self._squares)
+            among, within = list(self._squares), list(self._within)
             # neighbours share windows, which leaves about half of them independent
-            excess = [sum(values[-n:]) / n / chi_square_bound(0.5 * n) for n in (2, SHORT, len(values))]
-            for count in (2 * SHORT, len(self._within)):
-                latest = list(self._within)[-count:]
-                # as many independent ones as there are samples, of which a straight line takes two
-                samples = max(1, round((window.ticks - 2) * window["tilt_samples"] * len(latest)))
-                excess.append(sum(latest) / len(latest) / chi_square_bound(samples))
+            parts = [(part, 0.5 * len(part)) for part in (among[-2:], among[-SHORT:], among)]
+            # as many independent ones as there are samples, of which a straight line takes two
+            each = (window.ticks - 2) * window["tilt_samples"]
+            parts += [(part, max(1, round(each * len(part)))) for part in (within[-2 * SHORT :], within)]
+            excess = [sum(part) / len(part) / chi_square_bound(freedom) for part, freedom in parts]
             self._noise_scale = math.sqrt(max(1.0, *excess))
 
-    def _deviation(self, window: Window, *, stated: bool = False) -> float:
-        """Standard deviation of the mean of a window, rad."""
-        samples = max(1.0, window.ticks * window["tilt_samples"])
-        return self._noise / math.sqrt(samples) * (1.0 if stated else self._noise_scale)
+    @property
+    def _deviation(self) -> float:
+        """Standard deviation of the mean of the window that is judged, rad."""
+        return self._stated * self._noise_scale
 
     def _drift(self, passed: float) -> float:
         """Standard deviation of what turbulence changes within a time (s), over the root of two, rad."""
@@ -241,7 +242,7 @@ class TiltBelief:
     def _is_back(self, window: Window) -> bool:
         """Whether the tilt is near where it was before it was doubted; the description where nothing was before."""
         before = self._before or (0.0, 0.0)
-        near = self._near + SIGMAS * math.hypot(self._deviation(window), self._drift(window.duration))
+        near = self._near + SIGMAS * math.hypot(self._deviation, self._drift(window.duration))
         return _distance(window.pair("tilt_surplus"), before) <= near
 
 
