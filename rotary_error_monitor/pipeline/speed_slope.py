@@ -14,6 +14,16 @@ changes its speed shows any slope."""
 TREND = 2
 """Power of time up to which what is seen may drift, as where a stage warms up."""
 
+LEAST_PART = 1e-8
+"""Part of a wave's square that must be left beside the others before normal equations are trusted: sums over a thousand
+windows are wrong by 2e-13 of the whole at most, 1 in 10,000 of that part."""
+
+ROUNDING = 1e-10
+"""Part of speed and values that must be left beside all else, for the same reason: less may be rounding."""
+
+SURELY = 0.9
+"""Part of the largest slope by chance below which there is none for sure, whatever digits are lost."""
+
 Array = NDArray[np.float64]
 
 _TINY = float(np.finfo(np.float64).tiny)
@@ -37,13 +47,15 @@ class SpeedSlope:
         from scipy.special import stdtrit  # loads for a third of a second: now, not when a sample waits
 
         self._quantile = stdtrit
-        self._orders = np.arange(1, orders + 1)
+        self._orders = np.arange(1, orders + 1)[:, None]
         self._kept = kept
-        # twice the room: only once in `kept` windows the latest are moved to the front
-        self._room, self._waves = np.empty((2 * kept, 2 + size)), np.empty((2 * kept, 2 * orders))
+        # a row each of numbers, angles, values and waves of the angles, which are the same at each measurement; twice
+        # the room: only once in `kept` windows the latest are moved to the front
+        self._room = np.empty((2 + size + 2 * orders, 2 * kept))
+        self._shown, self._waves = slice(2, 2 + size), slice(2 + size, None)
         self._begin = self._end = 0
         self._new: list[tuple[float, ...]] = []  # windows that are not in the room yet
-        self._trend = _Trend(orders == 0)
+        self._trend, self._unknown = _Trend(), TREND + 1 + 2 * orders
         self.value, self.length = np.zeros(size), 0.0
 
     def forget(self) -> None:
@@ -63,54 +75,73 @@ class SpeedSlope:
         At a constant speed nothing is seen of it: what was seen before holds until it is contradicted.
         """
         self._make_room()
-        rows = self._room[self._begin : self._end]
-        inner = np.flatnonzero(rows[2:, 0] - rows[:-2, 0] == 2.0) + 1
-        if len(inner) == len(rows) - 2:  # no gap: a view of them all, not a copy
-            before, chosen, after = slice(0, -2), slice(1, -1), slice(2, None)
-        else:
-            before, chosen, after = inner - 1, inner, inner + 1
-        speed = (rows[after, 1] - rows[before, 1]) / (2.0 * duration)
-        waves = self._waves[self._begin : self._end][chosen]
-        slope, margin = self._regress(rows[chosen, 0], waves, np.column_stack([speed, rows[chosen, 2:]]))
+        room = self._room[:, self._begin : self._end]
+        inner = np.flatnonzero(room[0, 2:] - room[0, :-2] == 2.0)
+        speed, among = (room[1, 2:] - room[1, :-2]) / (2.0 * duration), room[:, 1:-1]
+        if len(inner) < among.shape[1]:
+            speed, among = speed[inner], among[:, inner]
+        if among.shape[1] < 2 * self._unknown:
+            return
+        self._trend.set(among[0])
+        rows = np.vstack([among[self._waves], speed, among[self._shown]])
+        if len(among[self._waves]) and not self.value.any() and self._shows_none(rows):
+            return
+        slope, margin = self._regress(rows)
         unseen = np.where(np.abs(slope - self.value) > margin, 0.0, self.value)
         self.value = np.where(np.abs(slope) > margin, slope, unseen)
         self.length = math.sqrt(float(self.value @ self.value))
 
     def _make_room(self) -> None:
-        """Put new windows behind the others, with the waves of their angles: these are the same at each measurement."""
+        """Put new windows behind the others."""
         if not self._new:
             return
-        new = np.array(self._new)
+        new = np.array(self._new).T
         self._new.clear()
-        if self._end + len(new) > len(self._room):
-            latest = slice(max(self._begin, self._end + len(new) - self._kept), self._end)
-            count = latest.stop - latest.start
-            for each in (self._room, self._waves):
-                each[:count] = each[latest]
-            self._begin, self._end = 0, count
-        place = slice(self._end, self._end + len(new))
-        angles = new[:, 1:2] * self._orders
-        self._room[place], self._waves[place] = new, np.hstack([np.cos(angles), np.sin(angles)])
-        self._end = place.stop
+        count = new.shape[1]
+        if self._end + count > self._room.shape[1]:
+            latest = self._room[:, max(self._begin, self._end + count - self._kept) : self._end]
+            self._begin, self._end = 0, latest.shape[1]
+            self._room[:, : self._end] = latest
+        angles = self._orders * new[1]
+        self._room[:, self._end : self._end + count] = np.vstack([new, np.cos(angles), np.sin(angles)])
+        self._end += count
         self._begin = max(self._begin, self._end - self._kept)
 
-    def _regress(self, number: Array, waves: Array, rows: Array) -> tuple[Array, Array]:
-        """Slope (k,), and how large it can be by chance, from rows (n, 1 + k) of speed and values.
+    def _regress(self, rows: Array) -> tuple[Array, Array]:
+        """Slope (k,), and how large it can be by chance, from rows (w + 1 + k, n): waves, speed, values."""
+        fitted = len(rows) - 1 - len(self.value)
+        trend = self._trend
+        others = np.linalg.qr(np.vstack([trend.powers, rows[:fitted]]).T)[0] if fitted else trend.orthogonal
+        columns = np.ascontiguousarray(rows[fitted:].T)
+        return self._slope_of(columns - others @ (others.T @ columns))
 
-        The windows' numbers (n,) tell their times, which have gaps where samples were missing; `waves` (n, w) are
-        those of the rotation.
-        """
-        unknown = TREND + 1 + waves.shape[1]
-        if len(rows) < 2 * unknown:
-            return np.zeros_like(self.value), np.full_like(self.value, np.inf)
-        others = self._trend.orthogonal(number, waves)
-        free = rows - others @ (others.T @ rows)
+    def _shows_none(self, rows: Array) -> bool:
+        """Whether for sure no slope stands out, told by normal equations: a third of the time, but digits are lost."""
+        trend, fitted = self._trend.orthogonal, len(rows) - 1 - len(self.value)
+        free = rows - (rows @ trend) @ trend.T
+        waves, others = free[:fitted], free[fitted:]
+        products = free @ waves.T
+        squares = products[:fitted]
+        try:
+            pivots = np.square(np.linalg.cholesky(squares).diagonal())
+        except np.linalg.LinAlgError:
+            return False
+        if (pivots < LEAST_PART * squares.diagonal()).any():
+            return False
+        free = others - np.linalg.solve(squares, products[fitted:].T).T @ waves
+        if (np.square(free).sum(axis=1) <= ROUNDING**2 * np.square(rows[fitted:]).sum(axis=1)).any():
+            return False
+        slope, margin = self._slope_of(free.T)
+        return bool((np.abs(slope) < SURELY * margin).all())
+
+    def _slope_of(self, free: Array) -> tuple[Array, Array]:
+        """Slope (k,), and how large it can be by chance, from speed and values (n, 1 + k) free of all else."""
         speed, values = free[:, 0], free[:, 1:]
         spread = max(float(speed @ speed), _TINY)
         slope = speed @ values / spread
-        rest = values - speed[:, None] * slope
-        squares = np.square(rest).sum(axis=0)
-        freedom = np.maximum(_independent(rest, squares) - unknown - 1.0, 1.0)
+        rest = values.T - slope[:, None] * speed
+        squares = np.square(rest).sum(axis=1)
+        freedom = np.maximum(_independent(rest, squares) - self._unknown - 1.0, 1.0)
         deviation = np.sqrt(squares / spread / freedom)
         return slope, self._quantile(freedom, 1.0 - CHANCE) * deviation
 
@@ -119,34 +150,31 @@ class SpeedSlope:
 
 
 class _Trend:
-    """Powers of time, and with waves beside them what spans all of these.
+    """Powers of time. As many windows without a gap always have the same: what was made of these is kept.
 
-    As many windows without a gap always have the same times: what was made of these is kept.
+    Attributes:
+        powers: (TREND + 1, n) of the times that were set last.
+        orthogonal: (n, TREND + 1) orthonormal columns that span them.
     """
 
-    def __init__(self, alone: bool) -> None:
-        """With `alone` there are never waves beside the powers."""
-        self._alone = alone
-        self._count, self._powers = 0, np.empty((0, TREND + 1))
-        self._orthogonal = self._powers
+    def __init__(self) -> None:
+        self.powers, self._count = np.empty((TREND + 1, 0)), 0
 
-    def orthogonal(self, number: Array, waves: Array) -> Array:
-        """(n, TREND + 1 + w) orthonormal columns of the same span, for windows by their increasing numbers (n,)."""
+    def set(self, number: Array) -> None:
+        """Take the times of windows by their increasing numbers (n,)."""
         count = len(number)
         if count != self._count or number[-1] - number[0] != count - 1:
             time = number - number.mean()
             time = time / max(float(np.abs(time).max()), 1.0)
-            self._powers = time[:, None] ** np.arange(TREND + 1)
+            self.powers = time ** np.arange(TREND + 1)[:, None]
+            self.orthogonal = np.linalg.qr(self.powers.T)[0]
             self._count = count if number[-1] - number[0] == count - 1 else 0
-            if self._alone:
-                self._orthogonal = np.linalg.qr(self._powers)[0]
-        return self._orthogonal if self._alone else np.linalg.qr(np.column_stack([self._powers, waves]))[0]
 
 
 def _independent(rest: Array, square: Array) -> Array:
-    """How many of n residuals (n, k) count where neighbours are alike (Bayley and Hammersley 1946, first order).
+    """How many of n residuals (k, n) count where neighbours are alike (Bayley and Hammersley 1946, first order).
 
     `square` (k,) is the sum of their squares.
     """
-    alike = (rest[1:] * rest[:-1]).sum(axis=0).clip(0.0)
-    return np.asarray(len(rest) * (square - alike) / np.maximum(square + alike, _TINY))
+    alike = (rest[:, 1:] * rest[:, :-1]).sum(axis=1).clip(0.0)
+    return np.asarray(rest.shape[1] * (square - alike) / np.maximum(square + alike, _TINY))
