@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class SpeedSlope:
         self._shown, self._waves = slice(2, 2 + size), slice(2 + size, None)
         self._begin = self._end = 0
         self._new: list[tuple[float, ...]] = []  # windows that are not in the room yet
-        self._trend, self._unknown = _Trend(), TREND + 1 + 2 * orders
+        self._unknown = TREND + 1 + 2 * orders
         self.value, self.length = np.zeros(size), 0.0
 
     def forget(self) -> None:
@@ -82,11 +83,11 @@ class SpeedSlope:
             speed, among = speed[inner], among[:, inner]
         if among.shape[1] < 2 * self._unknown:
             return
-        self._trend.set(among[0])
+        powers, trend = _trend(among[0])
         rows = np.vstack([among[self._waves], speed, among[self._shown]])
-        if len(among[self._waves]) and not self.value.any() and self._shows_none(rows):
+        if len(among[self._waves]) and not self.value.any() and self._shows_none(rows, trend):
             return
-        slope, margin = self._regress(rows)
+        slope, margin = self._regress(rows, powers, trend)
         unseen = np.where(np.abs(slope - self.value) > margin, 0.0, self.value)
         self.value = np.where(np.abs(slope) > margin, slope, unseen)
         self.length = math.sqrt(float(self.value @ self.value))
@@ -107,17 +108,19 @@ class SpeedSlope:
         self._end += count
         self._begin = max(self._begin, self._end - self._kept)
 
-    def _regress(self, rows: Array) -> tuple[Array, Array]:
-        """Slope (k,), and how large it can be by chance, from rows (w + 1 + k, n): waves, speed, values."""
+    def _regress(self, rows: Array, powers: Array, trend: Array) -> tuple[Array, Array]:
+        """Slope (k,), and how large it can be by chance, from rows (w + 1 + k, n): waves, speed, values.
+
+        `powers` (p, n) of time and the `trend` (n, p) that spans them are fitted as well.
+        """
         fitted = len(rows) - 1 - len(self.value)
-        trend = self._trend
-        others = np.linalg.qr(np.vstack([trend.powers, rows[:fitted]]).T)[0] if fitted else trend.orthogonal
+        others = np.linalg.qr(np.vstack([powers, rows[:fitted]]).T)[0] if fitted else trend
         columns = np.ascontiguousarray(rows[fitted:].T)
         return self._slope_of(columns - others @ (others.T @ columns))
 
-    def _shows_none(self, rows: Array) -> bool:
+    def _shows_none(self, rows: Array, trend: Array) -> bool:
         """Whether for sure no slope stands out, told by normal equations: a third of the time, but digits are lost."""
-        trend, fitted = self._trend.orthogonal, len(rows) - 1 - len(self.value)
+        fitted = len(rows) - 1 - len(self.value)
         free = rows - (rows @ trend) @ trend.T
         waves, others = free[:fitted], free[fitted:]
         products = free @ waves.T
@@ -149,26 +152,21 @@ class SpeedSlope:
         return min(self._end - self._begin + len(self._new), self._kept)
 
 
-class _Trend:
-    """Powers of time. As many windows without a gap always have the same: what was made of these is kept.
+def _trend(number: Array) -> tuple[Array, Array]:
+    """Powers (TREND + 1, n) of the times of windows by their increasing numbers (n,), and what spans them, (n, …)."""
+    count = len(number)
+    return _uniform_trend(count) if number[-1] - number[0] == count - 1 else _trend_over(number - number.mean())
 
-    Attributes:
-        powers: (TREND + 1, n) of the times that were set last.
-        orthogonal: (n, TREND + 1) orthonormal columns that span them.
-    """
 
-    def __init__(self) -> None:
-        self.powers, self._count = np.empty((TREND + 1, 0)), 0
+@lru_cache(maxsize=2)
+def _uniform_trend(count: int) -> tuple[Array, Array]:
+    """The same of so many windows without a gap: whoever measures as many needs the same."""
+    return _trend_over(np.arange(count) - 0.5 * (count - 1))
 
-    def set(self, number: Array) -> None:
-        """Take the times of windows by their increasing numbers (n,)."""
-        count = len(number)
-        if count != self._count or number[-1] - number[0] != count - 1:
-            time = number - number.mean()
-            time = time / max(float(np.abs(time).max()), 1.0)
-            self.powers = time ** np.arange(TREND + 1)[:, None]
-            self.orthogonal = np.linalg.qr(self.powers.T)[0]
-            self._count = count if number[-1] - number[0] == count - 1 else 0
+
+def _trend_over(time: Array) -> tuple[Array, Array]:
+    powers = (time / max(float(np.abs(time).max()), 1.0)) ** np.arange(TREND + 1)[:, None]
+    return powers, np.linalg.qr(powers.T)[0]
 
 
 def _independent(rest: Array, square: Array) -> Array:
