@@ -320,8 +320,9 @@ class Belief:
             self.tilt.judge(window)
             self.command.judge(window)
             self._settle_zero(window)
-        doubting = (name for name, judge in self._judges_of_the_rotation() if judge.doubt)
-        self._began = {name: self._began.get(name, window.number) for name in doubting}
+        if self._began or self.ring.doubt or self.tilt.doubt or self.command.doubt:
+            doubting = (name for name, judge in self._judges_of_the_rotation() if judge.doubt)
+            self._began = {name: self._began.get(name, window.number) for name in doubting}
         self.verdict = self._conclude()
 
     def _heads_left_out(self) -> set[str]:

@@ -118,6 +118,8 @@ class HeadBelief:
     @property
     def most(self) -> float:
         """Contradiction that is borne, in standard deviations of noise: beside noise the stamps are uncertain."""
+        if self._tolerance == 1.0:
+            return self._limit
         return math.hypot(self._limit, WEAK * math.sqrt(self._tolerance**2 - 1.0))
 
     @property
