@@ -133,7 +133,8 @@ def _definitions(keeps_fundamental: bool, several: bool) -> dict[str, Callable[[
         return np.asarray((summary.highest - off).max(axis=-1) - (summary.lowest - off).min(axis=-1))
 
     def synchronous(summary: TurnSummary) -> Array:
-        return np.ptp(summary.mean if keeps_fundamental else summary.mean - _once(summary.mean), axis=-1)
+        profile = summary.mean if keeps_fundamental else summary.mean - _once(summary.mean)
+        return np.asarray(np.ptp(profile, axis=-1))
 
     found: dict[str, Callable[[TurnSummary], Array]] = {TOTAL: total, SYNCHRONOUS: synchronous}
     if several:
@@ -230,9 +231,7 @@ class _Simulation:
         return math.sqrt(max(float(corrected.var()) - of_few, float(values.var())))
 
 
-def _summaries(
-    profiles: Callable[[], Iterator[Array]], count: int, spectrum: Array, normals: _Normals
-) -> TurnSummary:
+def _summaries(profiles: Callable[[], Iterator[Array]], count: int, spectrum: Array, normals: _Normals) -> TurnSummary:
     """What `DRAWS` simulated recordings show: profiles, given in parts of `count` turns in all, with noise on each.
 
     However many of them are drawn at once, each has the same noise.

@@ -332,8 +332,9 @@ class HeadBelief:
     def _forget(self) -> None:
         """What was remembered of other heads tells nothing about these, but for how far they contradict one another.
 
-        Where the ring was is the same for all of them.
+        Where the ring was is the same for all of them, but not what of it they see.
         """
+        self._scatter.forget_last()
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
         self._history: deque[Window] = deque(maxlen=MEMORY)
         self._step = 0.0

@@ -161,7 +161,7 @@ def _trend(number: Array) -> tuple[Array, Array]:
 @lru_cache(maxsize=2)
 def _uniform_trend(count: int) -> tuple[Array, Array]:
     """The same of so many windows without a gap: whoever measures as many needs the same."""
-    return _trend_over(np.arange(count) - 0.5 * (count - 1))
+    return _trend_over(np.arange(count, dtype=np.float64) - 0.5 * (count - 1))
 
 
 def _trend_over(time: Array) -> tuple[Array, Array]:

@@ -65,7 +65,7 @@ class TiltBelief:
         """Believe the tilt again."""
         self.doubt = ""
         self.scale = self._noise_scale = 1.0
-        # of the window that is judged: what is read, what is not described of it, by how much noise and turbulence move it
+        # of the window that is judged: what is read, what of it is not described, what noise and turbulence make of it
         self._reading = self._surplus = self._last_reading = self._last_surplus = 0.0, 0.0
         self._stated, self._drifted = self._noise, 0.0
         self._excursion: tuple[int, float] | None = None

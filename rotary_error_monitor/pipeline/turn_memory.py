@@ -74,7 +74,7 @@ class Course:
 
 
 def _places(theta: float, moved: float) -> range:
-    """The angles from half of `moved` before `theta` to half of it behind, rad: a turn at most, from one to the next."""
+    """The angles from half of `moved` before `theta` to half of it behind, rad: a turn at most, one after another."""
     half = abs(moved) / 2
     first, last = math.floor((theta - half) / _STEP), math.floor((theta + half) / _STEP)
     return range(first, min(last + 1, first + ANGLES))

@@ -127,6 +127,7 @@ def draw_bars(
     levels = heights[:, None] * np.array([0, 1, 1, 0, 0])
     codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * len(places)
     ax.add_patch(PathPatch(Path(np.column_stack([edges.ravel(), levels.ravel()]), codes), **style))
+    ax.autoscale_view()  # of a patch axes do not do so by themselves
 
 
 def scale_by_powers(ax: Axes) -> None:
