@@ -67,9 +67,10 @@ class Believed:
     def __init__(self, verdicts: Sequence[tuple[slice, Verdict]]) -> None:
         """What the verdicts say, each of some ticks, which follow one upon another from the first tick on."""
         counts = [where.stop - where.start for where, _ in verdicts]
+        columns = dict(zip(Verdict._fields, zip(*(verdict for _, verdict in verdicts), strict=True), strict=True))
 
         def spread(name: str, kind: type[np.generic] = np.float64) -> NDArray[Any]:
-            return np.repeat(np.array([getattr(verdict, name) for _, verdict in verdicts], kind), counts, axis=0)
+            return np.repeat(np.array(columns[name], kind), counts, axis=0)
 
         self.excluded, self.doubts = spread("excluded", np.int64), spread("doubts", np.int64)
         self.head_scale, self.tilt_scale = spread("head_scale"), spread("tilt_scale")
