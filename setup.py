@@ -58,10 +58,15 @@ def machine_kernel() -> Extension:
         libraries=["m"],
         # No contraction: the same bits on processors with and without fused multiply-add. Vectors wider than the
         # processor's are passed to functions that are all inlined: their ABI, of which -Wpsabi warns, plays no part.
-        extra_compile_args=(
-            "-std=gnu11 -O2 -funroll-loops -fvisibility=hidden "
-            "-ffp-contract=off -fno-fast-math -fno-math-errno -Wno-psabi"
-        ).split(),
+        extra_compile_args=[
+            "-std=gnu11",
+            "-O2",
+            "-fvisibility=hidden",
+            "-ffp-contract=off",
+            "-fno-fast-math",
+            "-fno-math-errno",
+            "-Wno-psabi",
+        ],
         optional=True,
     )
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.calibration.axis_lines import ZERO, SquarenessResult
 from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
 from rotary_error_monitor.calibration.straightness_step import StraightnessResult
-from rotary_error_monitor.calibration.volume import ErrorCost
+from rotary_error_monitor.calibration.volume import ErrorCost, UncertainOffsets
 
 ARCSEC = 648000 / math.pi
 MOST_ROWS = 12
@@ -140,6 +140,21 @@ def ranking_text(costs: Sequence[ErrorCost]) -> str:
             f"{cost.orientation_rms * 1e6:24.3f}"
         )
     return "\n".join(lines)
+
+
+def uncertain_offsets_text(found: UncertainOffsets) -> str:
+    """Position error over the working volume, and what the uncertainty of the description leaves of it."""
+    error = np.linalg.norm(found.offset[:, :3], axis=1) * 1e6
+    deviation = np.linalg.norm(found.deviation[:, :3], axis=1) * 1e6
+    return (
+        f"position error at {len(error)} poses: {_rms(error):.3f} µm rms, {error.max():.3f} µm at most\n"
+        f"its standard uncertainty: {_rms(deviation):.2g} µm rms, {deviation.max():.2g} µm at most\n"
+        f"95 % of the machines that the description allows are within {found.position_bound.max() * 1e6:.3f} µm"
+    )
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _ending(misfits: Sequence[str], written: bool, output: Path) -> str:

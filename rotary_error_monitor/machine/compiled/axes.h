@@ -13,12 +13,12 @@ typedef struct {
 INLINE void axis_columns(lanes (*shift)[3], lanes (*rotation)[3], const machine *m, const lines *ideal,
                          const frame *tool, const frame *work) {
     for (int64_t a = 0; a < m->axes; a++)
-        for (int i = 0; i < 3; i++) shift[a][i] = rotation[a][i] = all(0.0);
+        THREE(i) shift[a][i] = rotation[a][i] = all(0.0);
     for (int64_t k = 0; k < m->tool_count + m->workpiece_count; k++) {
         int on_tool = k < m->tool_count;
         int64_t a = on_tool ? m->tool_axes[k] : m->workpiece_axes[k - m->tool_count];
         lanes direction[3], lever[3];
-        for (int i = 0; i < 3; i++) {
+        THREE(i) {
             direction[i] = on_tool ? ideal->direction[a][i] : -ideal->direction[a][i];
             lever[i] = tool->p[i] - ideal->place[a][i];
         }
@@ -43,12 +43,12 @@ INLINE void orthogonal(spanned *found, const machine *m, int rotary, lanes (*col
         lanes rest[3] = {columns[a][0], columns[a][1], columns[a][2]};
         for (int64_t j = 0; j < i; j++) {
             lanes part = found->triangle[j][i] = dot(found->basis[j], rest);
-            for (int x = 0; x < 3; x++) rest[x] -= part * found->basis[j][x];
+            THREE(x) rest[x] -= part * found->basis[j][x];
         }
         lanes size = root(dot(rest, rest));
         mask used = size > least;
         found->triangle[i][i] = chosen(used, size, all(1.0));
-        for (int x = 0; x < 3; x++) found->basis[i][x] = chosen(used, rest[x] / found->triangle[i][i], all(0.0));
+        THREE(x) found->basis[i][x] = chosen(used, rest[x] / found->triangle[i][i], all(0.0));
         found->rank += chosen(used, all(1.0), all(0.0));
     }
 }

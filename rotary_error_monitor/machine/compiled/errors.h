@@ -51,7 +51,7 @@ INLINE void add_waves(const machine *m, const lanes *q, const lanes *s, const la
         } else {
             sine_cosine(m->wave_order[k] * q[a], &here_s, &here_c);
         }
-        for (int i = 0; i < 6; i++) errors[a][i] += m->wave_cos[6 * k + i] * here_c + m->wave_sin[6 * k + i] * here_s;
+        SIX(i) errors[a][i] += m->wave_cos[6 * k + i] * here_c + m->wave_sin[6 * k + i] * here_s;
     }
 }
 
@@ -60,7 +60,7 @@ INLINE void put_live(lanes *errors, const lanes *live, lanes turn[3][3]) {
     for (int part = 0; part < 6; part += 3) {
         lanes told[3];
         rotate(told, (const lanes(*)[3])turn, errors + part);
-        for (int i = 0; i < 3; i++) told[i] = chosen(live[part + i] == live[part + i], live[part + i], told[i]);
+        THREE(i) told[i] = chosen(live[part + i] == live[part + i], live[part + i], told[i]);
         rotate_back(errors + part, (const lanes(*)[3])turn, told);
     }
 }
@@ -70,7 +70,7 @@ INLINE void errors_at(lanes (*errors)[6], const machine *m, const poses *in, con
     for (int64_t a = 0; a < m->axes; a++) {
         lanes u = (q[a] - m->middle[a]) / m->half_travel[a];
         const double *poly = m->poly + a;
-        for (int i = 0; i < 6; i++) {
+        SIX(i) {
             int64_t k = m->terms - 1;
             lanes sum = all(poly[(6 * k + i) * m->axes]);
             while (k-- > 0) sum = sum * u + poly[(6 * k + i) * m->axes];
@@ -84,7 +84,7 @@ INLINE void errors_at(lanes (*errors)[6], const machine *m, const poses *in, con
         if (in->temperature) along = m->expansion[a] * (at->temperature - m->reference_temperature) * q[a];
         if (in->direction) along += -0.5 * m->reversal[a] * at->direction[a];
         if (!in->temperature && !in->direction) continue;
-        for (int i = 0; i < 3; i++) errors[a][m->rotary[a] ? 3 + i : i] += m->direction[i * m->axes + a] * along;
+        THREE(i) errors[a][m->rotary[a] ? 3 + i : i] += m->direction[i * m->axes + a] * along;
     }
     if (in->monitored) put_live(errors[m->monitored], at->live, turn[m->monitored]);
 }

@@ -46,7 +46,7 @@ INLINE int64_t read_chunk(chunk *at, const machine *m, const poses *in, int64_t 
     if (in->monitored) {
         mask unused = {0};
         read_rows(at->live, &unused, in->monitored, 6, row);
-        for (int i = 0; i < 6; i++) wrong |= magnitude(at->live[i]) == INFINITY;
+        SIX(i) wrong |= magnitude(at->live[i]) == INFINITY;
     }
     if (any(wrong)) EACH_LANE if (wrong[l]) return row[l];
     return -1;
@@ -55,8 +55,8 @@ INLINE int64_t read_chunk(chunk *at, const machine *m, const poses *in, int64_t 
 INLINE void read_ideal(frame *ideal, const poses *in, int64_t first) {
     EACH_LANE {
         const double *values = in->ideal + (first + l < in->count ? first + l : in->count - 1);
-        for (int i = 0; i < 3; i++) {
-            for (int j = 0; j < 3; j++) ideal->r[i][j][l] = values[(4 * i + j) * in->count];
+        THREE(i) {
+            THREE(j) ideal->r[i][j][l] = values[(4 * i + j) * in->count];
             ideal->p[i][l] = values[(4 * i + 3) * in->count];
         }
     }
@@ -123,13 +123,13 @@ INLINE mask search(lanes *delta, lanes *offset, const machine *m, const fixtures
         for (int64_t a = 0; a < m->axes; a++) q[a] = at->q[a] + delta[a];
         stand_actual(&seen, m, actual, in, at, q);
         if (k == 0) offset_between(offset, &seen, ideal);
-        for (int i = 0; i < 3; i++) {
+        THREE(i) {
             turned[i] = seen.r[i][2] - ideal->r[i][2];
             away[i] = seen.p[i] - ideal->p[i];
         }
         null_by(step, rotary, turned);
         for (int64_t j = 0; j < rotary->count; j++)
-            for (int i = 0; i < 3; i++) away[i] += shift[rotary->axes[j]][i] * step[rotary->axes[j]];
+            THREE(i) away[i] += shift[rotary->axes[j]][i] * step[rotary->axes[j]];
         null_by(step, linear, away);
         mask longer = {0};
         for (int64_t a = 0; a < m->axes; a++) {

@@ -6,6 +6,8 @@
 
 #define LANES 8
 #define EACH_LANE for (int l = 0; l < LANES; l++)
+#define THREE(i) _Pragma("GCC unroll 3") for (int i = 0; i < 3; i++)
+#define SIX(i) _Pragma("GCC unroll 6") for (int i = 0; i < 6; i++)
 #define INLINE static inline __attribute__((always_inline))
 
 typedef double lanes __attribute__((vector_size(8 * LANES)));
@@ -46,18 +48,18 @@ INLINE void cross(lanes *out, const lanes *a, const lanes *b) {
 
 INLINE void rotate(lanes *out, const lanes r[3][3], const lanes *v) {
     lanes x = v[0], y = v[1], z = v[2];
-    for (int i = 0; i < 3; i++) out[i] = r[i][0] * x + r[i][1] * y + r[i][2] * z;
+    THREE(i) out[i] = r[i][0] * x + r[i][1] * y + r[i][2] * z;
 }
 
 INLINE void rotate_back(lanes *out, const lanes r[3][3], const lanes *v) {
     lanes x = v[0], y = v[1], z = v[2];
-    for (int i = 0; i < 3; i++) out[i] = r[0][i] * x + r[1][i] * y + r[2][i] * z;
+    THREE(i) out[i] = r[0][i] * x + r[1][i] * y + r[2][i] * z;
 }
 
 INLINE void compose(lanes a[3][3], const lanes b[3][3]) {
-    for (int i = 0; i < 3; i++) {
+    THREE(i) {
         lanes x = a[i][0], y = a[i][1], z = a[i][2];
-        for (int j = 0; j < 3; j++) a[i][j] = x * b[0][j] + y * b[1][j] + z * b[2][j];
+        THREE(j) a[i][j] = x * b[0][j] + y * b[1][j] + z * b[2][j];
     }
 }
 
@@ -113,7 +115,7 @@ INLINE void rotation_by(lanes r[3][3], const lanes *v) {
         }
     }
     lanes square[3] = {v[0] * v[0], v[1] * v[1], v[2] * v[2]};
-    for (int i = 0; i < 3; i++) {
+    THREE(i) {
         int j = (i + 1) % 3, k = (i + 2) % 3;
         lanes even = c * v[i] * v[j], odd = s * v[k];
         r[i][i] = 1.0 - c * (square[j] + square[k]);
@@ -125,9 +127,9 @@ INLINE void rotation_by(lanes r[3][3], const lanes *v) {
 /* x, y, z and rotation vector of actual ideal^T. */
 INLINE void offset_between(lanes *out, const frame *actual, const frame *ideal) {
     lanes r[3][3];
-    for (int i = 0; i < 3; i++) {
+    THREE(i) {
         out[i] = actual->p[i] - ideal->p[i];
-        for (int j = 0; j < 3; j++) r[i][j] = dot(actual->r[i], ideal->r[j]);
+        THREE(j) r[i][j] = dot(actual->r[i], ideal->r[j]);
     }
     lanes v[3] = {0.5 * (r[2][1] - r[1][2]), 0.5 * (r[0][2] - r[2][0]), 0.5 * (r[1][0] - r[0][1])};
     lanes t = dot(v, v), cosine = 0.5 * (r[0][0] + r[1][1] + r[2][2] - 1.0);
@@ -140,7 +142,7 @@ INLINE void offset_between(lanes *out, const frame *actual, const frame *ideal) 
             scale[l] = s > 1e-8 ? atan2(s, cosine[l]) / s : 1.0;
         }
     }
-    for (int i = 0; i < 3; i++) out[3 + i] = v[i] * scale;
+    THREE(i) out[3 + i] = v[i] * scale;
 }
 
 #endif

@@ -44,8 +44,8 @@ typedef struct {
 INLINE fixture fixture_at(const double *values, int64_t stride) {
     fixture f;
     f.turns = 0;
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++) {
+    THREE(i) {
+        THREE(j) {
             f.r[i][j] = values[(4 * i + j) * stride];
             f.turns |= f.r[i][j] != (i == j);
         }
@@ -61,28 +61,28 @@ INLINE void read_fixtures(fixtures *f, const machine *m, const double *axes, con
 }
 
 INLINE void begin(frame *t, const fixture *f) {
-    for (int i = 0; i < 3; i++) {
+    THREE(i) {
         t->p[i] = all(f->p[i]);
-        for (int j = 0; j < 3; j++) t->r[i][j] = all(f->r[i][j]);
+        THREE(j) t->r[i][j] = all(f->r[i][j]);
     }
 }
 
 INLINE void go_on(frame *t, const fixture *f) {
-    for (int i = 0; i < 3; i++) {
+    THREE(i) {
         const lanes *r = t->r[i];
         t->p[i] = (r[0] * f->p[0] + r[1] * f->p[1] + r[2] * f->p[2]) + t->p[i];
     }
     if (!f->turns) return;
     lanes b[3][3];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) b[i][j] = all(f->r[i][j]);
+    THREE(i)
+        THREE(j) b[i][j] = all(f->r[i][j]);
     compose(t->r, (const lanes(*)[3])b);
 }
 
 INLINE void turn_by(lanes turn[3][3], const double *d, int64_t stride, lanes s, lanes c) {
     double x[3] = {d[0], d[stride], d[2 * stride]}, size = x[0] * x[0] + x[1] * x[1] + x[2] * x[2];
     lanes rest = 1.0 - c;
-    for (int i = 0; i < 3; i++) {
+    THREE(i) {
         int j = (i + 1) % 3, k = (i + 2) % 3;
         lanes even = rest * (x[i] * x[j]), odd = s * x[k];
         turn[i][i] = 1.0 + rest * (x[i] * x[i] - size);
@@ -113,12 +113,12 @@ INLINE void stand_branch(frame *t, const machine *m, const int64_t *axes, int64_
             compose(t->r, (const lanes(*)[3])turn[a]);
         } else {
             rotate(moved, (const lanes(*)[3])t->r, along);
-            for (int i = 0; i < 3; i++) t->p[i] += moved[i] * q[a];
+            THREE(i) t->p[i] += moved[i] * q[a];
         }
         if (errors) {
             lanes small[3][3];
             rotate(moved, (const lanes(*)[3])t->r, errors[a]);
-            for (int i = 0; i < 3; i++) t->p[i] += moved[i];
+            THREE(i) t->p[i] += moved[i];
             rotation_by(small, errors[a] + 3);
             compose(t->r, (const lanes(*)[3])small);
         }
@@ -136,9 +136,9 @@ INLINE void stand(frame *seen, frame *tool, frame *work, const machine *m, const
     stand_branch(tool, m, m->tool_axes, m->tool_count, f, &f->tool, q, turn, errors, found);
     stand_branch(work, m, m->workpiece_axes, m->workpiece_count, f, &f->workpiece, q, turn, errors, found);
     lanes apart[3];
-    for (int i = 0; i < 3; i++) {
+    THREE(i) {
         apart[i] = tool->p[i] - work->p[i];
-        for (int j = 0; j < 3; j++)
+        THREE(j)
             seen->r[i][j] =
                 work->r[0][i] * tool->r[0][j] + work->r[1][i] * tool->r[1][j] + work->r[2][i] * tool->r[2][j];
     }
