@@ -93,7 +93,7 @@ def test_a_file_that_cannot_be_written_is_named(case, tmp_path, capsys):
 
 
 def test_both_forms_of_the_machine_model_replay_alike_and_the_slower_one_is_told(tmp_path, capsys):
-    bag = write_mock_bag(tmp_path / "bag", samples=4_000)
+    bag = write_mock_bag(tmp_path / "bag", samples=8_000)
     found = []
     for form in [*(["compiled"] if is_built() else []), "numpy"]:
         with computing_by(form):
