@@ -275,5 +275,12 @@ def test_a_kernel_of_another_name_is_refused(anew: pytest.MonkeyPatch) -> None:
         load_kernel()
 
 
+def test_make_setup_builds_it_where_there_is_a_compiler() -> None:
+    """Or all tests of it would be left out without a word."""
+    if not (ROOT / ".venv" / ".ready").exists() or shutil.which(sysconfig.get_config_var("CC").split()[0]) is None:
+        pytest.skip("not installed by make setup, or no compiler")
+    assert is_built(), "run: make setup"
+
+
 def test_setup_and_package_tell_the_sources_alike() -> None:
     assert dict(extension().define_macros)["SOURCE"] == f'"{source_digest(SOURCES)}"'
