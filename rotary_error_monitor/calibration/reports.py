@@ -15,7 +15,7 @@ from rotary_error_monitor.calibration.axis_table import AxisRelation
 from rotary_error_monitor.calibration.controller_tables import CompensationChange
 from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
 from rotary_error_monitor.calibration.straightness_step import StraightnessResult
-from rotary_error_monitor.calibration.volume import ErrorCost
+from rotary_error_monitor.calibration.volume import ErrorCost, UncertainOffsets
 from rotary_error_monitor.machine.location_names import SPINDLE
 
 ARCSEC = 648000 / math.pi
@@ -182,6 +182,21 @@ def ranking_text(costs: Sequence[ErrorCost]) -> str:
             f"{cost.orientation_rms * 1e6:23.3f}"
         )
     return "\n".join(lines)
+
+
+def uncertain_offsets_text(found: UncertainOffsets) -> str:
+    """Position error over the working volume, and what the uncertainty of the description leaves of it."""
+    error = np.linalg.norm(found.offset[:, :3], axis=1) * 1e6
+    deviation = np.linalg.norm(found.deviation[:, :3], axis=1) * 1e6
+    return (
+        f"position error at {len(error)} poses: {_rms(error):.3f} µm rms, {error.max():.3f} µm at most\n"
+        f"its standard uncertainty: {_rms(deviation):.2g} µm rms, {deviation.max():.2g} µm at most\n"
+        f"95 % of the machines that the description allows are within {found.position_bound.max() * 1e6:.3f} µm"
+    )
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _ending(misfits: Sequence[str], written: bool, output: Path) -> str:

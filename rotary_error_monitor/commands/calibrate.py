@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import date
@@ -26,7 +27,12 @@ from rotary_error_monitor.calibration.measurements import read_mirror_profile
 from rotary_error_monitor.calibration.parameters import Orders
 from rotary_error_monitor.calibration.steps import Job, calibrate_machine, calibrate_positioning
 from rotary_error_monitor.calibration.straightness_step import Reading, calibrate_straightness
-from rotary_error_monitor.calibration.volume import estimate_volumetric_map, rank_errors
+from rotary_error_monitor.calibration.volume import (
+    estimate_uncertain_offsets,
+    estimate_volumetric_map,
+    rank_errors,
+    sample_volume,
+)
 from rotary_error_monitor.calibration.yaml_document import changing
 from rotary_error_monitor.commands import calibrate_stage
 from rotary_error_monitor.commands.calibration_arguments import (
@@ -50,10 +56,14 @@ from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
+from rotary_error_monitor.machine.kernel import describe_kernel
 from rotary_error_monitor.metrology.splicing import Mirror
 from rotary_error_monitor.metrology.tracker import TrackerNoise
 
 MACHINE_HELP = "the file to calibrate; the parameters of a twin become a tree of bodies"
+
+MOST_POSES = 10_000_000
+"""Poses of an uncertainty at most: they take minutes, and some GB of memory."""
 
 
 def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
@@ -172,6 +182,9 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
     parser.add_argument("--map", nargs=2, metavar=("X", "Z"), help="axes of the map (default: the first two)")
+    parser.add_argument(
+        "--uncertainty", type=int, metavar="POSES", help="what the description's uncertainty leaves at so many poses"
+    )
     add_figure(parser, "draw map and ranked bars")
     parser.set_defaults(run=_errors)
 
@@ -289,8 +302,18 @@ def _comp_file(arguments: argparse.Namespace, machine: MachineDescription) -> in
 def _errors(arguments: argparse.Namespace) -> int:
     check_outputs([arguments.figure], [machine_path(arguments.machine)])
     machine = load_machine(arguments.machine)
-    costs = rank_errors(machine, limits=limits_of(arguments.limits, machine))
+    limits = limits_of(arguments.limits, machine)
+    poses = arguments.uncertainty
+    if poses is not None and not 1 <= poses <= MOST_POSES:
+        raise InputError(f"--uncertainty {poses}; expected 1 to {MOST_POSES} poses")
+    costs = rank_errors(machine, limits=limits)
     print(reports.ranking_text(costs))
+    if poses is not None:
+        if slower := describe_kernel():
+            print(f"note: {slower}", file=sys.stderr)
+        print(
+            reports.uncertain_offsets_text(estimate_uncertain_offsets(machine, sample_volume(machine, poses, limits)))
+        )
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_errors
 

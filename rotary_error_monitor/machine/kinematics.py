@@ -56,9 +56,9 @@ class SmallFixtures:
     workpiece: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MachineModel:
-    """A machine arranged for evaluation at many poses at once; made once by `arrange_machine`.
+    """A machine arranged for evaluation at many poses at once; made once by `arrange_machine`. Equal is the same one.
 
     Attributes:
         letters: axes in the order of the columns of positions.
@@ -160,8 +160,8 @@ def stand(model: MachineModel, positions: Array, errors: Array | None) -> Stance
     fixtures = model.ideal if errors is None else model.actual
     moved = chain(fixtures.axes, motions(model, positions, errors))
     return Stance(
-        _follow([moved[:, :, axis] for axis in model.tool_axes], fixtures.tool),
-        _follow([moved[:, :, axis] for axis in model.workpiece_axes], fixtures.workpiece),
+        _follow([moved[:, :, axis] for axis in model.tool_axes], fixtures.tool, positions.shape[1]),
+        _follow([moved[:, :, axis] for axis in model.workpiece_axes], fixtures.workpiece, positions.shape[1]),
     )
 
 
@@ -199,7 +199,9 @@ def motions(model: MachineModel, positions: Array, errors: Array | None) -> Arra
     return moved
 
 
-def _follow(moved: list[Array], end: Array) -> Branch:
+def _follow(moved: list[Array], end: Array, count: int) -> Branch:
+    if not moved:
+        return Branch((STILL,), np.broadcast_to(end, (3, 4, count)))
     steps = [STILL]
     for transform_ in moved:
         steps.append(transform_ if len(steps) == 1 else chain(steps[-1], transform_))
