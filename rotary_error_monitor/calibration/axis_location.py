@@ -236,7 +236,8 @@ def _placed(
             errors = estimate_location_errors(turned(local, rotation.inv().as_matrix()), np.zeros(3), direction)
         except InputError as error:
             raise InputError(f"{source}: feature {name}: {error}") from error
-        shift, is_seen = errors.shift, np.abs(direction) < ALONG
+        # along the axis nothing is seen of its place: that stays
+        shift, is_seen = errors.shift + (old @ direction) * direction, np.abs(direction) < ALONG
         if name == reference or (name == SPINDLE and not _is_carried(machine, reference, name)):
             shift, is_seen = old, np.zeros(3, dtype=np.bool_)
         elif reference in lines:
