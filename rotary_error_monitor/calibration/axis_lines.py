@@ -21,13 +21,12 @@ from rotary_error_monitor.calibration.axis_location import (
     ZERO,
     Points,
     RotaryLocation,
-    basis,
-    basis_of,
+    SeenAxes,
     body_of,
+    check_tip,
+    find_origin,
     locate,
-    origin_by_axis,
-    origin_by_tip,
-    turn_covariance_of,
+    machine_frame,
     turned,
 )
 from rotary_error_monitor.calibration.axis_table import AxisRelation, relate_axes
@@ -100,18 +99,14 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
     linear, rotary = _in_order(machine, lines)
     if len(linear) < 2:
         raise InputError(f"{job.source}: features of {len(linear)} linear axes; squareness needs two, such as X and Y")
+    seen = SeenAxes(lines, linear, rotary, zero)
+    check_tip(job.source, machine, seen)
     found = _square(job, linear, lines)
-    frame = basis_of(machine, linear) @ basis(lines[linear[0]].direction, lines[linear[1]].direction).T
-    unsure = turn_covariance_of(*(turned(lines[letter], frame) for letter in linear[:2]))
-    seen = {name: turned(lines[name], frame, unsure) for name in rotary}
-    reference = ZERO if zero is not None else (rotary[0] if rotary else "")
-    origin = None
-    if zero is not None:
-        origin = origin_by_tip(job, rotary, (frame @ zero[0], frame @ zero[1] @ frame.T), unsure)
-    elif rotary:
-        origin = origin_by_axis(machine, seen, unsure)
-    relations = relate_axes(machine, {name: turned(line, frame) for name, line in lines.items()}, origin)
-    locations = {} if origin is None else locate(job, seen, origin, reference)
+    frame = machine_frame(machine, seen)
+    relations = relate_axes(
+        machine, {name: turned(line, frame) for name, line in lines.items()}, find_origin(machine, seen)
+    )
+    locations = locate(job, seen)
     mirrored = left_handed(machine, fitted)
     parts = _angles_before(machine, found, locations)
     doubts = less_sure(job.file, parts)
@@ -124,7 +119,7 @@ def calibrate_squareness(job: Job, noise: TrackerNoise) -> SquarenessResult:
         {name: (math.hypot(own, wrong), figures.get(name, {})) for name, (_, own) in parts.items()}, misfits
     )
     scatter = tuple((letter, line.ratio) for letter, line in fitted.items() if _scatters(line))
-    return SquarenessResult(tuple(found), locations, relations, reference, scatter, misfits, written)
+    return SquarenessResult(tuple(found), locations, relations, seen.reference, scatter, misfits, written)
 
 
 def _square(job: Job, linear: Sequence[str], lines: Mapping[str, LineFit]) -> list[tuple[str, str, float, float]]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from rotary_error_monitor.description.machine import Body, Displacement, Machine
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.location_names import SPINDLE
 from rotary_error_monitor.machine.topology import branches, way
-from rotary_error_monitor.metrology.axis_fits import LineFit, LocationErrors, estimate_location_errors
+from rotary_error_monitor.metrology.axis_fits import LineFit, estimate_location_errors, estimate_squareness
 
 Array = NDArray[np.float64]
 Points = tuple[Array, Array]
@@ -24,6 +25,9 @@ ZERO = "zero"
 
 LEAST_ANGLE = 0.1
 """Rotary axes at a smaller angle, rad, count as parallel: they have a distance in two directions, not one."""
+
+ALONG = 0.99
+"""Part of a direction from which it is that of the axis itself: along it nothing was measured of its place."""
 
 
 @dataclass(frozen=True)
@@ -49,21 +53,50 @@ class Origin:
     Attributes:
         place: (3,) in the machine's coordinates, m.
         seen: (3,) as the tracker saw it, turned into the machine's directions, m.
-        covariance: (3, 3) of the difference, m².
-        turn_covariance: (3, 3) of the rotation between the two frames, rad².
     """
 
     place: Array
     seen: Array
-    covariance: Array
-    turn_covariance: Array
 
-    def located(self, line: LineFit) -> LineFit:
-        """The line in the machine's coordinates."""
-        lever = line.point - self.seen
-        turned = _cross(lever) @ self.turn_covariance @ _cross(lever).T
-        covariance = line.point_covariance + self.covariance + turned
-        return replace(line, point=self.place + lever, point_covariance=covariance)
+
+@dataclass(frozen=True)
+class SeenAxes:
+    """What the tracker saw, in its own frame.
+
+    Attributes:
+        lines: by letter of the axis, and of the spindle.
+        linear, rotary: their names in the order of the bodies; the spindle counts as rotary.
+        zero: (3,) the tool tip with all axes at zero, m, and its covariance (3, 3); None where it was not measured.
+    """
+
+    lines: Mapping[str, LineFit]
+    linear: Sequence[str]
+    rotary: Sequence[str]
+    zero: Points | None
+
+    @property
+    def reference(self) -> str:
+        """What places count from: `zero`, or the first rotary axis; empty without either."""
+        return ZERO if self.zero is not None else next(iter(self.rotary), "")
+
+    def shifted(self) -> Iterator[SeenAxes]:
+        """The same with each uncertain number off by its standard uncertainty, one by one and uncorrelated."""
+        for name, line in self.lines.items():
+            cross = line.cross_covariance
+            whole = np.block([[line.point_covariance, cross], [cross.T, line.direction_covariance]])
+            for step in _deviations(whole):
+                moved = replace(line, point=line.point + step[:3], direction=line.direction + step[3:])
+                yield replace(self, lines={**self.lines, name: moved})
+        if self.zero is not None:
+            for step in _deviations(self.zero[1]):
+                yield replace(self, zero=(self.zero[0] + step, self.zero[1]))
+
+
+def _deviations(covariance: Array) -> Array:
+    """(k, n) steps of one standard deviation, whose outer products add up to a covariance (n, n)."""
+    variances, axes = np.linalg.eigh(covariance)
+    is_some = variances > 1e-12 * variances.max(initial=0.0)
+    return np.asarray((axes * np.sqrt(np.maximum(variances, 0.0))).T[is_some])
 
 
 def body_of(machine: MachineDescription, name: str) -> Body:
@@ -96,70 +129,143 @@ def carries(machine: MachineDescription, lower: str, upper: str) -> bool:
     return body_of(machine, lower) in way(machine, body_of(machine, upper).name)
 
 
-def locate(job: Job, lines: Mapping[str, LineFit], origin: Origin, reference: str) -> dict[str, RotaryLocation]:
-    """Location errors of rotary axes and the spindle, one after the other: what carries an axis is set before it.
+def machine_frame(machine: MachineDescription, seen: SeenAxes) -> Array:
+    """(3, 3) that turns directions of the tracker into those of the machine: by its first two linear axes."""
+    first, second = (seen.lines[letter].direction for letter in seen.linear[:2])
+    return basis_of(machine, seen.linear) @ basis(first, second).T
 
-    `lines` are in the machine's directions; the place of the axis `reference` stays, and so does that of a spindle
-    which the reference does not carry.
 
-    Raises:
-        InputError: an axis lies far from where the file has it.
+def find_origin(machine: MachineDescription, seen: SeenAxes) -> Origin | None:
+    """What ties the tracker's places to the machine's; None without a rotary axis or spindle.
+
+    With the tool tip at zero it is that. Otherwise the first rotary axis lies where the file has it, and along it so
+    does the foot of an axis that crosses it. Without an axis that crosses, the first target of one that runs alike
+    counts as at the origin of its body: a target at the spindle's nose, say. With one axis alone its own does.
     """
-    locations: dict[str, RotaryLocation] = {}
-    for name, line in lines.items():
-        machine = job.file.changed
-        old, direction = np.array(body_of(machine, name).location_error.shift), direction_of(machine, name)
-        rotation, place = frame_of(machine, body_of(machine, name).name)
-        located = origin.located(line)
-        local = turned(replace(located, point=located.point - place), rotation.inv().as_matrix())
-        try:
-            errors = estimate_location_errors(local, np.zeros(3), np.array(direction))
-        except InputError as error:
-            raise InputError(f"{job.source}: feature {name}: {error}") from error
-        shift, spread = errors.shift, errors.shift_uncertainty
-        apart = name == SPINDLE and not (reference in lines and carries(machine, reference, name))
-        if name == reference or apart:
-            shift, spread = old, np.full(3, np.nan)
-        elif reference in lines:
-            towards = rotation.inv().apply(lines[reference].direction)
-            shift, spread = _along_normal(towards, np.array(direction), old, errors)
-        locations[name] = RotaryLocation(errors.rotation, errors.rotation_uncertainty, shift, spread)
-        job.file.set_location(name, shift, errors.rotation)
-    return locations
-
-
-def _along_normal(first: Array, direction: Array, old: Array, errors: LocationErrors) -> tuple[Array, Array]:
-    """Shift and its uncertainty where only the distance from another axis, that runs along `first`, was measured."""
-    normal = np.cross(first, direction)
-    size = float(np.linalg.norm(normal))
-    if size < LEAST_ANGLE:
-        return errors.shift, errors.shift_uncertainty
-    normal = normal / size
-    shift = old + (errors.shift - old) @ normal * normal
-    uncertainty = float(np.linalg.norm(errors.shift_uncertainty * normal))
-    return shift, np.where(np.abs(normal) > LEAST_ANGLE, uncertainty * np.abs(normal), np.nan)
-
-
-def origin_by_axis(machine: MachineDescription, lines: Mapping[str, LineFit], turn_covariance: Array) -> Origin:
-    """The first rotary axis lies where the file has it, and along it so does the foot of an axis that crosses it.
-
-    Without an axis that crosses, the first target of one that runs alike counts as at the origin of its body: a target
-    at the spindle's nose, say. With one axis alone its own first target does.
-    """
-    names = list(lines)
-    first = lines[names[0]]
+    if not seen.rotary:
+        return None
+    frame = machine_frame(machine, seen)
+    if seen.zero is not None:
+        rotation, place = frame_of(machine, machine.tool)
+        tip = place + rotation.apply(machine.body(machine.tool).location_error.shift)
+        return Origin(tip, frame @ seen.zero[0])
+    names = list(seen.rotary)
+    lines = {name: turned(seen.lines[name], frame) for name in names}
+    first, nominal = lines[names[0]], {name: _nominal_line(machine, name) for name in names}
     crossing = [name for name in names[1:] if _is_crossing(first, lines[name])]
-    nominal = {name: _nominal_line(machine, name) for name in names}
+    along = 0.0
     if crossing:
         along = _foot(first, lines[crossing[0]]) - _foot(nominal[names[0]], nominal[crossing[0]])
     elif len(names) > 1:
         alike = names[-1]
         along = float((lines[alike].point - first.point) @ first.direction)
         along -= float((nominal[alike].point - nominal[names[0]].point) @ nominal[names[0]].direction)
-    else:
-        along = 0.0
-    seen = first.moved_along(along)
-    return Origin(nominal[names[0]].point, seen.point, seen.point_covariance, turn_covariance)
+    return Origin(nominal[names[0]].point, first.point + along * first.direction)
+
+
+def check_tip(source: Path, machine: MachineDescription, seen: SeenAxes) -> None:
+    """Hold that a tool tip at zero tells where the rotary axes lie.
+
+    Raises:
+        InputError: one of them moves the tool itself.
+    """
+    of_workpiece = {body.axis for body in branches(machine)[1]}
+    for letter in seen.rotary if seen.zero is not None else ():
+        if letter != SPINDLE and letter not in of_workpiece:
+            raise InputError(
+                f"{source}: feature {ZERO}: axis {letter} moves the tool itself, whose tip tells nothing of where "
+                f"the axis lies; leave out {ZERO}, or axis {letter}"
+            )
+
+
+def locate(job: Job, seen: SeenAxes) -> dict[str, RotaryLocation]:
+    """Location errors of rotary axes and the spindle, one after the other: what carries an axis is set before it.
+
+    Squareness is in the file already. The place of the reference stays, and so does that of a spindle which the
+    reference does not carry. Uncertainty is that of all lines together: what carries an axis is not known exactly.
+
+    Raises:
+        InputError: an axis lies far from where the file has it.
+    """
+    machine = job.file.changed
+    found, known = _placed(job.source, machine, seen)
+    squares = {name: (np.zeros(3), np.zeros(3)) for name in found}
+    for changed in seen.shifted() if found else ():
+        moved, _ = _placed(job.source, _squared(machine, seen, changed), changed)
+        for name, (shift, turn) in squares.items():
+            shift += (np.array(moved[name].shift) - found[name].shift) ** 2
+            turn += (np.array(moved[name].rotation) - found[name].rotation) ** 2
+    locations = {}
+    for name, error in found.items():
+        shift, turn = (np.sqrt(square) for square in squares[name])
+        rotation = np.array(error.rotation)
+        spread = np.where(known[name], shift, np.nan)
+        locations[name] = RotaryLocation(rotation, turn, np.array(error.shift), spread)
+        job.file.set_location(name, np.array(error.shift), rotation)
+    return locations
+
+
+def _squared(machine: MachineDescription, before: SeenAxes, after: SeenAxes) -> MachineDescription:
+    """The machine with the squareness of its linear axes changed as their lines have."""
+    for k, letter in enumerate(before.linear):
+        for other in before.linear[: min(k, 2)]:
+            angles = [estimate_squareness(seen.lines[letter], seen.lines[other]).angle for seen in (before, after)]
+            normal = np.cross(machine.axis(letter).direction, machine.axis(other).direction)
+            x, y, z = -(angles[1] - angles[0]) * normal
+            turn = Displacement(rotation=(float(x), float(y), float(z)))
+            machine = machine.with_location_error(machine.body_of(letter).name, turn)
+    return machine
+
+
+def _placed(
+    source: Path, machine: MachineDescription, seen: SeenAxes
+) -> tuple[dict[str, Displacement], dict[str, NDArray[np.bool_]]]:
+    """Location errors by name, and which components of their shifts were seen, each axis upon those before it."""
+    found, known = dict[str, Displacement](), dict[str, NDArray[np.bool_]]()
+    origin = find_origin(machine, seen)
+    if origin is None:
+        return found, known
+    frame, reference = machine_frame(machine, seen), seen.reference
+    lines = {name: turned(seen.lines[name], frame) for name in seen.rotary}
+    for name, line in lines.items():
+        body, direction = body_of(machine, name), np.array(direction_of(machine, name))
+        old = np.array(body.location_error.shift)
+        rotation, place = frame_of(machine, body.name)
+        local = replace(line, point=origin.place + line.point - origin.seen - place)
+        try:
+            errors = estimate_location_errors(turned(local, rotation.inv().as_matrix()), np.zeros(3), direction)
+        except InputError as error:
+            raise InputError(f"{source}: feature {name}: {error}") from error
+        # along the axis nothing is seen of its place: that stays
+        shift, is_seen = errors.shift + (old @ direction) * direction, np.abs(direction) < ALONG
+        if name == reference or (name == SPINDLE and not _is_carried(machine, reference, name)):
+            shift, is_seen = old, np.zeros(3, dtype=np.bool_)
+        elif reference in lines:
+            shift, is_seen = _along_normal(rotation.inv().apply(lines[reference].direction), direction, old, shift)
+        known[name] = is_seen
+        found[name] = Displacement(_vector(shift), _vector(errors.rotation))
+        changed = replace(body, location_error=found[name])
+        machine = replace(machine, bodies=tuple(changed if each is body else each for each in machine.bodies))
+    return found, known
+
+
+def _is_carried(machine: MachineDescription, reference: str, name: str) -> bool:
+    return reference != ZERO and carries(machine, reference, name)
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _along_normal(first: Array, direction: Array, old: Array, shift: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Shift where only the distance from an axis along `first` was measured, and which components show it."""
+    normal = np.cross(first, direction)
+    size = float(np.linalg.norm(normal))
+    if size < LEAST_ANGLE:
+        return shift, np.abs(direction) < ALONG
+    normal = normal / size
+    return old + (shift - old) @ normal * normal, np.abs(normal) > LEAST_ANGLE
 
 
 def _is_crossing(first: LineFit, other: LineFit) -> bool:
@@ -184,25 +290,6 @@ def _nominal_line(machine: MachineDescription, name: str) -> LineFit:
     return LineFit(place, rotation.apply(np.array(direction_of(machine, name))), none, none, 0.0)
 
 
-def origin_by_tip(job: Job, rotary: Sequence[str], zero: Points, turn_covariance: Array) -> Origin:
-    """The tool tip at zero lies where the file has it.
-
-    Raises:
-        InputError: one of the rotary axes moves the tool itself.
-    """
-    machine = job.file.changed
-    of_workpiece = {body.axis for body in branches(machine)[1]}
-    for letter in rotary:
-        if letter != SPINDLE and letter not in of_workpiece:
-            raise InputError(
-                f"{job.source}: feature {ZERO}: axis {letter} moves the tool itself, whose tip tells nothing of where "
-                f"the axis lies; leave out {ZERO}, or axis {letter}"
-            )
-    rotation, place = frame_of(machine, machine.tool)
-    tip = place + rotation.apply(machine.body(machine.tool).location_error.shift)
-    return Origin(tip, zero[0], zero[1], turn_covariance)
-
-
 def frame_of(machine: MachineDescription, name: str) -> tuple[Rotation, Array]:
     """Frame of a body in the base, all axes at zero, location errors of its carriers included but not its own.
 
@@ -225,39 +312,16 @@ def _moved(rotation: Rotation, place: Array, step: Displacement) -> tuple[Rotati
     return rotation * Rotation.from_rotvec(step.rotation), place + rotation.apply(step.shift)
 
 
-def turned(line: LineFit, turn: Array, turn_covariance: Array | None = None) -> LineFit:
-    """The line in a frame turned by (3, 3), whose own covariance (3, 3) rad² adds to that of the direction."""
-    direction = turn @ line.direction
-    covariance = turn @ line.direction_covariance @ turn.T
-    if turn_covariance is not None:
-        covariance = covariance + _cross(direction) @ turn_covariance @ _cross(direction).T
+def turned(line: LineFit, turn: Array) -> LineFit:
+    """The line in a frame turned by (3, 3)."""
     return replace(
         line,
         point=turn @ line.point,
-        direction=direction,
+        direction=turn @ line.direction,
         point_covariance=turn @ line.point_covariance @ turn.T,
-        direction_covariance=covariance,
+        direction_covariance=turn @ line.direction_covariance @ turn.T,
         cross_covariance=turn @ line.cross_covariance @ turn.T,
     )
-
-
-def turn_covariance_of(first: LineFit, second: LineFit) -> Array:
-    """(3, 3) covariance of the rotation, rad², of a frame that follows the first line and holds the second."""
-    e1 = first.direction
-    e3 = np.cross(e1, second.direction)
-    e3 = e3 / np.linalg.norm(e3)
-    e2 = np.cross(e3, e1)
-    by_first = np.outer(e3, e2) - np.outer(e2, e3)
-    by_second = np.outer(e1, e3) / float(second.direction @ e2)
-    covariance: Array = (
-        by_first @ first.direction_covariance @ by_first.T + by_second @ second.direction_covariance @ by_second.T
-    )
-    return covariance
-
-
-def _cross(vector: Array) -> Array:
-    """(3, 3) matrix of which the product with w is the cross product of `vector` and w."""
-    return np.asarray(np.cross(vector, np.eye(3)).T, dtype=np.float64)
 
 
 def basis_of(machine: MachineDescription, linear: Sequence[str]) -> Array:

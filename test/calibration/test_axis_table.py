@@ -186,3 +186,18 @@ def test_the_table_and_its_picture(tmp_path: Path, capsys: pytest.CaptureFixture
         # the last digit may be the next one, and the noise is 1 nm
         assert np.all(np.abs(np.subtract(found, values)) <= np.array([1.1e-5, 0, 1.1e-5, 2e-3])[: len(values)]), name
     assert picture.stat().st_size > 10_000
+
+
+def test_what_is_not_seen_of_a_place_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Along its axis the spindle's nose may stand otherwise than described, which no turning reflector shows."""
+    text = config("machines/pan2013.yaml").read_text(encoding="utf-8")
+    machine, source = tmp_path / "machine.yaml", tmp_path / "tracker.csv"
+    machine.write_text(text.replace("-1.9e-05, 0]", "-1.9e-05, 3.0e-05]"), encoding="utf-8")
+    features = world.tracks(load_machine("pan2013"))
+    source.write_text(world.rows(features, (1e-9, 1e-10), np.random.default_rng(0)), encoding="utf-8")
+    words = ["--distance-um", "0.5", "--angle-arcsec", "0.05"]
+    assert main(["calibrate", "squareness", str(source), "--machine", str(machine), *words]) == 0
+    assert ", +nan) µm along x, y, z (nan: not seen)" in capsys.readouterr().out
+    x, y, z = load_machine(machine).body("spindle").location_error.shift
+    assert z == 3e-5
+    np.testing.assert_allclose([x, y], [-1.0536e-5, -1.9e-5], rtol=0, atol=2e-8)

@@ -31,3 +31,24 @@ def test_bounds_hold_the_truth_in_93_to_97_percent(seed, tmp_path):
     print(seed, rates)
     assert 0.93 <= np.mean([rates[key] for key in world.PAPER]) <= 0.97
     assert {key: rate for key, rate in rates.items() if not 0.95 - CHANCE <= rate <= 0.985} == {}
+
+
+def test_location_errors_are_as_large_as_the_uncertainty_says(tmp_path):
+    """Errors of each component over their uncertainty scatter by one, over 300 calibrations to 4 % by chance."""
+    rng = np.random.default_rng(4)
+    shipped, ratios = load_machine("pan2013"), {}
+    for _ in range(300):
+        machine = world.drawn(shipped, rng, told=True)
+        found = world.calibrated(tmp_path, machine, world.NOISE, rng).locations
+        for name, body in (("C", "swivel_head"), ("A", "rotary_head"), ("spindle", "spindle")):
+            truth, one = machine.body(body).location_error, found[name]
+            shifts, turns = world.TOLD[body]
+            parts = ("xyz", shifts, one.shift, truth.shift, one.shift_uncertainty)
+            parts = (parts, ("abc", turns, one.rotation, truth.rotation, one.rotation_uncertainty))
+            for letters, wanted, values, true, spreads in parts:
+                for k in (letters.index(letter) for letter in wanted):
+                    ratio = (values[k] - true[k]) / spreads[k]
+                    ratios.setdefault((name, letters[k]), []).append(ratio)
+    assert len(ratios) == 9
+    scatter = {key: float(np.std(values)) for key, values in ratios.items()}
+    assert {key: value for key, value in scatter.items() if not 0.85 < value < 1.15} == {}

@@ -63,19 +63,34 @@ def still(displacement: Displacement) -> Array:
     return matrix(displacement.shift, np.array(displacement.rotation))
 
 
-def drawn(machine: MachineDescription, rng: np.random.Generator) -> MachineDescription:
-    """The machine with location errors of all bodies but the first linear axis and the tool drawn anew."""
+TOLD = {
+    "carriage": ("", "c"),
+    "ram": ("", "ab"),
+    "swivel_head": ("", "ab"),
+    "rotary_head": ("y", "bc"),
+    "spindle": ("xy", "ab"),
+}
+"""Components of location errors that show in the lines of axes, by body: shifts and rotations."""
 
-    def vector(size: float) -> tuple[float, float, float]:
-        x, y, z = rng.normal(size=3) * size
+
+def drawn(machine: MachineDescription, rng: np.random.Generator, *, told: bool = False) -> MachineDescription:
+    """The machine with location errors of all bodies but the first linear axis and the tool drawn anew.
+
+    All components of them, or those alone that a calibration can find.
+    """
+
+    def vector(size: float, letters: str, wanted: str) -> tuple[float, float, float]:
+        x, y, z = rng.normal(size=3) * size * [not told or letter in wanted for letter in letters]
         return float(x), float(y), float(z)
 
-    for name in ("carriage", "ram", "swivel_head", "rotary_head", "spindle"):
+    for name, (shifts, turns) in TOLD.items():
         before = machine.body(name).location_error
         x, y, z = (-part for part in before.shift)
         a, b, c = (-part for part in before.rotation)
         machine = machine.with_location_error(name, Displacement((x, y, z), (a, b, c)))
-        machine = machine.with_location_error(name, Displacement(vector(SHIFT), vector(ANGLE)))
+        machine = machine.with_location_error(
+            name, Displacement(vector(SHIFT, "xyz", shifts), vector(ANGLE, "abc", turns))
+        )
     return machine
 
 
