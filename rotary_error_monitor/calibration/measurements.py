@@ -280,7 +280,9 @@ def read_tracker(path: Path | str, layout: ColumnLayout | None = None) -> dict[s
     }
 
 
-def read_probed_poses(path: Path | str, machine: MachineDescription, noise: float) -> ProbedPoses:
+def read_probed_poses(
+    path: Path | str, machine: MachineDescription, noise: float, layout: ColumnLayout | None = None
+) -> ProbedPoses:
     """Poses and the tool's deviation at each, from a bag (a folder or an mcap file) or a CSV file.
 
     `noise` is the standard deviation of one component of a deviation, m.
@@ -289,7 +291,9 @@ def read_probed_poses(path: Path | str, machine: MachineDescription, noise: floa
         InputError: the file or bag cannot be read, lacks an axis of the machine, or has poses without a probe.
     """
     path = Path(path)
-    return _poses_of_table(path, machine, noise) if path.suffix == ".csv" else _poses_of_bag(path, machine, noise)
+    if layout is None and path.suffix != ".csv":
+        return _poses_of_bag(path, machine, noise)
+    return _poses_of_table(path, machine, noise, layout)
 
 
 def axis_columns_of(machine: MachineDescription) -> list[Column]:
@@ -300,11 +304,11 @@ def axis_columns_of(machine: MachineDescription) -> list[Column]:
     ]
 
 
-def _poses_of_table(path: Path, machine: MachineDescription, noise: float) -> ProbedPoses:
+def _poses_of_table(path: Path, machine: MachineDescription, noise: float, layout: ColumnLayout | None) -> ProbedPoses:
     axes = axis_columns_of(machine)
     rest = [Column("temperature_degC", 200.0), *(Column(f"d{letter}_um", LINEAR_ERROR) for letter in "xyz")]
     ways = [Column(f"{letter}_direction") for letter in machine.letters]
-    table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]])
+    table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]], layout=layout)
     positions = np.stack([table.numbers[column.name] for column in axes], axis=1)
     for row, pose in enumerate(positions):
         check_within_travel(f"{path}:{table.lines[row]}", machine, pose)

@@ -241,7 +241,7 @@ def calibrate_machine(
         InputError: the poses cannot be read or do not fit the machine.
     """
     machine = job.file.machine
-    poses = read_probed_poses(job.source, machine, noise)
+    poses = read_probed_poses(job.source, machine, noise, job.layout)
     parameters = list_parameters(machine, orders)
     identification = identify_machine(machine, parameters, poses)
     held_out = check_held_out(machine, parameters, poses)

@@ -160,6 +160,7 @@ def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
     for name in ("reversal", "expansion", "setup"):
         parser.add_argument(f"--{name}", action="store_true", help=f"look for {name} as well")
+    add_columns(parser, "X=x,mm … C=c,deg temperature=T dx=ex,um dy=ey,um dz=ez,um")
 
 
 def _add_tables(steps: Subparsers[argparse.ArgumentParser]) -> None:

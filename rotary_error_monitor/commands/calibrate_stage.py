@@ -17,12 +17,14 @@ from rotary_error_monitor.calibration.yaml_document import changing
 from rotary_error_monitor.commands.calibration_arguments import (
     NOT_GOOD,
     Subparsers,
+    add_columns,
     add_figure,
     add_force,
     today,
     writing,
 )
 from rotary_error_monitor.commands.values import finite, not_negative, positive
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
 from rotary_error_monitor.metrology.two_axis_fit import Reference
@@ -125,6 +127,7 @@ def _add_autocollimator(steps: Subparsers[argparse.ArgumentParser]) -> None:
         "--keep", nargs="+", choices=KEPT, default=[], help="leave these in the file as they are: calibrated elsewhere"
     )
     parser.add_argument("--drop-outliers", action="store_true", help="leave steps out that do not fit the others")
+    add_columns(parser, "reference_x=RefX,arcsec reference_y=RefY,arcsec q1_V=Ch0 q2_V=Ch1 q3_V=Ch2 q4_V=Ch3")
     add_figure(parser)
     parser.set_defaults(run=_autocollimator)
 
@@ -169,6 +172,7 @@ def _autocollimator(arguments: argparse.Namespace) -> int:
             keep=tuple(arguments.keep),
             drop_outliers=arguments.drop_outliers,
             force=arguments.force,
+            layout=ColumnLayout.of(arguments.columns) if arguments.columns else None,
         )
     print(collimator_text(result, output))
     if arguments.figure:

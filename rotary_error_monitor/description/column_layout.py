@@ -135,9 +135,7 @@ class ColumnLayout:
             row = {name: cells[place] for name, place in places.items()}
             if separator != ",":
                 row = {name: cell.replace(",", ".") if _is_decimal(cell) else cell for name, cell in row.items()}
-            if "direction" in row:
-                row["direction"] = DIRECTIONS.get(row["direction"].lower(), row["direction"])
-            rows.append((number, row))
+            rows.append((number, {name: _signed(name, cell) for name, cell in row.items()}))
         return header, rows
 
     def _header(self, lines: Sequence[str], origin: str) -> tuple[int, str, dict[str, int]]:
@@ -161,6 +159,11 @@ def _cells(line: str, separator: str) -> list[str]:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error:  # of a line of words that is no row
         return []
+
+
+def _signed(name: str, cell: str) -> str:
+    """The cell; of a direction in words its sign."""
+    return DIRECTIONS.get(cell.lower(), cell) if name.endswith("direction") else cell
 
 
 def _is_decimal(cell: str) -> bool:

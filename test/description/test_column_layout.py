@@ -7,8 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rotary_error_monitor.calibration.measurements import read_positioning, read_straightness, read_tracker
+from rotary_error_monitor.calibration.collimator_steps import Quadrants, read_steps
+from rotary_error_monitor.calibration.measurements import (
+    read_positioning,
+    read_probed_poses,
+    read_straightness,
+    read_tracker,
+)
 from rotary_error_monitor.description.column_layout import ColumnLayout
+from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError
 
 TARGETS = [-100.0, 0.0, 100.0]
@@ -69,6 +76,37 @@ def test_readings_of_a_tracker_and_along_a_mirror(tmp_path: Path) -> None:
     words = ["segment=Seg", "run=R", "direction=D", "position=X,mm", "reading=G,um"]
     placement = read_straightness(path, ColumnLayout.of(words))["a"]
     assert len(placement.runs[0].positions) == 12
+
+
+def test_steps_before_an_autocollimator(tmp_path: Path) -> None:
+    """Tilts in µrad as one reads them, and voltages of channels by their names."""
+    path = tmp_path / "steps.txt"
+    path.write_text("S;RX;RY;X;Y\na;10;0;48,5;0,1\na;10;0;48,4;0\nb;0;10;0;48,6\n", encoding="utf-8")
+    words = ["step=S", "reference_x=RX,arcsec", "reference_y=RY,arcsec", "tilt_x=X,urad", "tilt_y=Y,urad"]
+    steps, voltages = read_steps(path, Quadrants(), ColumnLayout.of(words))
+    assert not voltages and steps.names == ("a", "b") and steps.step.tolist() == [0, 0, 1]
+    np.testing.assert_allclose(steps.readings, np.array([[48.5, 0.1], [48.4, 0], [0, 48.6]]) * 1e-6)
+    np.testing.assert_allclose(steps.reference, np.array([[10, 0], [0, 10]]) * np.pi / 648000)
+    path.write_text("RX,RY,Ch0,Ch1,Ch2,Ch3\n0,0,1,1,1,1\n10,0,1,1,1.1,1.1\n", encoding="utf-8")
+    words = ["reference_x=RX,mrad", "reference_y=RY,mrad", *(f"q{k + 1}_V=Ch{k}" for k in range(4))]
+    steps, voltages = read_steps(path, Quadrants(), ColumnLayout.of(words))
+    assert voltages and steps.reference[1, 0] == pytest.approx(0.01) and steps.readings[0].tolist() == [0.0, 0.0]
+
+
+def test_probed_poses(tmp_path: Path) -> None:
+    machine = load_machine("xyzac_trt")
+    names = [f"{letter}={letter.lower()}" for letter in machine.letters]
+    ways = [f"{letter}_direction=way {letter}" for letter in machine.letters]
+    words = [*names, *ways, "temperature=T", "dx=ex,mm", "dy=ey,mm", "dz=ez,mm"]
+    headers = [word.partition("=")[2].partition(",")[0] for word in words]
+    rows = [["1,5"] * 5 + ["+", "-", "0", "Forward", "rev"] + ["20,5", "0,001", "0,002", "-0,003"]]
+    path = tmp_path / "poses.txt"
+    path.write_text("\n".join("\t".join(row) for row in [headers, *rows]), encoding="utf-8")
+    poses = read_probed_poses(path, machine, 1e-6, ColumnLayout.of(words))
+    np.testing.assert_allclose(poses.positions[0, :3], 1.5e-3)
+    np.testing.assert_allclose(poses.positions[0, 3:], np.radians(1.5))
+    assert poses.direction.tolist() == [[1, -1, 0, 1, -1]] and poses.temperature.tolist() == [20.5]
+    np.testing.assert_allclose(poses.deviations, [[1e-6, 2e-6, -3e-6]])
 
 
 @pytest.mark.parametrize(
