@@ -21,7 +21,7 @@ help: ## what the targets do
 
 setup: $(VENV)/.ready ## build .venv with ROS 2 Jazzy from the package index
 
-$(VENV)/.ready: setup.py package.xml $(LOCKS)
+$(VENV)/.ready: setup.py package.xml $(LOCKS) $(wildcard rotary_error_monitor/machine/compiled/*)
 	@test -n '$(PYTHON)' && $(PYTHON) -c '$(FITS)' \
 		|| { echo 'Python 3.11 or 3.12 is needed; name one with: make PYTHON=/path/to/python3.11 setup' >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { echo 'installing python3-venv'; \
@@ -49,13 +49,15 @@ LIVE := $(addprefix test/,commissioning/test_live.py faults/clock faults/live li
 # do the tests of what is no part of the package.
 CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/test_writer.py commissioning/test_command.py \
 	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py few_heads.py \
-	gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py zero.py) \
+	gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py undescribed_motion.py zero.py) \
 	$(addprefix pipeline/test_,command_belief.py estimation.py radial_heights.py reversals.py uncertain_responses.py) \
-	$(addprefix recordings/test_,cells.py long_recordings.py))
+	$(addprefix recordings/test_,cells.py long_recordings.py measured_curves.py) reproduction)
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,assembly_contradictions.py axis_lines.py collimator_rates.py identification.py steps.py \
 	straightness_bounds.py straightness_contradictions.py straightness_rates.py yaml_text.py) \
+	$(addprefix calibration/test_,assembly_contradictions.py assembly_tables.py axis_lines.py collimator_rates.py \
+	identification.py steps.py straightness_contradictions.py straightness_rates.py yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py gross_errors.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py \
@@ -63,8 +65,10 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.p
 	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py spindle_figures.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
-SWEEPS := $(addprefix test/,analysis/test_probes.py calibration/test_straightness_sweep.py commissioning/test_rates.py $(addprefix faults/test_,common_zero.py \
-	listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py without_heads.py) \
+SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py \
+	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py straightness_sweep.py) \
+	$(addprefix faults/test_,common_zero.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
+	without_heads.py) \
 	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
@@ -142,4 +146,4 @@ faults-doc: setup ## write doc/faults.md anew from the tests
 	PYTHONPATH=test $(BIN)/python -m faults.page
 
 clean: ## remove what was built
-	rm -rf $(VENV) build install log .coverage* *.egg-info
+	rm -rf $(VENV) build install log .coverage* *.egg-info rotary_error_monitor/machine/_kernel.*

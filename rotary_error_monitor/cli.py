@@ -7,15 +7,13 @@ import os
 import select
 import signal
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from importlib import import_module
-from types import FrameType
 
 from rotary_error_monitor import __version__
 from rotary_error_monitor.errors import InputError, excerpt, printable
 from rotary_error_monitor.start import collect_rarely, end_at_once
+from rotary_error_monitor.unwinding import unwinding
 
 BAD_INPUT = 2
 COMMANDS = (
@@ -28,16 +26,17 @@ COMMANDS = (
     "convert",
     "calibrate",
     "commission",
+    "offset",
     "analyse",
     "compare",
     "trend",
     "diagnose",
     "effects",
     "gap-benchmark",
+    "reproduce",
     "wire",
     "security",
 )
-_UNWINDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -56,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import_module(f"rotary_error_monitor.commands.{name.replace('-', '_')}").add(subparsers)
     chosen = parser.parse_args(arguments)
     try:
-        with _unwinding():
+        with unwinding():
             code = int(chosen.run(chosen))
             sys.stdout.flush()
             return code
@@ -92,28 +91,6 @@ def _output_is_closed() -> bool:
     if closed:
         os.dup2(os.open(os.devnull, os.O_WRONLY), output)
     return closed
-
-
-@contextmanager
-def _unwinding() -> Iterator[None]:
-    """Let signals unwind what runs: the processes that a command has started shall end with it.
-
-    Before and after, they end the process at once.
-    """
-    ours = threading.current_thread() is threading.main_thread()
-    numbers = [each for each in _UNWINDING if ours and signal.getsignal(each) is signal.SIG_DFL]
-    for number in numbers:
-        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else _unwind)
-    try:
-        yield
-    finally:
-        for number in numbers:
-            signal.signal(number, signal.SIG_DFL)
-
-
-def _unwind(number: int, frame: FrameType | None) -> None:
-    signal.signal(number, signal.SIG_IGN)  # once is enough
-    raise SystemExit(128 + number)
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ COMMANDS: Sequence[tuple[Sequence[str], Sequence[str], Sequence[str]]] = [
         ["-o", "--figure", "--runs-figure", "--mirror-form"],
         ["measured.csv", "mirror.csv", "direct.csv"],
     ),
-    (["calibrate", "squareness", "measured.csv", *SOURCE], ["-o"], ["measured.csv"]),
+    (["calibrate", "squareness", "measured.csv", *SOURCE], ["-o", "--figure"], ["measured.csv"]),
     (["calibrate", "assembly", "bag", "--stage", "stage.yaml"], ["-o"], ["bag/bag_0.mcap", "bag/metadata.yaml"]),
     (
         ["calibrate", "autocollimator", "measured.csv", "--stage", "stage.yaml", "--reference-arcsec", "1"],
@@ -54,6 +54,7 @@ COMMANDS: Sequence[tuple[Sequence[str], Sequence[str], Sequence[str]]] = [
     (["calibrate", "machine", "bag", *SOURCE], ["-o"], ["bag/bag_0.mcap", "bag/metadata.yaml"]),
     (["calibrate", "tables", "machine.yaml", "--axis", "X"], ["-o"], ["machine.yaml"]),
     (["calibrate", "errors", "machine.yaml"], ["--figure"], ["machine.yaml"]),
+    (["offset", "machine.yaml", "--program", "measured.csv", "--format", "csv"], ["-o"], ["measured.csv"]),
     (
         ["calibrate", "flatness", "machine.yaml", "--vertical", "Y", "--workpiece", "X=0,1", "Z=0,1"]
         + ["--reversal-um", "1", "--positioning-um", "1"],

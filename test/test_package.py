@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import sysconfig
 import time
 from pathlib import Path
 
@@ -46,6 +48,13 @@ def test_ament_finds_the_package_and_its_files(prefix, workspace):
     share = Path(get_package_share_directory(PACKAGE))
     for name in ("package.xml", "config/stage.yaml", "config/machines/xyzac_trt.yaml", "msg_defs/heads.yaml"):
         assert (share / name).is_file(), name
+
+
+def test_the_machine_model_is_compiled(prefix):
+    if shutil.which(sysconfig.get_config_var("CC").split()[0]) is None:
+        pytest.skip("no C compiler")
+    (library,) = prefix.glob("lib/python3*/site-packages/rotary_error_monitor/machine/_kernel*")
+    assert library.name == f"_kernel{sysconfig.get_config_var('EXT_SUFFIX')}"
 
 
 def test_executables_begin_with_the_python_that_colcon_was_run_by(prefix):

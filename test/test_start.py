@@ -50,6 +50,33 @@ import rotary_error_monitor.nodes.{module}
 print("all loaded", flush=True)
 """
 
+# The signal comes where Python throws exceptions away.
+LOST = """
+import gc, os, signal, sys, time, weakref
+from rotary_error_monitor import start
+from rotary_error_monitor.unwinding import unwinding
+start.end_at_once()
+number, place = int(sys.argv[1]), sys.argv[2]
+def strike(*_):
+    os.kill(os.getpid(), number)
+    time.sleep(0.01)
+class Thing:
+    def __del__(self):
+        if place == "destructor":
+            strike()
+def lose():
+    thing = Thing()
+    kept = weakref.ref(thing, strike if place == "weak reference" else None)
+    if place == "collector":
+        gc.callbacks[:] = [strike]
+        gc.collect()
+        gc.callbacks.clear()
+with unwinding():
+    lose()
+    time.sleep(5)
+    print("went on")
+"""
+
 
 def bag(folder: Path) -> Path:
     """Two seconds of two opposed heads and a command that stand still."""
@@ -114,6 +141,18 @@ def test_a_command_ends_cleanly_whenever_a_signal_comes(tmp_path, number):
     recording = bag(tmp_path / "bag")
     found = ends(COMMAND, ["replay", str(recording), "-o", f"{tmp_path}/{{moment}}.npz"], number, moments())
     check_clean(found, {0, -number, 128 + number})
+
+
+@pytest.mark.parametrize("number", (*SIGNALS, signal.SIGHUP))
+@pytest.mark.parametrize("place", ["destructor", "weak reference", "collector"])
+def test_a_signal_that_python_throws_away_strikes_again(number, place):
+    done = subprocess.run(
+        [sys.executable, "-c", LOST, str(int(number)), place], capture_output=True, text=True, timeout=20
+    )
+    assert "went on" not in done.stdout
+    assert "Exception ignored" not in done.stderr
+    if number != signal.SIGINT:
+        assert (done.returncode, done.stderr) == (128 + number, "")
 
 
 @pytest.mark.parametrize("module", ["recorder", "gap_monitor"])

@@ -35,6 +35,18 @@ LONG = 3
 SETTLING_NS = 500_000_000
 """Left out at both ends of a stay, ns."""
 
+NEAREST = 1e-3
+"""Height, m, below which one that no reference has is taken for metres given as millimetres: no stylus is so low."""
+
+MEANT = 0.02
+"""Part by which a height in another unit may be off one that was recorded to be taken for it."""
+
+APART = 6.0
+"""Standard uncertainties by which two heights must differ to be two: many, for stays are chosen by their difference."""
+
+DESCRIBED = "as described"
+SHOWN = "as the tilt of the recording shows it"
+
 _REACH_NS = 5 * MAX_GAP_NS
 """Time around an estimate in which all samples are that a value at it rests on, ns."""
 
@@ -113,10 +125,6 @@ class Stand:
     end_ns: int
 
 
-DESCRIBED = "as described"
-SHOWN = "as the tilt of the recording shows it"
-
-
 def stands_of_lvdt(
     stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array
 ) -> tuple[Stand, ...]:
@@ -155,10 +163,6 @@ def stands_of_lvdt(
     return tuple(found)
 
 
-NEAREST = 1e-3
-"""Height, m, below which one that no reference has is taken for metres given as millimetres: no stylus is so low."""
-
-
 def stands_at(stands: Mapping[str, Sequence[Stand]], height: float) -> list[tuple[str, Stand]]:
     """References that stood at a height which somebody names, and where: both are compared at that height.
 
@@ -184,10 +188,6 @@ def stands_at(stands: Mapping[str, Sequence[Stand]], height: float) -> list[tupl
     raise InputError(f"no reference was recorded there, but at {where} mm above the ring{hint}")
 
 
-MEANT = 0.02
-"""Part by which a height in another unit may be off one that was recorded to be taken for it."""
-
-
 def _is_in_metres(height: float, stands: Sequence[Stand]) -> bool:
     """Whether a height is one of those in metres that was taken for millimetres."""
     recorded = [each for stand in stands for each in stand.recorded if each]
@@ -207,10 +207,6 @@ def _fitted(
     lever = np.stack([ebc, -eac], axis=1)
     difference = sampled.values[good] - np.stack([exc, eyc], axis=1)
     return fit_reference(motion.theta[good], difference, lever, np.eye(2), np.zeros(len(good), np.intp), number)
-
-
-APART = 6.0
-"""Standard uncertainties by which two heights must differ to be two: many, for stays are chosen by their difference."""
 
 
 def _are_apart(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -26,6 +26,7 @@ from rotary_error_monitor.metrology.turns import RunSurvey, TurnCutter, TurnProf
 from rotary_error_monitor.signals.rows import Keep, parts_of
 
 Array = NDArray[np.float64]
+_Part = tuple[bool, Estimates, list[list[Signal]]]
 
 _SUMS = 4
 """Numbers of a signal that are summed: variance, turning part of it, and both of proven samples alone."""
@@ -71,13 +72,16 @@ class SegmentTurns:
 
     def groups(self) -> Iterator[SignalGroup]:
         """Groups of signals, one after another."""
-        first, seen = self._survey()
+        # signals of a segment that is no longer than a part of a recording are made once
+        is_short = len(list(parts_of(0, sum(last - first for first, last in self._runs)))) == 1
+        kept = list(self._parts()) if is_short else None
+        first, seen = _survey(kept or self._parts())
         grids = [each.grid(self._most_waves) for each in seen]
         cutters = [
             None if grid is None else TurnCutter(each, grid, len(signals), 2 + _SUMS * len(signals), self._keep)
             for each, grid, signals in zip(seen, grids, first, strict=True)
         ]
-        for begins, part, groups in self._parts():
+        for begins, part, groups in kept or self._parts():
             for cutter, signals in zip(cutters, groups, strict=True):
                 if cutter is None:
                     continue
@@ -94,21 +98,7 @@ class SegmentTurns:
             noise = _noise(cutter.sums, [signal.shape for signal in signals]) if turns.count else ()
             yield SignalGroup(names, turns, noise)
 
-    def _survey(self) -> tuple[list[list[Signal]], list[RunSurvey]]:
-        """Signals of each group in the first part, and how many samples its runs have."""
-        seen: list[RunSurvey] = []
-        found: list[list[Signal]] = []
-        for begins, part, groups in self._parts():
-            if not found:
-                found = groups
-                seen = [RunSurvey() for _ in groups]
-            for each, group in zip(seen, groups, strict=True):
-                if begins:
-                    each.begin()
-                each.add(part.theta, np.stack([signal.values for signal in group], axis=1))
-        return found, seen
-
-    def _parts(self) -> Iterator[tuple[bool, Estimates, list[list[Signal]]]]:
+    def _parts(self) -> Iterator[_Part]:
         """Whether a run begins, a part of its estimates, and the signals that they show, by groups."""
         for first, last in self._runs:
             for begin, end in parts_of(first, last):
@@ -117,6 +107,21 @@ class SegmentTurns:
                 shown = signals_of(part, speed, self._known, self._stage, self._heights)
                 alike = groupby(shown, key=lambda signal: (signal.quantity, bool(signal.height)))
                 yield begin == first, part, [list(group) for _, group in alike]
+
+
+def _survey(parts: Iterable[_Part]) -> tuple[list[list[Signal]], list[RunSurvey]]:
+    """Signals of each group in the first part, and how many samples its runs have."""
+    seen: list[RunSurvey] = []
+    found: list[list[Signal]] = []
+    for begins, part, groups in parts:
+        if not found:
+            found = groups
+            seen = [RunSurvey() for _ in groups]
+        for each, group in zip(seen, groups, strict=True):
+            if begins:
+                each.begin()
+            each.add(part.theta, np.stack([signal.values for signal in group], axis=1))
+    return found, seen
 
 
 def _summed(part: Estimates, signals: Sequence[Signal]) -> Array:

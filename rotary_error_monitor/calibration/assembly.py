@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
@@ -12,24 +14,33 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.calibration.assembly_doubts import Centres, doubt_assembly
+from rotary_error_monitor.calibration.assembly_tables import MeasuredCurve, mirror_curve, ring_curve, written_names
+from rotary_error_monitor.calibration.head_comparison import AssemblyComparison, compare_assembly
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.table_files import FLATNESS, GRADUATION
 from rotary_error_monitor.description.wire import Wire, wire_of
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import write_all
 from rotary_error_monitor.metrology.mirror_assembly import (
     DELAY_STD,
     MirrorAssembly,
     doubt_mirror,
     estimate_mirror_assembly,
 )
+from rotary_error_monitor.metrology.periodic_curves import stage_by_orders
 from rotary_error_monitor.metrology.responses import correct_block
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly, estimate_ring_assembly
+from rotary_error_monitor.metrology.rotation_fit import HIGHEST
 from rotary_error_monitor.metrology.shaft_recording import ShaftRecording, record_shaft
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 Array = NDArray[np.float64]
+
+NOTHING = 0.01
+"""Part of a reading's noise below which an order of a curve that the file has is none: no calculation notices it."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +56,8 @@ class AssemblyResult:
         written: False where the recording does not fit and was not forced into the file.
         contradictions: what speaks against ring or mirror though the recording fits them, in words.
         centres: what the shaft may have moved between them, which counts into the uncertainties.
+        comparison: the heads against one another, and what the autocollimator sees, before and after.
+        curves: graduation and flatness as measured curves, where these are written in place of their orders.
     """
 
     ring: RingAssembly
@@ -56,6 +69,8 @@ class AssemblyResult:
     remarks: tuple[str, ...] = ()
     contradictions: tuple[str, ...] = ()
     centres: Centres = field(default_factory=Centres)
+    comparison: AssemblyComparison | None = None
+    curves: tuple[MeasuredCurve, ...] = ()
 
     @property
     def fits(self) -> bool:
@@ -100,6 +115,7 @@ def calibrate_assembly(
     *,
     delay: tuple[float, float] = (0.0, DELAY_STD),
     centres: Centres | None = None,
+    as_table: bool = False,
     force: bool = False,
 ) -> AssemblyResult:
     """Eccentricity and graduation of the ring, tilt and flatness of the mirror, into the stage file.
@@ -116,25 +132,28 @@ def calibrate_assembly(
         delay: age of the autocollimator's values beyond its described latency, and its standard uncertainty, as known
             before, s.
         centres: how well the centres hold the shaft; by default as `Centres` has it.
+        as_table: write graduation and flatness as measured curves of all orders that the recording tells, in CSV files
+            beside the output, in place of orders that stand out.
         force: write what does not fit.
 
     Raises:
         InputError: the bag or the stage file cannot be read, or the recording does not determine the ring.
     """
-    stage = load_stage(stage_file)
-    if stage.encoder is None:
+    described = load_stage(stage_file)
+    if described.encoder is None:
         raise InputError(f"{stage_file}: the stage has no section 'encoder', which this calibrates")
+    stage = stage_by_orders(described, HIGHEST, _least(described))
     remarks: list[str] = []
     recording = read_shaft_recording(source, stage, remarks)
     try:
-        ring = estimate_ring_assembly(stage, recording)
+        ring = estimate_ring_assembly(stage, recording, every=as_table)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
     where = "in the recording" if stage.autocollimator is not None else "by the stage file"
     mirror, remark = None, f"no autocollimator {where}"
     if recording.tilt is not None:
         try:
-            mirror = doubt_mirror(estimate_mirror_assembly(stage, recording, delay), ring)
+            mirror = doubt_mirror(estimate_mirror_assembly(stage, recording, delay, every=as_table), ring)
         except InputError as error:
             remark = str(error)
     centres = centres or Centres()
@@ -149,18 +168,52 @@ def calibrate_assembly(
         remarks=(*remarks, *doubts.remarks),
         contradictions=doubts.misfits,
         centres=centres,
+        comparison=compare_assembly(stage, recording, doubts.ring, doubts.mirror),
+        curves=_curves(doubts.ring, doubts.mirror) if as_table else (),
     )
     if not (result.fits or force):
         return result
     document = YamlDocument(stage_file, "stage")
     digest = hash_source(source)
-    for name, note in _set_ring(document, result.ring), _set_mirror(document, result.mirror):
+    files = written_names(result.curves, output)
+    doubt = "" if result.fits else "; ".join(misfit_lines(result))
+    notes = _set_ring(document, result.ring, files), _set_mirror(document, result.mirror, files)
+    for name, (uncertainty, figures) in notes:
         if name:
-            uncertainty, figures = note
-            doubt = "" if result.fits else "; ".join(misfit_lines(result))
             document.note(name, Calibrated(day.isoformat(), source.name, digest, uncertainty, figures, doubt or None))
-    document.save(output, load_stage)
+    contents = {files[curve.name]: curve.content(source.name, digest, day) for curve in result.curves}
+    with _written_beside(contents):
+        document.save(output, load_stage)
     return replace(result, written=True)
+
+
+@contextmanager
+def _written_beside(contents: Mapping[Path, bytes]) -> Iterator[None]:
+    """Files that a stage file names, written before it, and taken away again where it could not be written."""
+    new = [path for path in contents if not path.exists()]
+    write_all(contents)
+    try:
+        yield
+    except BaseException:  # also what Ctrl-C ends
+        for path in new:
+            path.unlink(missing_ok=True)
+        raise
+
+
+def _least(stage: StageDescription) -> tuple[float, float]:
+    """Amplitudes of orders of a measured curve, ring and mirror, rad, below which a calibration does without them."""
+    ring, mirror = stage.ring, stage.autocollimator
+    heads = np.hypot(ring.noise, ring.resolution / np.sqrt(12))
+    tilt = heads if mirror is None else np.hypot(mirror.noise, mirror.resolution / np.sqrt(12))
+    return NOTHING * float(heads), NOTHING * float(tilt)
+
+
+def _curves(ring: RingAssembly, mirror: MirrorAssembly | None) -> tuple[MeasuredCurve, ...]:
+    """Curves of what was told: none where not even order 2 was."""
+    found = [ring_curve(ring)] if ring.graduation else []
+    if mirror is not None and mirror.flatness:
+        found.append(mirror_curve(mirror))
+    return tuple(found)
 
 
 def misfit_lines(result: AssemblyResult) -> list[str]:
@@ -175,34 +228,38 @@ def misfit_lines(result: AssemblyResult) -> list[str]:
 Note = tuple[str, tuple[float, dict[str, float]]]
 
 
-def _set_ring(document: YamlDocument, ring: RingAssembly) -> Note:
+def _set_ring(document: YamlDocument, ring: RingAssembly, files: Mapping[str, Path]) -> Note:
     place = ("encoder", "eccentricity")
     document.set("encoder", ".".join(place), place, [number(value) for value in ring.eccentricity])
-    rows = [{"order": row.order, "cos": number(row.cos), "sin": number(row.sin)} for row in ring.graduation]
+    found = () if "graduation" in files else ring.graduation
+    rows = [{"order": row.order, "cos": number(row.cos), "sin": number(row.sin)} for row in found]
     rows += [{"order": row.order, "cos": row.cos, "sin": row.sin} for row in ring.kept]
     _set_rows(document, "encoder", ("encoder", "graduation"), rows)
+    _set_file(document, GRADUATION, files.get("graduation"))
     figures = {"residual_ratio": ring.fit.ratio}
-    if ring.graduation_std:
+    if ring.graduation_std and found:
         figures["graduation_uncertainty"] = max(max(pair) for pair in ring.graduation_std)
     return "encoder", (max(ring.eccentricity_std), figures)
 
 
-def _set_mirror(document: YamlDocument, mirror: MirrorAssembly | None) -> Note:
+def _set_mirror(document: YamlDocument, mirror: MirrorAssembly | None, files: Mapping[str, Path]) -> Note:
     if mirror is None:
         return "", (0.0, {})
     place = ("mirror", "tilt")
     document.set("mirror", ".".join(place), place, [number(value) for value in mirror.tilt])
+    found = () if "flatness" in files else mirror.flatness
     rows: list[dict[str, Any]] = [
-        {"order": row.order, "x": [*map(number, row.x)], "y": [*map(number, row.y)]} for row in mirror.flatness
+        {"order": row.order, "x": [*map(number, row.x)], "y": [*map(number, row.y)]} for row in found
     ]
     rows += [{"order": row.order, "x": [*row.x], "y": [*row.y]} for row in mirror.kept]
     _set_rows(document, "mirror", ("mirror", "flatness"), rows)
+    _set_file(document, FLATNESS, files.get("flatness"))
     figures = {
         "residual_ratio": mirror.fit.ratio,
         "autocollimator_delay": mirror.delay,
         "autocollimator_delay_uncertainty": mirror.delay_std,
     }
-    if mirror.flatness_std:
+    if mirror.flatness_std and found:
         figures["flatness_uncertainty"] = max(mirror.flatness_std)
     return "mirror", (max(mirror.tilt_std), figures)
 
@@ -210,6 +267,14 @@ def _set_mirror(document: YamlDocument, mirror: MirrorAssembly | None) -> Note:
 def _set_rows(document: YamlDocument, part: str, place: tuple[str, str], rows: list[dict[str, Any]]) -> None:
     if rows or document.get(*place):
         document.set(part, ".".join(place), place, Rows(sorted(rows, key=lambda row: int(row["order"]))))
+
+
+def _set_file(document: YamlDocument, place: tuple[str, str], file: Path | None) -> None:
+    """Name the file of a measured curve there, or take out what was there."""
+    if file is not None:
+        document.set(place[0], ".".join(place), place, {"file": file.name})
+    elif document.get(*place) is not None:
+        document.remove(place[0], ".".join(place), place)
 
 
 def _corrected(blocks: list[SampleBlock], wire: Wire, topic: str, stage: StageDescription) -> list[SampleBlock]:

@@ -63,18 +63,17 @@ def implausible_lengths(
     return tuple(misfits)
 
 
-def less_sure(file: MachineFile, uncertainty: float, parts: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
-    """Parts that the file has better than with this standard uncertainty (rad) of an angle, in words.
+def less_sure(file: MachineFile, parts: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
+    """Parts that the file has better than they are measured now, in words.
 
     `parts` has by name under `calibration` the largest angle in the file and its new uncertainty, rad.
     """
     misfits = []
     for name, (angle, own) in parts.items():
         known = file.noted_uncertainty(name)
-        if known is not None and uncertainty > LESS_SURE * known:
+        if known is not None and own > LESS_SURE * known:
             misfits.append(
-                f"{name}: a standard uncertainty of {uncertainty * 1e6:.2f} µrad, where the file has one of "
-                f"{known * 1e6:.2f}"
+                f"{name}: a standard uncertainty of {own * 1e6:.2f} µrad, where the file has one of {known * 1e6:.2f}"
             )
         elif known is None and own > max(angle, USELESS):
             misfits.append(

@@ -17,6 +17,7 @@ from rotary_error_monitor.calibration.assembly_doubts import ARCSEC, CHANGED
 from rotary_error_monitor.calibration.collimator_steps import Quadrants, read_steps
 from rotary_error_monitor.calibration.stage_document import kept_figures, set_value
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.stage import StageDescription, load_stage
@@ -87,6 +88,7 @@ def calibrate_autocollimator(
     keep: tuple[str, ...] = (),
     drop_outliers: bool = False,
     force: bool = False,
+    layout: ColumnLayout | None = None,
 ) -> CollimatorResult:
     """Zero, gain, roll, distortion and range of the autocollimator, into the stage file.
 
@@ -103,6 +105,7 @@ def calibrate_autocollimator(
         keep: of `KEPT`, what stays in the file.
         drop_outliers: leave steps out that stand off.
         force: write what does not fit.
+        layout: which column of the source is what, of a table as an instrument writes it.
 
     Raises:
         InputError: table or stage file cannot be read, the stage has no autocollimator, or the steps do not tell.
@@ -111,7 +114,7 @@ def calibrate_autocollimator(
     if stage.autocollimator is None:
         raise InputError(f"{stage_file}: the stage has no section 'autocollimator', which this calibrates")
     quadrants = quadrants or Quadrants()
-    steps, voltages = read_steps(source, quadrants)
+    steps, voltages = read_steps(source, quadrants, layout)
     try:
         calibration = calibrate_two_axes(steps, _instrument(stage), reference)
     except InputError as error:

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.calibration.csv_tables import Column, Table, read_table
+from rotary_error_monitor.description.column_layout import ColumnLayout
+from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.metrology.tilt import tilt_from_quadrants
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings
@@ -50,14 +51,14 @@ class Quadrants:
     dark: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
 
 
-def read_steps(path: Path, quadrants: Quadrants) -> tuple[StepReadings, bool]:
+def read_steps(path: Path, quadrants: Quadrants, layout: ColumnLayout | None = None) -> tuple[StepReadings, bool]:
     """Steps in the order of the file, and whether the readings are voltages.
 
     Raises:
         InputError: what `read_table` raises, a step that comes again or has two settings, times that go back, voltages
             without light, or too many steps.
     """
-    table = read_table(path, list(_choices()), EXPECTED)
+    table = read_table(path, list(_choices()), EXPECTED, layout)
     reference = _pair(table, "reference")
     names, step = _steps(table, reference)
     if len(names) > MOST_STEPS:

@@ -10,13 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.description.machine import Axis, MachineDescription
+from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
 from rotary_error_monitor.machine.components import arrange_components
 from rotary_error_monitor.machine.correction import solve_axis_corrections
 from rotary_error_monitor.machine.kinematics import arrange_machine
@@ -25,6 +27,9 @@ Array = NDArray[np.float64]
 
 MOST_ROWS = 256
 """LinuxCNC refuses longer COMP_FILEs."""
+
+LARGEST = {"linear": 5e-3, "rotary": math.radians(1.0)}
+"""Compensation of an axis beyond which its file is another one than it is taken for, m and rad."""
 
 MOST_POINTS = 100_000
 """Points of a volumetric table: each takes 4 kB while it is solved; controllers take some thousand."""
@@ -105,6 +110,98 @@ def comp_file(compensation: AxisCompensation, kind: Literal[0, 1]) -> str:
         raise InputError(f"positioning error of axis {compensation.letter} is not finite")
     rows = (f"{q:.9f} {forward:.9f} {backward:.9f}" for q, (forward, backward) in zip(nominal, columns, strict=True))
     return "\n".join(rows) + "\n"
+
+
+def read_comp_file(path: Path, axis: Axis, kind: Literal[0, 1]) -> AxisCompensation:
+    """The positioning error that a COMP_FILE of that type takes out.
+
+    Raises:
+        InputError: there is no such file, it has fewer than 2 rows or more than LinuxCNC takes, or a row that is no
+            three numbers, rises not, or cannot be in mm or degrees; the message names the line.
+    """
+    rows: list[list[float]] = []
+    rotary, unit = axis.kind == "rotary", "degrees" if axis.kind == "rotary" else "mm"
+    scale = math.pi / 180 if rotary else 1e-3
+    text = read_text(path, "a COMP_FILE", most_lines=MOST_LINES)
+    for number, line in enumerate(lines_of(text), start=1):
+        if not line.strip():
+            continue
+        row = _numbers(line)
+        if row is None:
+            raise InputError(
+                f"{path}:{number}: {excerpt(line.strip())}; expected nominal position, value for travel in positive "
+                f"and in negative direction, in {unit}, with spaces between"
+            )
+        trims = row[1:] if kind == 1 else [value - row[0] for value in row[1:]]
+        if max(map(abs, trims)) * scale > LARGEST[axis.kind]:
+            raise InputError(
+                f"{path}:{number}: it moves the axis by {max(trims, key=abs):g} {unit}; is the file of COMP_FILE_TYPE "
+                f"{1 - kind}, or of another unit?"
+            )
+        if rows and row[0] <= rows[-1][0]:
+            raise InputError(f"{path}:{number}: {row[0]:g} after {rows[-1][0]:g} {unit}; nominal positions must rise")
+        rows.append(row)
+    if not 2 <= len(rows) <= MOST_ROWS:
+        raise InputError(f"{path}: {len(rows)} rows; a COMP_FILE has 2 to {MOST_ROWS}")
+    found = np.array(rows) * scale
+    errors = -found[:, 1:] if kind == 1 else found[:, 1:] - found[:, :1]
+    return AxisCompensation(axis.letter, rotary, found[:, 0], errors[:, 0], errors[:, 1], 0.0)
+
+
+def _numbers(line: str) -> list[float] | None:
+    """Three finite numbers of a line; None where it has others."""
+    try:
+        values = [float(word) for word in line.split()]
+    except ValueError:
+        return None
+    return values if len(values) == 3 and all(map(math.isfinite, values)) and "_" not in line else None
+
+
+@dataclass(frozen=True)
+class CompensationChange:
+    """How far two compensations of an axis are apart.
+
+    Attributes:
+        largest: difference of the positioning errors where it is largest, later less earlier, m or rad.
+        position: there, m or rad.
+        direction: there, 1 or -1.
+        rms: root mean square over the travel of the later one, both directions, m or rad.
+        uncovered: part of that travel in which the earlier one has no rows.
+        rotary: True for rad.
+    """
+
+    largest: float
+    position: float
+    direction: int
+    rms: float
+    uncovered: float
+    rotary: bool
+
+
+def compare_compensations(before: AxisCompensation, after: AxisCompensation) -> CompensationChange:
+    """What changed over the rows of the later one: linear between rows, constant beyond them, as LinuxCNC has it."""
+    low, high = after.positions[0], after.positions[-1]
+    inside = before.positions[(before.positions >= low) & (before.positions <= high)]
+    corners = np.union1d(after.positions, inside)
+    apart = np.stack(
+        [
+            np.interp(corners, after.positions, new) - np.interp(corners, before.positions, old)
+            for new, old in ((after.forward, before.forward), (after.backward, before.backward))
+        ]
+    )
+    way, place = np.unravel_index(int(np.argmax(np.abs(apart))), apart.shape)
+    # of a course linear between its corners the square has this mean between two of them (Simpson)
+    squares = (apart[:, :-1] ** 2 + apart[:, :-1] * apart[:, 1:] + apart[:, 1:] ** 2) / 3
+    rms = math.sqrt(float((squares * np.diff(corners)).sum() / (2 * (high - low))))
+    covered = max(0.0, min(high, before.positions[-1]) - max(low, before.positions[0]))
+    return CompensationChange(
+        float(apart[way, place]),
+        float(corners[place]),
+        1 if way == 0 else -1,
+        rms,
+        1 - covered / float(high - low),
+        after.rotary,
+    )
 
 
 def volumetric_table(

@@ -25,6 +25,7 @@ from rotary_error_monitor.description.machine import (
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.sections import write
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.location_names import SPINDLE
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ SQUARENESS = "squareness"
 
 
 def location_name(letter: str) -> str:
-    """Name under `calibration` of the location errors of a rotary axis."""
+    """Name under `calibration` of the location errors of a rotary axis or the spindle."""
     return f"location of {letter}"
 
 
@@ -95,8 +96,9 @@ class MachineFile:
         self._document.set(SQUARENESS, f"bodies.{name}.squareness.{other}", place, number(angle))
 
     def set_location(self, letter: str, shift: Array, rotation: Array) -> None:
-        """Location error of the body that the axis moves, m and rad; it replaces a squareness there."""
-        self._set_location(location_name(letter), self.machine.body_of(letter).name, shift, rotation)
+        """Location error of the body of an axis, or of `spindle`, m and rad; it replaces a squareness there."""
+        spindle = self.machine.spindle if letter == SPINDLE else None
+        self._set_location(location_name(letter), spindle or self.machine.body_of(letter).name, shift, rotation)
 
     def set_machine(self, machine: MachineDescription) -> list[str]:
         """Polynomials, harmonics, location errors, reversal and expansion of an identified machine.

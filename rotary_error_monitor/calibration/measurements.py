@@ -12,6 +12,7 @@ Headers (columns in any order):
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.reader import BagReader
-from rotary_error_monitor.calibration.csv_tables import Column, Table, read_table
 from rotary_error_monitor.calibration.identification import ProbedPoses
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
+from rotary_error_monitor.description.column_layout import ColumnLayout
+from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.errors import InputError
@@ -56,8 +58,10 @@ LEAST_LEVER = 0.05
 """Least distance of the tool tip from a rotary axis whose angle it shows, m: a micrometre is 20 µrad there."""
 
 
-def read_positioning(path: Path | str, *, rotary: bool) -> PositioningRuns:
+def read_positioning(path: Path | str, *, rotary: bool, layout: ColumnLayout | None = None) -> PositioningRuns:
     """Bidirectional runs of one axis from a CSV file; targets that a cycle did not visit become NaN.
+
+    With a `layout` from a table as an instrument writes it.
 
     Raises:
         InputError: what `read_table` raises, a direction other than 1 and -1, or a run whose targets do not go one way.
@@ -69,7 +73,7 @@ def read_positioning(path: Path | str, *, rotary: bool) -> PositioningRuns:
     else:
         target = Column("target_mm", LENGTH)
         measured = [Column("deviation_um", LINEAR_ERROR), Column("reading_mm", LENGTH)]
-    table = read_table(path, [[target, *common, column] for column in measured])
+    table = read_table(path, [[target, *common, column] for column in measured], layout=layout)
     targets = table.numbers[target.name]
     if measured[0].name in table.numbers:
         deviations = table.numbers[measured[0].name]
@@ -183,8 +187,12 @@ class Placement:
     turned: bool = False
 
 
-def read_straightness(path: Path | str, axis: Axis | None = None) -> dict[str, Placement]:
+def read_straightness(
+    path: Path | str, axis: Axis | None = None, layout: ColumnLayout | None = None
+) -> dict[str, Placement]:
     """Placements by name of the segment, in the order of the file, from a CSV file; within the travel of an axis.
+
+    With a `layout` from a table as an instrument writes it.
 
     Raises:
         InputError: what `read_table` raises, a position beyond the travel, a run that does not go one way, a gap in
@@ -197,7 +205,7 @@ def read_straightness(path: Path | str, axis: Axis | None = None) -> dict[str, P
         Column("position_mm", LENGTH),
         Column("reading_um", LINEAR_ERROR),
     ]
-    table = read_table(path, [columns, [*columns, Column("mirror")]])
+    table = read_table(path, [columns, [*columns, Column("mirror")]], layout=layout)
     if axis is not None:
         _check_positions(table, axis)
     sides = table.numbers.get("mirror", np.ones(len(table.lines)))
@@ -280,7 +288,7 @@ def _check_pass(table: Table, rows: list[int], positions: Array, directions: Arr
         )
 
 
-def read_tracker(path: Path | str) -> dict[str, tuple[Array, Array, Array]]:
+def read_tracker(path: Path | str, layout: ColumnLayout | None = None) -> dict[str, tuple[Array, Array, Array]]:
     """Distance (m), elevation and azimuth (rad) of each feature's readings, in the order of the file.
 
     Raises:
@@ -292,7 +300,7 @@ def read_tracker(path: Path | str) -> dict[str, tuple[Array, Array, Array]]:
         Column("elevation_deg", math.pi / 2),
         Column("azimuth_deg", 2 * math.pi),
     ]
-    table = read_table(path, [columns])
+    table = read_table(path, [columns], layout=layout)
     features = np.array(table.words["feature"])
     names = list(dict.fromkeys(table.words["feature"]))
     values = [table.numbers[column.name] for column in columns[1:]]
@@ -301,7 +309,9 @@ def read_tracker(path: Path | str) -> dict[str, tuple[Array, Array, Array]]:
     }
 
 
-def read_probed_poses(path: Path | str, machine: MachineDescription, noise: float) -> ProbedPoses:
+def read_probed_poses(
+    path: Path | str, machine: MachineDescription, noise: float, layout: ColumnLayout | None = None
+) -> ProbedPoses:
     """Poses and the tool's deviation at each, from a bag (a folder or an mcap file) or a CSV file.
 
     `noise` is the standard deviation of one component of a deviation, m.
@@ -310,24 +320,29 @@ def read_probed_poses(path: Path | str, machine: MachineDescription, noise: floa
         InputError: the file or bag cannot be read, lacks an axis of the machine, or has poses without a probe.
     """
     path = Path(path)
-    return _poses_of_table(path, machine, noise) if path.suffix == ".csv" else _poses_of_bag(path, machine, noise)
+    if layout is None and path.suffix != ".csv":
+        return _poses_of_bag(path, machine, noise)
+    return _poses_of_table(path, machine, noise, layout)
 
 
-def _poses_of_table(path: Path, machine: MachineDescription, noise: float) -> ProbedPoses:
-    axes = [
+def axis_columns_of(machine: MachineDescription) -> list[Column]:
+    """Columns of a table that holds poses: X_mm of a linear axis, C_deg of a rotary one."""
+    return [
         Column(f"{a.letter}_mm", LENGTH) if a.kind == "linear" else Column(f"{a.letter}_deg", ANGLE)
         for a in machine.axes
     ]
+
+
+def _poses_of_table(path: Path, machine: MachineDescription, noise: float, layout: ColumnLayout | None) -> ProbedPoses:
+    axes = axis_columns_of(machine)
     rest = [Column("temperature_degC", 200.0), *(Column(f"d{letter}_um", LINEAR_ERROR) for letter in "xyz")]
     ways = [Column(f"{letter}_direction") for letter in machine.letters]
-    table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]])
+    table = read_table(path, [[*axes, *ways, *rest], [*axes, *rest]], layout=layout)
     positions = np.stack([table.numbers[column.name] for column in axes], axis=1)
     for row, pose in enumerate(positions):
-        _check_within_travel(f"{path}:{table.lines[row]}", machine, pose)
+        check_within_travel(f"{path}:{table.lines[row]}", machine, pose)
     known = ways[0].name in table.numbers
-    direction = np.stack([table.numbers[c.name] for c in ways], axis=1) if known else np.zeros_like(positions)
-    for row, axis in np.argwhere(~np.isin(direction, (-1, 0, 1)))[:1]:
-        raise table.error(row, f"{ways[axis].name} {direction[row, axis]:g}; expected 1, -1, or 0 where unknown")
+    direction = directions_of(table, ways) if known else np.zeros_like(positions)
     return ProbedPoses(
         positions=positions,
         direction=direction,
@@ -335,6 +350,18 @@ def _poses_of_table(path: Path, machine: MachineDescription, noise: float) -> Pr
         deviations=np.stack([table.numbers[column.name] for column in rest[1:]], axis=1),
         noise=noise,
     )
+
+
+def directions_of(table: Table, columns: Sequence[Column]) -> Array:
+    """(n, axes) directions of travel from these columns of a table.
+
+    Raises:
+        InputError: one of them is other than 1, -1 and 0.
+    """
+    direction = np.stack([table.numbers[column.name] for column in columns], axis=1)
+    for row, axis in np.argwhere(~np.isin(direction, (-1, 0, 1)))[:1]:
+        raise table.error(row, f"{columns[axis].name} {direction[row, axis]:g}; expected 1, -1, or 0 where unknown")
+    return direction
 
 
 def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> ProbedPoses:
@@ -367,12 +394,17 @@ def _axes_of(state: Content | None, machine: MachineDescription, where: str) -> 
             f"{where}: no position of axis {', '.join(missing)}; the joint state names {', '.join(state.names)}"
         )
     order = [state.names.index(letter) for letter in machine.letters]
-    _check_within_travel(where, machine, state.position[order])
+    check_within_travel(where, machine, state.position[order])
     direction = np.sign(state.velocity[order]) if len(state.velocity) else np.zeros(len(order))
     return state.position[order], direction
 
 
-def _check_within_travel(where: str, machine: MachineDescription, pose: Array) -> None:
+def check_within_travel(where: str, machine: MachineDescription, pose: Array) -> None:
+    """Hold that a pose (axes,), m or rad, is one that the machine can take; `where` it was given, for the message.
+
+    Raises:
+        InputError: an axis is beyond its travel.
+    """
     for axis, value in zip(machine.axes, pose, strict=True):
         low, high = axis.travel
         slack = TRAVEL_SLACK * (high - low)

@@ -9,12 +9,29 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.calibration.axis_lines import ZERO, SquarenessResult
+from rotary_error_monitor.calibration.axis_lines import SquarenessResult
+from rotary_error_monitor.calibration.axis_location import ZERO
+from rotary_error_monitor.calibration.axis_table import AxisRelation
+from rotary_error_monitor.calibration.controller_tables import CompensationChange
 from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
-from rotary_error_monitor.calibration.volume import ErrorCost
+from rotary_error_monitor.calibration.volume import ErrorCost, UncertainOffsets
+from rotary_error_monitor.machine.location_names import SPINDLE
 
 ARCSEC = 648000 / math.pi
 MOST_ROWS = 12
+
+
+def change_text(change: CompensationChange, before: Path) -> str:
+    """How far a compensation is from an earlier one."""
+    unit, scale = ("arcsec", ARCSEC) if change.rotary else ("µm", 1e6)
+    place = f"{math.degrees(change.position):g} degrees" if change.rotary else f"{change.position * 1e3:g} mm"
+    text = (
+        f"the error that it takes out differs from that of {before} by {change.rms * scale:.3f} {unit} (root mean "
+        f"square), most by {change.largest * scale:+.3f} {unit} at {place}, direction {change.direction:+d}"
+    )
+    if change.uncovered > 0:
+        text += f"; {change.uncovered:.1%} of its travel had no rows before"
+    return text
 
 
 def positioning_text(result: PositioningResult, output: Path) -> str:
@@ -55,20 +72,45 @@ def squareness_text(result: SquarenessResult, output: Path) -> str:
     for letter, other, angle, uncertainty in result.squareness:
         lines.append(f"  {letter} to {other}: {angle * 1e6:+.2f}, standard uncertainty {uncertainty * 1e6:.2f}")
     for letter, found in result.locations.items():
+        name = letter if letter == SPINDLE else f"axis {letter}"
         lines.append(
-            f"  axis {letter} tilted by ({_micro(found.rotation)}) µrad about x, y, z, standard uncertainty "
+            f"  {name} tilted by ({_micro(found.rotation)}) µrad about x, y, z, standard uncertainty "
             f"{found.rotation_uncertainty.max() * 1e6:.2f}"
         )
         if letter == result.reference:
             lines.append(f"    its place is that of the file, and others count from it (no feature {ZERO})")
             continue
+        if np.all(np.isnan(found.shift_uncertainty)):
+            lines.append("    its place is that of the file: nothing that carries it ties it to the others")
+            continue
         lines.append(
             f"    displaced by ({_micro(np.where(np.isnan(found.shift_uncertainty), np.nan, found.shift))}) µm along "
             f"x, y, z (nan: not seen), standard uncertainty {np.nanmax(found.shift_uncertainty) * 1e6:.2f}"
         )
+    lines += _relation_lines(result.relations)
     for letter, ratio in result.scatter:
         lines.append(f"  the points of {letter} scatter {ratio:.2f} times the noise, which the uncertainty counts")
     return "\n".join([*lines, ending(result.misfits, result.written, output)])
+
+
+def _relation_lines(rows: Sequence[AxisRelation]) -> list[str]:
+    """How axes lie beside each other, as Pan et al. 2013, Table 2 has it."""
+    if not rows:
+        return []
+    lines = [f"  {'between axes':34} {'mm / mm':>12} {'degrees':>10}  {'arcsec':>8}  95 %"]
+    for row in rows:
+        name, found = f"{row.item} {row.axes}", row.relation
+        if row.length is None:
+            bounds = f"{found.low * 1e3:.5f} … {found.high * 1e3:.5f} mm"
+            lines.append(f"  {name:34} {found.value * 1e3:12.5f} {'':10}  {'':8}  {bounds}")
+            continue
+        # Squareness is less than 90 degrees where negative, a size is what is missing to it.
+        sign = 1.0 if row.item == "squareness" else -1.0
+        angle = 90 + sign * math.degrees(found.value) if row.right else math.degrees(found.value)
+        over = f"{abs(found.value) * row.length * 1e3:.5f}/{row.length * 1e3:g}"
+        bounds = f"{found.low * ARCSEC:.3f} … {found.high * ARCSEC:.3f}″"
+        lines.append(f"  {name:34} {over:>12} {angle:10.5f}° {found.value * ARCSEC:8.3f}  {bounds}")
+    return lines
 
 
 def _micro(values: NDArray[np.float64]) -> str:
@@ -103,13 +145,28 @@ def machine_text(result: MachineResult, output: Path) -> str:
 
 def ranking_text(costs: Sequence[ErrorCost]) -> str:
     """Errors by what each costs alone."""
-    lines = ["error                     position, µm: rms   largest   orientation, µrad: rms"]
+    lines = [f"{'error':40} position, µm: rms  largest  orientation, µrad: rms"]
     for cost in costs:
         lines.append(
-            f"{cost.name:30} {cost.position_rms * 1e6:12.3f} {cost.position_largest * 1e6:9.3f} "
-            f"{cost.orientation_rms * 1e6:24.3f}"
+            f"{cost.name:40} {cost.position_rms * 1e6:17.3f} {cost.position_largest * 1e6:8.3f} "
+            f"{cost.orientation_rms * 1e6:23.3f}"
         )
     return "\n".join(lines)
+
+
+def uncertain_offsets_text(found: UncertainOffsets) -> str:
+    """Position error over the working volume, and what the uncertainty of the description leaves of it."""
+    error = np.linalg.norm(found.offset[:, :3], axis=1) * 1e6
+    deviation = np.linalg.norm(found.deviation[:, :3], axis=1) * 1e6
+    return (
+        f"position error at {len(error)} poses: {_rms(error):.3f} µm rms, {error.max():.3f} µm at most\n"
+        f"its standard uncertainty: {_rms(deviation):.2g} µm rms, {deviation.max():.2g} µm at most\n"
+        f"95 % of the machines that the description allows are within {found.position_bound.max() * 1e6:.3f} µm"
+    )
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def ending(misfits: Sequence[str], written: bool, output: Path) -> str:

@@ -22,7 +22,8 @@ from rotary_error_monitor.calibration.parameters import Orders, list_parameters
 from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits
 from rotary_error_monitor.calibration.yaml_document import hash_source
-from rotary_error_monitor.description.machine import DIRECTIONS, Axis
+from rotary_error_monitor.description.column_layout import ColumnLayout
+from rotary_error_monitor.description.machine import DIRECTIONS, VOLUMETRIC, Axis
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import (
@@ -64,6 +65,7 @@ class Job:
         output: where to write it.
         day: day of the calibration.
         force: write what does not fit as well.
+        layout: which column of the source is what, of a table as an instrument writes it.
     """
 
     source: Path
@@ -71,6 +73,12 @@ class Job:
     output: Path
     day: date
     force: bool = False
+    layout: ColumnLayout | None = None
+
+    @property
+    def is_table(self) -> bool:
+        """Whether the source is a table; else it is a bag."""
+        return self.layout is not None or self.source.suffix == ".csv"
 
     def finish(
         self, names: list[str], uncertainty: float | None, figures: Mapping[str, float], misfits: Sequence[str] = ()
@@ -79,13 +87,18 @@ class Job:
 
         Gives whether the file was written.
         """
+        return self.finish_parts(dict.fromkeys(names, (uncertainty, figures)), misfits)
+
+    def finish_parts(
+        self, parts: Mapping[str, tuple[float | None, Mapping[str, float]]], misfits: Sequence[str] = ()
+    ) -> bool:
+        """The same of sections that each have an uncertainty and figures of their own, by name."""
         if misfits and not self.force:
             return False
-        remark = "; ".join(misfits)
-        provenance = Calibrated(
-            self.day.isoformat(), self.source.name, hash_source(self.source), uncertainty, figures, remark or None
-        )
-        self.file.note(names, provenance)
+        remark, known = "; ".join(misfits) or None, hash_source(self.source)
+        for name, (uncertainty, figures) in parts.items():
+            provenance = Calibrated(self.day.isoformat(), self.source.name, known, uncertainty, figures, remark)
+            self.file.note([name], provenance)
         self.file.save(self.output)
         return True
 
@@ -125,8 +138,8 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
         InputError: the machine has no such axis, the table is wrong, or its targets leave the travel.
     """
     axis = job.file.machine.axis(letter)
-    if job.source.suffix == ".csv":
-        runs = read_positioning(job.source, rotary=axis.kind == "rotary")
+    if job.is_table:
+        runs = read_positioning(job.source, rotary=axis.kind == "rotary", layout=job.layout)
     else:
         runs = read_positioning_poses(job.source, job.file.machine, letter)
     check_travel(axis, runs.targets, job.source)
@@ -164,7 +177,7 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
     remarks = check_standard_test(runs)
     if share < LEAST_COVERED:
         remarks += (f"the targets cover {share:.0%} of the travel; beyond them the error of the last one holds",)
-    if runs.rotary and job.source.suffix != ".csv":
+    if runs.rotary and not job.is_table:
         remarks += ("told from a tool tip: radial error motions and a displaced axis count into the angle",)
     return PositioningResult(name, runs, figures, outliers, drop_outliers, remarks, uncertainty, misfits, written)
 
@@ -228,13 +241,13 @@ def calibrate_machine(
         InputError: the poses cannot be read or do not fit the machine.
     """
     machine = job.file.machine
-    poses = read_probed_poses(job.source, machine, noise)
+    poses = read_probed_poses(job.source, machine, noise, job.layout)
     parameters = list_parameters(machine, orders)
     identification = identify_machine(machine, parameters, poses)
     held_out = check_held_out(machine, parameters, poses)
     verdict = judge_calibration(identification, held_out, poses, required=required, limits=limits)
     parts = job.file.set_machine(identification.machine)
-    figures = {"held_out_ratio": held_out.ratio, "volumetric_uncertainty": verdict.uncertainty}
+    figures = {"held_out_ratio": held_out.ratio, VOLUMETRIC: verdict.uncertainty}
     misfits = [] if verdict.good else [verdict.sentence]
     # a model that does not hold all errors misses by what it missed on the poses that were held out
     missed = held_out.error if held_out.ratio > held_out.limit else 0.0

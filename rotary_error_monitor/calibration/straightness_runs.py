@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from rotary_error_monitor.calibration.measurements import Placement, read_straightness
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import Axis
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.reference_mirror import Mirror, Segment
@@ -73,7 +74,12 @@ class Measured:
 
 
 def measure_straightness(
-    path: Path, axis: Axis, mirror: Mirror | None, reading: Reading, spacing: float | None = None
+    path: Path,
+    axis: Axis,
+    mirror: Mirror | None,
+    reading: Reading,
+    spacing: float | None = None,
+    layout: ColumnLayout | None = None,
 ) -> Measured:
     """Profile of an axis's guideway from a file of readings along a mirror; without one, of the whole axis at once.
 
@@ -81,7 +87,7 @@ def measure_straightness(
         InputError: the table is wrong, segments do not fit, or there are several and no mirror; the file is named.
     """
     try:
-        parts = tuple(place_runs(placement, reading) for placement in read_straightness(path, axis).values())
+        parts = tuple(place_runs(placement, reading) for placement in read_straightness(path, axis, layout).values())
         spliced = splice_segments([part.segment for part in parts], mirror, spacing=spacing)
     except InputError as error:
         raise (error if str(path) in str(error) else InputError(f"{path}: {error}")) from error

@@ -108,7 +108,7 @@ def calibrate_straightness(
     """
     asked = asked or Asked()
     axis = _straightness_axis(job.file.machine, name)
-    measured = measure_straightness(job.source, axis, mirror, reading, asked.spacing)
+    measured = measure_straightness(job.source, axis, mirror, reading, asked.spacing, job.layout)
     parts, spliced = measured.parts, measured.spliced
     if asked.form and spliced.mirror is None:
         raise InputError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -10,13 +11,20 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from rotary_error_monitor.calibration.parameters import without_errors
-from rotary_error_monitor.description.machine import Displacement, MachineDescription
+from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
-from rotary_error_monitor.machine.kinematics import arrange_machine
+from rotary_error_monitor.machine.kinematics import arrange_machine, stand
+from rotary_error_monitor.machine.location_names import location_errors
+from rotary_error_monitor.machine.uncertainty import drawn_machines
 
 Array = NDArray[np.float64]
 Limits = Mapping[str, tuple[float, float]]
+
+_FEWEST_DRAWS = 20
+
+_PART = 2048
+"""Poses that are taken through all draws at once: with their offsets they stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +46,26 @@ class VolumetricMap:
 
 
 @dataclass(frozen=True)
+class UncertainOffsets:
+    """Tool offset at n poses, and how uncertain the machine's description leaves it.
+
+    Attributes:
+        offset: (n, 6) of the machine as described, m and rad.
+        deviation: (n, 6) standard uncertainty of each component, m and rad.
+        position_bound: (n,) length of the offset's shift that 95 % of the machines drawn do not exceed, m.
+    """
+
+    offset: Array
+    deviation: Array
+    position_bound: Array
+
+
+@dataclass(frozen=True)
 class ErrorCost:
     """What one error does to the tool if it were alone, over the working volume.
 
     Attributes:
-        name: such as EXX, ECC, squareness and location of a body, reversal of an axis.
+        name: such as EXX, ECC, squareness X-Y (EC0X), reversal of an axis.
         position_rms, position_largest: length of the tool's shift, m.
         orientation_rms: angle, rad.
     """
@@ -90,6 +113,45 @@ def estimate_volumetric_map(
     )
 
 
+def estimate_uncertain_offsets(
+    machine: MachineDescription, poses: Array, *, draws: int = 100, seed: int = 1, direction: Array | None = None
+) -> UncertainOffsets:
+    """Tool offset at (n, axes) poses with its uncertainty, by Monte Carlo over the uncertain numbers of the machine.
+
+    Of `draws` machines a standard uncertainty is known to 1 / sqrt(2 draws) of it (JCGM 100:2008, Equation E.7).
+
+    Args:
+        machine: with the standard uncertainties of its numbers.
+        poses: m or rad.
+        draws: machines drawn, at least 20: of fewer, none may lie beyond the 95 %.
+        seed: of the draws.
+        direction: (n, axes) sign of the travel by which each pose was reached; none: unknown.
+
+    Raises:
+        InputError: the machine states no uncertainty, too few draws, or poses that do not fit the machine.
+    """
+    if draws < _FEWEST_DRAWS:
+        raise InputError(f"{draws} draws; expected at least {_FEWEST_DRAWS}")
+    described = arrange_machine(machine)
+    models = [arrange_machine(drawn) for drawn in drawn_machines(machine, draws, seed)]
+    offset, rank = predict_tool_offset(described, poses, direction=direction), _bound_rank(draws)
+    deviation, bound = np.empty_like(offset), np.empty(len(offset))
+    for first in range(0, len(offset), _PART):
+        part = slice(first, first + _PART)
+        to = None if direction is None else direction[part]
+        ideal = stand(described, np.ascontiguousarray(poses[part].T), None).tool_in_workpiece()  # of all that are drawn
+        squares, lengths = np.zeros_like(offset[part]), np.empty((draws, len(offset[part])))
+        for model, length in zip(models, lengths, strict=True):
+            drawn = predict_tool_offset(model, poses[part], direction=to, ideal=ideal)
+            length[:] = drawn[:, 0] ** 2 + drawn[:, 1] ** 2 + drawn[:, 2] ** 2
+            drawn -= offset[part]
+            drawn *= drawn
+            squares += drawn
+        deviation[part] = np.sqrt(squares / draws)
+        bound[part] = np.sqrt(np.partition(lengths, rank, axis=0)[rank])
+    return UncertainOffsets(offset, deviation, bound)
+
+
 def rank_errors(
     machine: MachineDescription, *, count: int = 500, limits: Limits | None = None
 ) -> tuple[ErrorCost, ...]:
@@ -111,12 +173,16 @@ def rank_errors(
     return tuple(sorted(found, key=lambda cost: -cost.position_rms))
 
 
+def _bound_rank(draws: int) -> int:
+    """Place, from 0, of the smallest of so many sorted values that 95 % of them do not exceed (JCGM 101:2008, 7.7)."""
+    return math.ceil(0.95 * draws) - 1
+
+
 def _each_error(machine: MachineDescription) -> list[tuple[str, MachineDescription]]:
     ideal = without_errors(machine)
     alone = [(name, replace(ideal, errors={name: component})) for name, component in machine.errors.items()]
-    for body in machine.bodies:
-        if body.location_error != Displacement():
-            alone.append((f"location of {body.name}", ideal.with_location_error(body.name, body.location_error)))
+    for error in location_errors(machine):
+        alone.append((error.name, ideal.with_location_error(error.body, error.displacement)))
     for axis in machine.axes:
         if axis.reversal:
             alone.append((f"reversal of {axis.letter}", ideal.with_axis(axis.letter, reversal=axis.reversal)))

@@ -157,7 +157,7 @@ class YamlDocument:
                     f"{self._path}: its YAML cannot be changed in place; load it and write it out plainly, then "
                     "calibrate that"
                 )
-            found = check(draft)
+            found = _checked(draft, path, check)
             if target == self._path.resolve() and read_yaml(target).text != self._before:
                 raise InputError(f"{path}: somebody has changed it since it was read; calibrate once more")
             if target.exists():
@@ -173,6 +173,14 @@ class YamlDocument:
     def _keep(self, part: str, name: str, value: Any) -> None:  # noqa: ANN401 (YAML content)
         """The first value that stood there counts: a later one is of this calibration itself."""
         self._replaced.setdefault(part, {}).setdefault("values", {}).setdefault(name, plain(value))
+
+
+def _checked(draft: Path, path: Path, check: Callable[[Path], T]) -> T:
+    """What is in a draft; what is wrong with it is told of the file that it becomes."""
+    try:
+        return check(draft)
+    except InputError as error:
+        raise InputError(str(error).replace(str(draft), str(path))) from error
 
 
 def _keep_owner(target: Path, draft: Path) -> None:

@@ -4,20 +4,33 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
 
 from rotary_error_monitor.calibration import reports
 from rotary_error_monitor.calibration.axis_lines import calibrate_squareness
-from rotary_error_monitor.calibration.controller_tables import comp_file, predict_axis_compensation, volumetric_table
+from rotary_error_monitor.calibration.controller_tables import (
+    comp_file,
+    compare_compensations,
+    predict_axis_compensation,
+    read_comp_file,
+    volumetric_table,
+)
 from rotary_error_monitor.calibration.parameters import Orders
 from rotary_error_monitor.calibration.steps import calibrate_machine, calibrate_positioning
-from rotary_error_monitor.calibration.volume import estimate_volumetric_map, rank_errors
+from rotary_error_monitor.calibration.volume import (
+    estimate_uncertain_offsets,
+    estimate_volumetric_map,
+    rank_errors,
+    sample_volume,
+)
 from rotary_error_monitor.commands import calibrate_flatness, calibrate_stage, calibrate_straightness
 from rotary_error_monitor.commands.calibration_arguments import (
     NOT_GOOD,
     Subparsers,
+    add_columns,
     add_figure,
     job_of,
     step,
@@ -30,9 +43,14 @@ from rotary_error_monitor.commands.values import (
     positive,
     split_word,
 )
-from rotary_error_monitor.description.machine import load_machine, machine_path
+from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
+from rotary_error_monitor.machine.kernel import describe_kernel
 from rotary_error_monitor.metrology.tracker import TrackerNoise
+
+MOST_POSES = 10_000_000
+"""Poses of an uncertainty at most: they take minutes, and some GB of memory."""
 
 
 def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
@@ -61,15 +79,18 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave flagged readings out of figures and machine file"
     )
+    add_columns(parser, "target=Pos,mm direction=Dir cycle=Run deviation=Error,um")
     add_figure(parser)
 
 
 def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
-    text = "laser tracker along and round axes: feature,distance_mm,elevation_deg,azimuth_deg"
+    text = "laser tracker along and round axes and spindle: feature,distance_mm,elevation_deg,azimuth_deg"
     parser = step(steps, "squareness", _squareness, text)
     parser.add_argument("--distance-um", type=positive, default=0.5, help="standard uncertainty (default 0.5)")
     parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
     parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
+    add_figure(parser, "draw how axes and spindle lie beside each other")
+    add_columns(parser, "feature=Point distance=Dist,m elevation=V,deg azimuth=Hz,deg")
 
 
 def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -81,6 +102,7 @@ def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
     for name in ("reversal", "expansion", "setup"):
         parser.add_argument(f"--{name}", action="store_true", help=f"look for {name} as well")
+    add_columns(parser, "X=x,mm … C=c,deg temperature=T dx=ex,um dy=ey,um dz=ez,um")
 
 
 def _add_tables(steps: Subparsers[argparse.ArgumentParser]) -> None:
@@ -91,6 +113,9 @@ def _add_tables(steps: Subparsers[argparse.ArgumentParser]) -> None:
     what.add_argument("--axis", help="COMP_FILE of this axis")
     what.add_argument("--grid", nargs="+", metavar="X=5", help="volumetric table: points by axis; others at mid-travel")
     parser.add_argument("--type", type=int, choices=(0, 1), default=0, help="COMP_FILE_TYPE (default 0)")
+    parser.add_argument(
+        "--against", type=Path, metavar="OLD.comp", help="say how far the COMP_FILE is from this one, of the same type"
+    )
     parser.add_argument("--rows", type=int, default=256, help="rows of a COMP_FILE at most (default 256)")
     parser.set_defaults(run=_tables)
 
@@ -100,6 +125,9 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
     parser.add_argument("--limits", nargs="*", default=[], metavar="X=LOW,HIGH", help="working volume, mm or degrees")
     parser.add_argument("--map", nargs=2, metavar=("X", "Z"), help="axes of the map (default: the first two)")
+    parser.add_argument(
+        "--uncertainty", type=int, metavar="POSES", help="what the description's uncertainty leaves at so many poses"
+    )
     add_figure(parser, "draw map and ranked bars")
     parser.set_defaults(run=_errors)
 
@@ -122,6 +150,11 @@ def _squareness(arguments: argparse.Namespace) -> int:
     with job_of(arguments) as job:
         result = calibrate_squareness(job, noise)
     print(reports.squareness_text(result, job.output))
+    if arguments.figure:
+        from rotary_error_monitor.report.axes_figure import draw_axes
+
+        with writing(arguments.figure):
+            draw_axes(arguments.figure, result)
     return 0 if result.written else NOT_GOOD
 
 
@@ -136,17 +169,12 @@ def _machine(arguments: argparse.Namespace) -> int:
 
 
 def _tables(arguments: argparse.Namespace) -> int:
-    check_outputs([arguments.output], [machine_path(arguments.machine)])
+    check_outputs([arguments.output], [machine_path(arguments.machine), arguments.against])
     machine = load_machine(arguments.machine)
+    if arguments.against and not arguments.axis:
+        raise InputError(f"--against {arguments.against}: a COMP_FILE is of one axis; give --axis as well")
     if arguments.axis:
-        compensation = predict_axis_compensation(machine, arguments.axis, arguments.rows)
-        with writing(arguments.output):
-            arguments.output.write_text(comp_file(compensation, arguments.type), encoding="ascii")
-        residue = np.rad2deg(compensation.residue) * 3600 if compensation.rotary else compensation.residue * 1e6
-        unit = "arcsec" if compensation.rotary else "µm"
-        print(f"{len(compensation.positions)} rows written to {arguments.output}, {residue:.3g} {unit} off between")
-        print(f"[JOINT_N] COMP_FILE = {arguments.output.name}, COMP_FILE_TYPE = {arguments.type}; take BACKLASH out")
-        return 0
+        return _comp_file(arguments, machine)
     counts = {name: count_of(value, f"{name}={value}") for name, value in map(split_word, arguments.grid)}
     with writing(arguments.output):
         arguments.output.write_text(volumetric_table(machine, counts), encoding="ascii")
@@ -154,11 +182,37 @@ def _tables(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _comp_file(arguments: argparse.Namespace, machine: MachineDescription) -> int:
+    compensation = predict_axis_compensation(machine, arguments.axis, arguments.rows)
+    before = None
+    if arguments.against:
+        before = read_comp_file(arguments.against, machine.axis(arguments.axis), arguments.type)
+    with writing(arguments.output):
+        arguments.output.write_text(comp_file(compensation, arguments.type), encoding="ascii")
+    residue = np.rad2deg(compensation.residue) * 3600 if compensation.rotary else compensation.residue * 1e6
+    unit = "arcsec" if compensation.rotary else "µm"
+    print(f"{len(compensation.positions)} rows written to {arguments.output}, {residue:.3g} {unit} off between")
+    print(f"[JOINT_N] COMP_FILE = {arguments.output.name}, COMP_FILE_TYPE = {arguments.type}; take BACKLASH out")
+    if before is not None:
+        print(reports.change_text(compare_compensations(before, compensation), arguments.against))
+    return 0
+
+
 def _errors(arguments: argparse.Namespace) -> int:
     check_outputs([arguments.figure], [machine_path(arguments.machine)])
     machine = load_machine(arguments.machine)
-    costs = rank_errors(machine, limits=limits_of(arguments.limits, machine))
+    limits = limits_of(arguments.limits, machine)
+    poses = arguments.uncertainty
+    if poses is not None and not 1 <= poses <= MOST_POSES:
+        raise InputError(f"--uncertainty {poses}; expected 1 to {MOST_POSES} poses")
+    costs = rank_errors(machine, limits=limits)
     print(reports.ranking_text(costs))
+    if poses is not None:
+        if slower := describe_kernel():
+            print(f"note: {slower}", file=sys.stderr)
+        print(
+            reports.uncertain_offsets_text(estimate_uncertain_offsets(machine, sample_volume(machine, poses, limits)))
+        )
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_errors
 

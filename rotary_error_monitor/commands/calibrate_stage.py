@@ -17,12 +17,14 @@ from rotary_error_monitor.calibration.yaml_document import changing
 from rotary_error_monitor.commands.calibration_arguments import (
     NOT_GOOD,
     Subparsers,
+    add_columns,
     add_figure,
     add_force,
     today,
     writing,
 )
 from rotary_error_monitor.commands.values import finite, not_negative, positive
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
 from rotary_error_monitor.metrology.two_axis_fit import Reference
@@ -70,6 +72,15 @@ def _add_assembly(steps: Subparsers[argparse.ArgumentParser]) -> None:
         default=Centres().lean * ARCSEC,
         help="and how far it may lean, which looks like a tilted mirror (default 1)",
     )
+    parser.add_argument(
+        "--as",
+        dest="form",
+        choices=("orders", "table"),
+        default="orders",
+        help="write graduation and flatness by the orders that stand out, or as measured curves of all orders, in CSV "
+        "files beside the stage file (default: orders)",
+    )
+    add_figure(parser, "draw heads against one another and the mirror, before and after")
     parser.set_defaults(run=_assembly)
 
 
@@ -116,6 +127,7 @@ def _add_autocollimator(steps: Subparsers[argparse.ArgumentParser]) -> None:
         "--keep", nargs="+", choices=KEPT, default=[], help="leave these in the file as they are: calibrated elsewhere"
     )
     parser.add_argument("--drop-outliers", action="store_true", help="leave steps out that do not fit the others")
+    add_columns(parser, "reference_x=RefX,arcsec reference_y=RefY,arcsec q1_V=Ch0 q2_V=Ch1 q3_V=Ch2 q4_V=Ch3")
     add_figure(parser)
     parser.set_defaults(run=_autocollimator)
 
@@ -123,6 +135,7 @@ def _add_autocollimator(steps: Subparsers[argparse.ArgumentParser]) -> None:
 def _assembly(arguments: argparse.Namespace) -> int:
     output = arguments.output or arguments.stage
     check_outputs([arguments.output], [arguments.source])
+    check_outputs([arguments.figure], [arguments.source, arguments.stage, output])
     with changing(output):
         result = calibrate_assembly(
             arguments.source,
@@ -131,9 +144,15 @@ def _assembly(arguments: argparse.Namespace) -> int:
             arguments.date or today(),
             delay=(arguments.delay_ms * 1e-3, arguments.delay_std_ms * 1e-3),
             centres=Centres(arguments.centre_radial_um * 1e-6, arguments.centre_lean_arcsec / ARCSEC),
+            as_table=arguments.form == "table",
             force=arguments.force,
         )
     print(assembly_text(result, output))
+    if arguments.figure:
+        from rotary_error_monitor.report.assembly import draw_assembly
+
+        with writing(arguments.figure):
+            draw_assembly(arguments.figure, result)
     return 0 if result.written else NOT_GOOD
 
 
@@ -153,6 +172,7 @@ def _autocollimator(arguments: argparse.Namespace) -> int:
             keep=tuple(arguments.keep),
             drop_outliers=arguments.drop_outliers,
             force=arguments.force,
+            layout=ColumnLayout.of(arguments.columns) if arguments.columns else None,
         )
     print(collimator_text(result, output))
     if arguments.figure:

@@ -18,6 +18,7 @@ from rotary_error_monitor.calibration.straightness_step import (
 from rotary_error_monitor.commands.calibration_arguments import (
     NOT_GOOD,
     Subparsers,
+    add_columns,
     add_figure,
     job_of,
     step,
@@ -47,6 +48,7 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave readings out that stand off from those of other runs"
     )
+    add_columns(parser, "segment=Seg run=Run direction=Dir position=X,mm reading=Gauge,um")
     _add_mirror(parser)
     _add_direct(parser)
     add_figure(parser)

@@ -11,6 +11,7 @@ from pathlib import Path
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.calibration.yaml_document import changing
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places
 
@@ -32,6 +33,18 @@ def add_force(parser: argparse.ArgumentParser) -> None:
 def add_figure(parser: argparse.ArgumentParser, help_: str = "draw what was found") -> None:
     """Describe `--figure`."""
     parser.add_argument("--figure", type=Path, metavar="PNG", help=help_)
+
+
+def add_columns(parser: argparse.ArgumentParser, example: str) -> None:
+    """Describe `--columns`."""
+    parser.add_argument(
+        "--columns",
+        nargs="+",
+        default=[],
+        metavar="WHAT=HEADER,UNIT",
+        help=f"of a table as an instrument writes it: which column is what, and its unit, such as {example}; lines "
+        "before the headers and other columns are passed over, and semicolons or tabs may separate columns",
+    )
 
 
 def today() -> date:
@@ -88,6 +101,8 @@ def job_of(
     further = [getattr(arguments, "figure", None), *written]
     check_outputs(further, [*inputs, arguments.machine, output])
     check_places(path for path in further if path is not None)
+    columns = getattr(arguments, "columns", [])
+    layout = ColumnLayout.of(columns) if columns else None
     with changing(output):
         file = MachineFile(arguments.machine)
-        yield Job(arguments.source, file, output, arguments.date or today(), arguments.force)
+        yield Job(arguments.source, file, output, arguments.date or today(), arguments.force, layout)

@@ -14,6 +14,7 @@ from rotary_error_monitor.description.machine import load_machine, machine_path
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import one_line
 from rotary_error_monitor.files import check_outputs, check_places
+from rotary_error_monitor.machine.kernel import describe_kernel
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import check_estimated, period_of, replay_bag, replay_long
 from rotary_error_monitor.recordings.replayed import LongReplay, Replay
@@ -60,6 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         keep, progress = kept_beside(arguments.output), progress_bar("replay")
         result = replay_long(arguments.bag, stage, machine, settings, naming, keep, progress)
+    if machine is not None and (slower := describe_kernel()):
+        print(f"note: {slower}", file=sys.stderr)
     for remark in result.remarks:
         print(f"note: {one_line(remark)}", file=sys.stderr)
     check_estimated(result, arguments.bag, stage)

@@ -19,7 +19,7 @@ from rotary_error_monitor.commissioning.tilt import fit_tilt, log_hand
 from rotary_error_monitor.commissioning.units import Unit, tilt_units
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.shaft_recording import LEAST_SEEN, seen_part
+from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
 
 AUTOCOLLIMATOR, FORCE = "autocollimator", "force"
 

@@ -21,6 +21,7 @@ from rotary_error_monitor.commissioning.found import Stated, Value
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.sections import locate
 from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.description.table_files import FLATNESS, GRADUATION
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.errors import InputError
 
@@ -43,6 +44,7 @@ def commission_stage(
     stage = load_stage(stage_file)
     if stage.encoder is None:
         raise InputError(f"{stage_file}: the stage has no section 'encoder'; expected read heads to be commissioned")
+    check_without_tables(stage, stage_file)
     recorded = read_streams(bag, stage, naming)
     try:
         return stage, commission(stage, stated_in(stage_file, stage.azimuths), recorded)
@@ -51,6 +53,21 @@ def commission_stage(
             place = locate(stage_file, ("stage", "encoder", "heads"))
             raise InputError(f"{place}: {str(error).partition(': ')[2]}") from error
         raise InputError(f"{bag}: {error}") from error
+
+
+def check_without_tables(stage: StageDescription, stage_file: Path) -> None:
+    """Refuse a stage whose ring or mirror is described by measured curves: what is found here are orders.
+
+    Raises:
+        InputError: it has one; the message names file and line.
+    """
+    ring = None if stage.encoder is None else stage.encoder.graduation_table
+    for place, table in ((GRADUATION, ring), (FLATNESS, stage.mirror.flatness_table)):
+        if table is not None:
+            raise InputError(
+                f"{locate(stage_file, ('stage', *place))}: a measured curve, which commissioning does not take into "
+                "account; take it out, commission, and measure the curve anew with `calibrate assembly --as table`"
+            )
 
 
 def stated_in(stage_file: Path, letters: Iterable[str]) -> Stated:

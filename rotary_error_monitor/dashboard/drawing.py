@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.dashboard.trend import MINUTES
-from rotary_error_monitor.pipeline.error_motion_view import LARGEST_PART, Picture, rounded_down
+from rotary_error_monitor.pipeline.last_turn import LARGEST_PART, Picture, rounded_down
 
 # of Okabe and Ito (2008), told apart by people who see few colours
 BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.error_motion_view import ErrorMotionView, Picture, magnification_of
+from rotary_error_monitor.pipeline.last_turn import LastTurn, Picture, magnification_of
 
 TURN = 2 * np.pi
 
@@ -17,14 +17,14 @@ class LastTurns:
         """Of a stage whose ring has that radius, m."""
         self.radius = radius
         self._most = most
-        self._views: dict[int, ErrorMotionView] = {}
+        self._views: dict[int, LastTurn] = {}
 
     def add(self, motion: ErrorMotion) -> None:
         """Take in error motion at some more times, in their order."""
         turn = np.floor(motion.theta / TURN).astype(np.int64)
         for piece in np.split(np.arange(len(turn)), np.flatnonzero(np.diff(turn)) + 1):
             number = int(turn[piece[0]])
-            view = self._views.pop(number, None) or ErrorMotionView(self.radius)  # the latest stands last
+            view = self._views.pop(number, None) or LastTurn(self.radius)  # the latest stands last
             view.add(motion.at(piece))
             self._views[number] = view
         while len(self._views) > self._most:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,6 +34,12 @@ from rotary_error_monitor.resources import config, share
 
 T = TypeVar("T")
 
+SHIFT_UNCERTAINTY = "shift_uncertainty"
+"""Figure under `calibration` that says how sure the place of an axis is, m."""
+
+VOLUMETRIC, WHOLE_MACHINE = "volumetric_uncertainty", "machine"
+"""Figure under `calibration` of a part that an identification has left, and name of the whole."""
+
 DIRECTIONS = "XYZABC"
 """Second letter of an error component: shift along x, y, z in m, then rotation about x, y, z in rad."""
 
@@ -48,9 +54,12 @@ class MachineDescription:
         errors: components by name: E, direction (X Y Z shifts, A B C rotations), letter of the axis.
         tool: name of the body whose origin is the tool tip and whose z axis is the tool axis.
         workpiece: name of the body in whose frame offsets are told.
+        spindle: name of the body whose z axis is the spindle's axis of rotation; none where the file names none.
         monitored: letter of the rotary axis whose six error components are measured live; none for a table only.
         limits: of its temperature.
         uncertainty: standard uncertainty of parameters by dotted name, as in the file; empty for an exact description.
+        calibrated: standard uncertainty of calibrated parts by their names under `calibration`, m or rad; that of a
+            place by the name with `.shift`, m.
     """
 
     name: str
@@ -63,6 +72,8 @@ class MachineDescription:
     reference_temperature: float = REFERENCE_TEMPERATURE
     limits: MachineLimits = field(default_factory=MachineLimits)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
+    spindle: str | None = None
+    calibrated: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def letters(self) -> tuple[str, ...]:
@@ -158,6 +169,7 @@ def machine_mapping(machine: MachineDescription) -> dict[str, Any]:
         tool=machine.tool,
         workpiece=machine.workpiece,
         monitored=machine.monitored,
+        spindle=machine.spindle,
         reference_temperature=machine.reference_temperature,
         axes={axis.letter: axis for axis in machine.axes},
         bodies=tuple(
@@ -215,7 +227,18 @@ def _description(section: MachineSection) -> MachineDescription:
         reference_temperature=section.reference_temperature,
         limits=section.limits,
         uncertainty=section.uncertainty,
+        calibrated=dict(_calibrated(section)),
     )
+
+
+def _calibrated(section: MachineSection) -> Iterator[tuple[str, float]]:
+    """Uncertainties that calibrations have left."""
+    for name, part in section.calibration.items():
+        if part.uncertainty is not None:
+            # of an identification it is that of the tool's place, whatever part of the machine it replaced
+            yield (WHOLE_MACHINE if VOLUMETRIC in part.figures else name), part.uncertainty
+        if SHIFT_UNCERTAINTY in part.figures:
+            yield f"{name}.shift", part.figures[SHIFT_UNCERTAINTY]
 
 
 def _from_tree(section: TreeSection) -> MachineDescription:
@@ -227,6 +250,7 @@ def _from_tree(section: TreeSection) -> MachineDescription:
         tool=section.tool,
         workpiece=section.workpiece,
         monitored=section.monitored,
+        spindle=section.spindle,
     )
 
 
@@ -263,7 +287,14 @@ def _from_parameters(section: ParameterSection) -> MachineDescription:
         Body("tool", "tool_holder", Displacement((0.0, 0.0, -section.tool_length))),
     )
     return MachineDescription(
-        "pan2013", bodies, (*linear, *rotary), {}, tool="tool", workpiece="workpiece", monitored="C"
+        "pan2013",
+        bodies,
+        (*linear, *rotary),
+        {},
+        tool="tool",
+        workpiece="workpiece",
+        monitored="C",
+        spindle="spindle",
     )
 
 

@@ -14,10 +14,11 @@ from typing import Annotated, Any, Literal
 
 from rotary_error_monitor.description.expected import Expected, Key
 from rotary_error_monitor.description.machine_limits import FASTEST, QUICKEST, MachineLimits
+from rotary_error_monitor.description.machine_tree import BASE as BASE
+from rotary_error_monitor.description.machine_tree import wrong_tree
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.quantities import (
     HALF_TURN,
-    LARGEST_TILT,
     REFERENCE_TEMPERATURE,
     Deviation,
     Displacements,
@@ -32,9 +33,6 @@ from rotary_error_monitor.description.quantities import (
     Travel,
 )
 from rotary_error_monitor.description.sections import Place, Section
-
-BASE = "base"
-"""Name of the body at the root of every tree; it is not listed."""
 
 Vector = tuple[float, float, float]
 Component = Annotated[float, Expected("a component of a unit vector", -1, 1)]
@@ -105,6 +103,7 @@ class Axis(Section):
         direction: along or about which it moves, in the frame of its body.
         expansion: of its scale: adds `expansion * dT * q` to its positioning error.
         reversal: width of its reversal error (ISO 230-2, B): half of it is missing in the direction of travel.
+        repeatability: of its positioning (ISO 230-2, R: four standard deviations); scatter, no part of the errors.
     """
 
     letter: Annotated[Letter, Key]
@@ -115,6 +114,9 @@ class Axis(Section):
     travel: Travel
     expansion: Expansion = 0.0
     reversal: Annotated[Deviation, Expected("reversal error in m or rad, at most 10 mm or 10 mrad")] = 0.0
+    repeatability: Annotated[
+        float | None, Expected("repeatability R of positioning in m or rad, at most 10 mm or 10 mrad", 0, 0.01)
+    ] = None
     speed: Annotated[
         float | None,
         Expected("fastest motion in m/s or rad/s; joint states that are faster are not believed", above=0, most=1e4),
@@ -270,10 +272,6 @@ class MachineSection(Section):
                 yield ("errors", name), f"there is no axis {name[2]}; the axes are {', '.join(letters)}"
 
 
-_STAGE_AXIS = (0.0, 0.0, 1.0)
-"""Direction of a monitored axis in its stator's frame: its error motion comes as the stage sees it, whose z it is."""
-
-
 @dataclass(frozen=True)
 class PoseSection:
     """Where a body stands on its parent."""
@@ -315,6 +313,9 @@ class TreeSection(MachineSection):
     monitored: Annotated[
         Letter | None, Expected("letter of the rotary axis whose error motion is measured live, or null", null=True)
     ] = None
+    spindle: Annotated[
+        Name | None, Expected("name of the body whose z is the axis of the spindle, or null", null=True)
+    ] = None
     axes: Annotated[Mapping[Letter, Axis], Expected("axes by their letters", count=(1, math.inf))]
     bodies: Annotated[
         tuple[BodySection, ...], Expected("from 1 to 100 bodies, a parent before its children", count=(1, 100))
@@ -323,7 +324,7 @@ class TreeSection(MachineSection):
     def contradictions(self) -> Iterator[tuple[Place, str]]:
         """Errors of other axes, or a tree that does not hold together."""
         yield from self._of_no_axis(self.axes)
-        yield from _wrong_tree(self)
+        yield from wrong_tree(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -347,48 +348,3 @@ class ParameterSection(MachineSection):
             if problem := _not_rising(travel):
                 yield ("travel", letter), problem
         yield from self._of_no_axis(self.travel)
-
-
-def _wrong_tree(section: TreeSection) -> Iterator[tuple[Place, str]]:
-    """Where a section contradicts itself, and what would be right."""
-    axes, seen, moved = section.axes, {BASE: None}, dict[str, str]()
-    for index, row in enumerate(section.bodies):
-        place: Place = ("bodies", index)
-        if row.name in seen:
-            yield (*place, "name"), f"there is already a body '{row.name}'; expected a name of its own"
-        if row.parent not in seen:
-            yield (*place, "parent"), f"no body '{row.parent}' stands above; expected one of {', '.join(seen)}"
-        if row.axis in moved:
-            yield (
-                (*place, "axis"),
-                f"axis {row.axis} moves '{moved[row.axis]}' already; expected one body for each axis",
-            )
-        for letter in (*filter(None, [row.axis]), *row.squareness):
-            if letter not in axes:
-                yield place, f"there is no axis {letter}; the axes are {', '.join(axes)}"
-        if row.squareness and (row.axis is None or row.axis in row.squareness):
-            yield (*place, "squareness"), "expected angles from this body's own axis to other axes"
-        elif axes.keys() >= {*row.squareness}:
-            angle = max(abs(part) for part in row.whole_location_error(axes).rotation)
-            if angle > LARGEST_TILT:
-                yield (
-                    (*place, "squareness"),
-                    f"the angles and the location error add up to {angle * 1e3:.4g} mrad; expected at most 10 mrad",
-                )
-        seen[row.name] = None
-        moved |= {row.axis: row.name} if row.axis else {}
-    for letter in axes:
-        if letter not in moved:
-            yield ("axes", letter), f"axis {letter} moves no body; expected a body with axis: {letter}"
-    for key, name in (("tool", section.tool), ("workpiece", section.workpiece)):
-        if name not in seen:
-            yield (key,), f"there is no body '{name}'; expected one of {', '.join(seen)}"
-    rotary = [letter for letter, axis in axes.items() if axis.kind == "rotary"]
-    if section.monitored is not None and section.monitored not in rotary:
-        yield ("monitored",), f"'{section.monitored}' is no rotary axis; expected {', '.join(rotary) or 'null'}"
-    elif section.monitored is not None and axes[section.monitored].direction != _STAGE_AXIS:
-        yield (
-            ("axes", section.monitored, "direction"),
-            f"{list(axes[section.monitored].direction)} is not the z of the stage that monitors this axis, so that its"
-            " error motion would be taken for another; expected [0, 0, 1], with the body turned by pose.rotation",
-        )

@@ -103,7 +103,14 @@ def read(section: type[T], found: YamlContent, place: Place = (), what: str = ""
 
 def locate(path: Path | str, place: Place) -> str:
     """`file:line: key.key` of a place in the YAML file `path`, to begin a message about its value with."""
-    return f"{path}:{_line(read_yaml(Path(path)).node, place)}: {'.'.join(map(str, place))}"
+    return place_named(read_yaml(Path(path)), place)
+
+
+def place_named(found: YamlContent, place: Place) -> str:
+    """`file:line: key.key` of a place in what was read, to begin a message about its value with."""
+    line = _line(found.node, place)
+    where = f"{found.origin}:{line}" if line else found.origin
+    return f"{where}: {'.'.join(map(str, place))}"
 
 
 def from_content(section: type[T], content: object, name: str) -> T:

@@ -11,10 +11,13 @@ from rotary_error_monitor.description.harmonics import AngularHarmonic as Angula
 from rotary_error_monitor.description.harmonics import PlanarHarmonic as PlanarHarmonic
 from rotary_error_monitor.description.listed_sensors import ListedSensor as ListedSensor
 from rotary_error_monitor.description.listed_sensors import listed_sensors, name_of, sensors_section, stream_of
+from rotary_error_monitor.description.periodic_tables import AngularTable as AngularTable
+from rotary_error_monitor.description.periodic_tables import PeriodicTable as PeriodicTable
+from rotary_error_monitor.description.periodic_tables import PlanarTable as PlanarTable
 from rotary_error_monitor.description.quantities import REFERENCE_TEMPERATURE
 from rotary_error_monitor.description.response import IDEAL
 from rotary_error_monitor.description.response import Response as Response
-from rotary_error_monitor.description.sections import extended, from_content, load, narrowed, write
+from rotary_error_monitor.description.sections import extended, from_content, narrowed, read, write
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.description.stage_section import (
     CommandSection,
@@ -27,6 +30,7 @@ from rotary_error_monitor.description.stage_section import (
 from rotary_error_monitor.description.stage_section import Encoder as Encoder
 from rotary_error_monitor.description.stage_section import Mirror as Mirror
 from rotary_error_monitor.description.stage_section import Spindle as Spindle
+from rotary_error_monitor.description.table_files import with_tables
 from rotary_error_monitor.description.two_axis_section import (
     DISTORTIONS,
     RESPONSES,
@@ -37,6 +41,7 @@ from rotary_error_monitor.description.two_axis_section import (
 from rotary_error_monitor.description.two_axis_section import Autocollimator as Autocollimator
 from rotary_error_monitor.description.two_axis_section import Lvdt as Lvdt
 from rotary_error_monitor.description.two_axis_section import Turbulence as Turbulence
+from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 
@@ -109,6 +114,12 @@ class StageDescription:
         return {} if self.encoder is None else self.encoder.azimuths
 
     @property
+    def tables(self) -> tuple[PeriodicTable, ...]:
+        """Measured curves of ring and mirror, as far as there are some."""
+        both = None if self.encoder is None else self.encoder.graduation_table, self.mirror.flatness_table
+        return tuple(table for table in both if table is not None)
+
+    @property
     def tilt_instrument(self) -> Autocollimator:
         """The autocollimator, where only a stage that has one makes sense.
 
@@ -149,7 +160,8 @@ def load_stage(path: Path | str | None = None) -> StageDescription:
         InputError: the file is missing, states what is out of range or contradicts itself; the message names file,
             line, value and what is expected.
     """
-    return _description(load(config("stage.yaml") if path is None else path, "stage", StageSection))
+    found = read_yaml(Path(config("stage.yaml") if path is None else path))
+    return _description(read(StageSection, with_tables(found, "stage"), ("stage",), "stage"))
 
 
 def stage_from_mapping(content: Mapping[str, Any]) -> StageDescription:

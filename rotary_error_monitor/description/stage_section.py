@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from rotary_error_monitor.description.expected import Expected, Stated, entries
 from rotary_error_monitor.description.harmonics import PlaneWaves, Waves
 from rotary_error_monitor.description.listed_sensors import listed_sensor
+from rotary_error_monitor.description.periodic_tables import AngularTable, PlanarTable
 from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.quantities import (
     Angle,
@@ -56,6 +57,7 @@ class Encoder:
         azimuths: azimuth of each head by its letter, rad about +z.
         eccentricity: ring centre in the rotor's frame (x, y), m.
         graduation: orders of the graduation error.
+        graduation_table: that error as a curve over the ring, of which `graduation` is what comes on top.
     """
 
     disc_radius: Annotated[float, Expected("radius of the graduated ring in m, from 1 mm to 10 m", 0.001, 10)]
@@ -65,6 +67,10 @@ class Encoder:
     azimuths: Mapping[str, float]
     eccentricity: DisplacementPair = (0.0, 0.0)
     graduation: Annotated[Waves, Expected("at most 500 rows {order, cos, sin} in rad")] = ()
+    graduation_table: Annotated[
+        AngularTable | None,
+        Expected("a curve over the ring: {file: NAME.csv} or {angles, values, uncertainties} in rad"),
+    ] = None
 
     @property
     def resolution(self) -> float:
@@ -74,10 +80,18 @@ class Encoder:
 
 @dataclass(frozen=True)
 class Mirror:
-    """Mirror on the rotor: tilt (x, y) that turns with it, and the flatness seen over a turn, rad."""
+    """Mirror on the rotor: tilt (x, y) that turns with it, and the flatness seen over a turn, rad.
+
+    Attributes:
+        flatness_table: what is seen over a turn as a curve, of which `flatness` is what comes on top.
+    """
 
     tilt: TiltPair = (0.0, 0.0)
     flatness: Annotated[PlaneWaves, Expected("at most 500 rows {order, x: [cos, sin], y: [cos, sin]} in rad")] = ()
+    flatness_table: Annotated[
+        PlanarTable | None,
+        Expected("a curve over the rotation: {file: NAME.csv} or {angles, x, y, uncertainties} in rad"),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -255,19 +269,22 @@ def angle_rows(response: Response) -> dict[str, Any]:
     return {"zero": response.zero[0], "sign": round(response.gain), "latency": response.latency}
 
 
-def _names(part: type[Any], *more: str, without: str = "") -> tuple[str, ...]:
-    return (*(each.name for each in entries(part) if each.name != without), *more)
+def _names(part: type[Any], *more: str, without: Sequence[str] = ()) -> tuple[str, ...]:
+    return (*(each.name for each in entries(part) if each.name not in without), *more)
 
 
 PARAMETERS: Mapping[str, tuple[str, ...]] = {
-    "encoder": _names(Encoder, "azimuth", "timing", without="azimuths"),
-    "mirror": _names(Mirror),
-    "autocollimator": _names(Autocollimator, *RESPONSES, *DISTORTIONS, without="turbulence"),
+    "encoder": _names(Encoder, "azimuth", "timing", without=("azimuths", "graduation_table")),
+    "mirror": _names(Mirror, without=("flatness_table",)),
+    "autocollimator": _names(Autocollimator, *RESPONSES, *DISTORTIONS, without=("turbulence",)),
     "spindle": _names(Spindle),
     "lvdt": _names(Lvdt, *RESPONSES),
     "command": ("timing",),
 }
-"""What the section `uncertainty` may name of each section, whether a stage has that section or not."""
+"""What the section `uncertainty` may name of each section, whether a stage has that section or not.
+
+A measured curve states its uncertainty itself, at each angle.
+"""
 
 
 def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:

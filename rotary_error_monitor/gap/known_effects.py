@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
-from rotary_error_monitor.gap.departures import Departing, Departures
+from rotary_error_monitor.gap.departures import Departing, Departures, amplitude_sizes
 from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Problem, Rows
 from rotary_error_monitor.twin.finite import UnpredictableError
 
@@ -60,6 +60,23 @@ class KnownEffects:
     def _candidates(self) -> tuple[Candidate, ...]:
         return self._problem.candidates(self._rest, self._causes)
 
+    @cached_property
+    def _signatures(self) -> list[Columns]:
+        """Those of the causes."""
+        linear = [cause.effect.indices(Role.LINEAR) for cause in self._causes]
+        return [self._problem.signature(c, own, self._causes) for c, own in zip(self._causes, linear, strict=True)]
+
+    def sizes(self, shown: Callable[[Columns], Array]) -> list[Array]:
+        """White columns (c n, p) of each cause that was found, its amplitudes as uncertain as they are large.
+
+        Fitted alone they hold a part of what else may be there: beside that they may be of any other size.
+
+        Args:
+            shown: as `seen_by`.
+        """
+        pairs = zip(self._causes, map(shown, self._signatures), strict=True)
+        return [columns * amplitude_sizes(cause) for cause, columns in pairs if np.any(columns)]
+
     def seen_by(self, shown: Callable[[Columns], Array]) -> Iterator[KnownEffect]:
         """Those that an instrument shows, with the ways in which they may depart, causes that were found first.
 
@@ -80,8 +97,8 @@ class KnownEffects:
                 return kept(0, problem.departures((candidate.cause(amplitudes),)))
             return np.zeros((0, 0)), ()
 
-        for place, cause in enumerate(self._causes):
-            columns = shown(problem.signature(cause, cause.effect.indices(Role.LINEAR), self._causes))
+        for place, signature in enumerate(self._signatures):
+            columns = shown(signature)
             if np.any(columns):
                 yield KnownEffect(columns, partial(departures_of, place))
         for candidate in self._candidates:

@@ -18,7 +18,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from types import FrameType
 from typing import Any, Protocol, TypeAlias
 
 from rotary_error_monitor.errors import InputError
@@ -28,6 +27,7 @@ from rotary_error_monitor.linuxcnc_controller.kinematics import LETTERS
 from rotary_error_monitor.linuxcnc_controller.modules import load_module
 from rotary_error_monitor.linuxcnc_controller.pins import MachinePins, Units
 from rotary_error_monitor.linuxcnc_controller.protocol import Absent, End, Hello, Record, decode, encode
+from rotary_error_monitor.unwinding import unwinding
 
 ABSENT = "no LinuxCNC runs here"
 SHUTDOWN = "LinuxCNC shuts down: it told its HAL components to end"
@@ -140,14 +140,6 @@ def _wait_for_status(status: Any) -> None:  # noqa: ANN401 (LinuxCNC's `stat` ca
         time.sleep(_STATUS_STEP)
 
 
-class _Terminated(Exception):  # noqa: N818 (no error: how LinuxCNC takes leave)
-    """LinuxCNC, or the user, told this process to end."""
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise _Terminated
-
-
 def run(
     name: str, start: Callable[[dict[str, Any], MachinePins], tuple[Looker, float]], arguments: list[str] | None
 ) -> int:
@@ -164,13 +156,13 @@ def run(
     parser = argparse.ArgumentParser(prog=name)
     parser.add_argument("settings", type=json.loads, help="settings by name, as a JSON object")
     settings = parser.parse_args(arguments).settings
-    signal.signal(signal.SIGTERM, _terminate)
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))  # little work, but on time
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the other side decides
     try:
-        reason = _run(start, settings)
-    except _Terminated:
+        with unwinding():
+            reason = _run(start, settings)
+    except SystemExit:  # LinuxCNC, or the user, told this process to end
         reason = SHUTDOWN
     except BrokenPipeError:
         return 0

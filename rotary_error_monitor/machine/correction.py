@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.machine.error_model import actual_errors, check_poses, offset_between
+from rotary_error_monitor.machine.error_model import (
+    CheckedPoses,
+    actual_errors,
+    arrange_rows,
+    check_rows,
+    offset_between,
+)
+from rotary_error_monitor.machine.kernel import chosen_kernel
 from rotary_error_monitor.machine.kinematics import MachineModel, axis_columns, stand
 from rotary_error_monitor.machine.transforms import Array, cross, dot, length
 
@@ -94,7 +101,17 @@ def solve_axis_corrections(
     """
     if not 0.0 < least_reach < 1.0:
         raise InputError(f"least_reach {least_reach}; expected a number between 0 and 1 such as 0.02")
-    poses = check_poses(model, positions, direction, temperature, monitored)
+    rows = arrange_rows(model, positions, direction, temperature, monitored)
+    kernel = chosen_kernel()
+    found = None if kernel is None else kernel.corrections(model, rows, least_reach, MOST_STEPS, LAST_STEP)
+    if found is not None:
+        converged, position_spanned, direction_spanned = found.flags.T
+        return SolvedCorrections(found.corrections, converged, position_spanned, direction_spanned, found.offset)
+    return _search(model, check_rows(rows), least_reach)
+
+
+def _search(model: MachineModel, poses: CheckedPoses, least_reach: float) -> SolvedCorrections:
+    """The search in numpy."""
     stance = stand(model, poses.positions, None)
     ideal = stance.tool_in_workpiece()
     shift, rotation = axis_columns(model, stance)
@@ -142,12 +159,17 @@ def remaining_offset(
     Raises:
         InputError: a shape does not fit the machine, or a number is not finite.
     """
-    poses = check_poses(model, positions, direction, temperature, monitored)
-    added = check_poses(model, corrections).positions
-    if added.shape != poses.positions.shape:
+    rows = arrange_rows(model, positions, direction, temperature, monitored)
+    added_rows = arrange_rows(model, corrections)
+    if len(added_rows.positions) != len(rows.positions):
         raise InputError(
-            f"{added.shape[1]} corrections for {poses.positions.shape[1]} positions; expected one for each"
+            f"{len(added_rows.positions)} corrections for {len(rows.positions)} positions; expected one for each"
         )
+    if (kernel := chosen_kernel()) is not None:
+        found = kernel.offsets(model, rows, added=added_rows.positions)
+        if found is not None:
+            return found
+    poses, added = check_rows(rows), check_rows(added_rows).positions
     moved = poses._replace(positions=poses.positions + added)
     actual = stand(model, moved.positions, actual_errors(model, moved))
     return offset_between(actual.tool_in_workpiece(), stand(model, poses.positions, None).tool_in_workpiece())

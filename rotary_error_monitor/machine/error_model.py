@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.kernel import Rows, chosen_kernel
 from rotary_error_monitor.machine.kinematics import MachineModel, stand, turns
 from rotary_error_monitor.machine.transforms import Array, chain, compose, cross, inverse, rotate, rotation_vector
 
@@ -56,7 +57,12 @@ def predict_tool_offset(
     Raises:
         InputError: a shape does not fit the machine, or a number is not finite.
     """
-    poses = check_poses(model, positions, direction, temperature, monitored)
+    rows = arrange_rows(model, positions, direction, temperature, monitored)
+    if exact and (kernel := chosen_kernel()) is not None:
+        known = None if ideal is None else np.ascontiguousarray(ideal, dtype=np.float64)
+        if (found := kernel.offsets(model, rows, ideal=known)) is not None:
+            return found
+    poses = check_rows(rows)
     errors = actual_errors(model, poses)
     if not exact:
         return first_order_offset(model, poses.positions, errors)
@@ -145,18 +151,47 @@ def check_poses(
     Raises:
         InputError: a shape does not fit the machine, or a number is not finite (NaN only in `monitored`).
     """
-    q = np.asarray(positions, dtype=np.float64)
+    return check_rows(arrange_rows(model, positions, direction, temperature, monitored))
+
+
+def arrange_rows(
+    model: MachineModel,
+    positions: ArrayLike,
+    direction: ArrayLike | None = None,
+    temperature: ArrayLike | None = None,
+    monitored: ArrayLike | None = None,
+) -> Rows:
+    """The input as arrays with poses first, each in one piece; whether numbers are finite is not looked at.
+
+    Raises:
+        InputError: a shape does not fit the machine.
+    """
+    q = np.ascontiguousarray(positions, dtype=np.float64)
     axes = len(model.letters)
     if q.ndim != 2 or q.shape[1] != axes:
         raise InputError(f"positions of shape {q.shape}; expected (n, {axes}): {', '.join(model.letters)} in m or rad")
     count = len(q)
     if monitored is not None:
         _monitored_axis(model)
+    return Rows(
+        q,
+        None if direction is None else _rows("direction", direction, (count, axes)),
+        None if temperature is None else _rows("temperature", temperature, (count,)),
+        None if monitored is None else _rows("monitored", monitored, (count, 6)),
+    )
+
+
+def check_rows(rows: Rows) -> CheckedPoses:
+    """The same with poses last.
+
+    Raises:
+        InputError: a number is not finite (NaN only in `monitored`).
+    """
     return CheckedPoses(
-        _columns("positions", q, (count, axes)),
-        None if direction is None else _columns("direction", direction, (count, axes)),
-        None if temperature is None else _columns("temperature", temperature, (count,)),
-        None if monitored is None else _columns("monitored", monitored, (count, 6), nan=True),
+        _columns("positions", rows.positions),
+        None if rows.direction is None else _columns("direction", rows.direction),
+        None if rows.temperature is None else _columns("temperature", rows.temperature),
+        None if rows.monitored is None else _columns("monitored", rows.monitored, nan=True),
     )
 
 
@@ -211,18 +246,22 @@ def _monitored_axis(model: MachineModel) -> int:
     return model.monitored
 
 
-def _columns(name: str, values: ArrayLike, shape: tuple[int, ...], *, nan: bool = False) -> Array:
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim == 0 and len(shape) == 1:
-        array = np.broadcast_to(array, shape)
+def _rows(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if np.ndim(values) == 0 and len(shape) == 1:
+        array = np.full(shape, values, dtype=np.float64)
     if array.shape != shape:
         raise InputError(f"{name} of shape {array.shape}; expected {shape}")
-    wrong = np.isinf(array) if nan else ~np.isfinite(array)
+    return array
+
+
+def _columns(name: str, rows: Array, *, nan: bool = False) -> Array:
+    wrong = np.isinf(rows) if nan else ~np.isfinite(rows)
     if wrong.any():
         place = tuple(int(i) for i in np.argwhere(wrong)[0])
-        raise InputError(f"{name} at {place} is {array[place]}; expected finite numbers")
+        raise InputError(f"{name} at {place} is {rows[place]}; expected finite numbers")
     # Columns in one piece: numpy may take another way through strided memory, with other last bits of sin and cos.
-    return np.ascontiguousarray(array.T)
+    return np.ascontiguousarray(rows.T)
 
 
 def _product(a: Array, b: Array) -> Array:

@@ -56,9 +56,9 @@ class SmallFixtures:
     workpiece: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MachineModel:
-    """A machine arranged for evaluation at many poses at once; made once by `arrange_machine`.
+    """A machine arranged for evaluation at many poses at once; made once by `arrange_machine`. Equal is the same one.
 
     Attributes:
         letters: axes in the order of the columns of positions.
@@ -158,10 +158,10 @@ def stand(model: MachineModel, positions: Array, errors: Array | None) -> Stance
     With `errors` (6, m, n) the machine as it is, location errors included; without, the ideal machine.
     """
     fixtures = model.ideal if errors is None else model.actual
-    moved = chain(fixtures.axes, _motions(model, positions, errors))
+    moved = chain(fixtures.axes, motions(model, positions, errors))
     return Stance(
-        _follow([moved[:, :, axis] for axis in model.tool_axes], fixtures.tool),
-        _follow([moved[:, :, axis] for axis in model.workpiece_axes], fixtures.workpiece),
+        _follow([moved[:, :, axis] for axis in model.tool_axes], fixtures.tool, positions.shape[1]),
+        _follow([moved[:, :, axis] for axis in model.workpiece_axes], fixtures.workpiece, positions.shape[1]),
     )
 
 
@@ -185,7 +185,7 @@ def axis_columns(model: MachineModel, ideal: Stance) -> tuple[Array, Array]:
     return rotate(back[:, :, None], shift), rotate(back[:, :, None], rotation)
 
 
-def _motions(model: MachineModel, positions: Array, errors: Array | None) -> Array:
+def motions(model: MachineModel, positions: Array, errors: Array | None) -> Array:
     """(3, 4, m, n): each axis's own Ts ΔTs at positions (m, n), ΔTs from errors (6, m, n) if given."""
     if errors is None:
         moved = np.zeros((3, 4, *positions.shape))
@@ -199,7 +199,9 @@ def _motions(model: MachineModel, positions: Array, errors: Array | None) -> Arr
     return moved
 
 
-def _follow(moved: list[Array], end: Array) -> Branch:
+def _follow(moved: list[Array], end: Array, count: int) -> Branch:
+    if not moved:
+        return Branch((STILL,), np.broadcast_to(end, (3, 4, count)))
     steps = [STILL]
     for transform_ in moved:
         steps.append(transform_ if len(steps) == 1 else chain(steps[-1], transform_))

@@ -28,17 +28,18 @@ def branches(machine: MachineDescription) -> tuple[tuple[Body, ...], tuple[Body,
 
     What carries both moves neither against the other and is left out.
     """
-    tool, workpiece = _way(machine, machine.tool), _way(machine, machine.workpiece)
+    tool, workpiece = way(machine, machine.tool), way(machine, machine.workpiece)
     common = 0
     while common < min(len(tool), len(workpiece)) and tool[common] is workpiece[common]:
         common += 1
     return tuple(tool[common:]), tuple(workpiece[common:])
 
 
-def _way(machine: MachineDescription, name: str) -> list[Body]:
+def way(machine: MachineDescription, name: str) -> list[Body]:
+    """Bodies from the one that stands on the base to that of this name."""
     bodies = {body.name: body for body in machine.bodies}
-    way: list[Body] = []
+    found: list[Body] = []
     while name in bodies:
-        way.append(bodies[name])
+        found.append(bodies[name])
         name = bodies[name].parent
-    return way[::-1]
+    return found[::-1]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ class LineFit:
         direction: (3,) unit vector.
         point_covariance: (3, 3) m².
         direction_covariance: (3, 3) rad².
+        cross_covariance: (3, 3) of point (rows) and direction (columns), m rad.
         scatter: root mean square distance of the points from what was fitted, m.
         departures: (n,) distance of each point from what was fitted, over what its covariance or, without one, the
             scatter of all explains.
@@ -48,6 +49,21 @@ class LineFit:
     scatter: float
     departures: Array = field(default_factory=lambda: np.zeros(0))
     ratio: float = 1.0
+    cross_covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    def reversed(self) -> LineFit:
+        """The same line, running the other way."""
+        return replace(self, direction=-self.direction, cross_covariance=-self.cross_covariance)
+
+    def moved_along(self, distance: float) -> LineFit:
+        """The same line by its point that lies `distance` m further along it."""
+        mixed = distance * (self.cross_covariance + self.cross_covariance.T)
+        return replace(
+            self,
+            point=self.point + distance * self.direction,
+            point_covariance=self.point_covariance + mixed + distance**2 * self.direction_covariance,
+            cross_covariance=self.cross_covariance + distance * self.direction_covariance,
+        )
 
 
 @dataclass(frozen=True)
@@ -114,14 +130,14 @@ def fit_line_in_space(points: Array, covariances: Array | None = None) -> LineFi
     parameters, covariance, scatter, ratio = _refine(residuals, np.zeros(4), points, covariances)
     departures = np.linalg.norm(residuals(parameters).reshape(-1, 2), axis=1)
     tilted, _, _ = _tilted(direction, first, second, parameters[:2])
-    if tilted @ (points[-1] - points[0]) < 0:
-        tilted = -tilted
+    sense = 1.0 if tilted @ (points[-1] - points[0]) >= 0 else -1.0
     basis = np.stack([first, second], axis=1)
     return LineFit(
         point=centre + basis @ parameters[2:],
-        direction=tilted,
+        direction=sense * tilted,
         point_covariance=basis @ covariance[2:, 2:] @ basis.T,
         direction_covariance=basis @ covariance[:2, :2] @ basis.T,
+        cross_covariance=sense * basis @ covariance[2:, :2] @ basis.T,
         scatter=scatter,
         departures=departures if covariances is not None else departures / max(scatter, np.finfo(np.float64).tiny),
         ratio=ratio,
@@ -217,6 +233,7 @@ def _fit_rings(tracks: Sequence[Array], covariances: Sequence[Array] | None) -> 
         direction=tilted,
         point_covariance=basis @ covariance[2:4, 2:4] @ basis.T,
         direction_covariance=basis @ covariance[:2, :2] @ basis.T,
+        cross_covariance=basis @ covariance[2:4, :2] @ basis.T,
         scatter=scatter,
         departures=departures if covariances is not None else departures / max(scatter, np.finfo(np.float64).tiny),
         ratio=ratio,
@@ -268,7 +285,8 @@ def estimate_location_errors(line: LineFit, nominal_point: Array, nominal_direct
     Raises:
         InputError: the two directions are more than 0.1 rad apart.
     """
-    direction = line.direction if line.direction @ nominal_direction >= 0 else -line.direction
+    sense = 1.0 if line.direction @ nominal_direction >= 0 else -1.0
+    direction = sense * line.direction
     along = float(direction @ nominal_direction)
     rotation = np.cross(nominal_direction, direction / along)
     if np.linalg.norm(rotation) > 0.1:
@@ -278,7 +296,7 @@ def estimate_location_errors(line: LineFit, nominal_point: Array, nominal_direct
     distance = float((nominal_point - line.point) @ nominal_direction)
     shift = line.point + distance / along * direction - nominal_point
     across = np.eye(3) - np.outer(nominal_direction, nominal_direction)
-    point_variance = across @ (line.point_covariance + distance**2 * line.direction_covariance) @ across
+    point_variance = across @ line.moved_along(sense * distance).point_covariance @ across
     turn = np.cross(nominal_direction, np.eye(3)).T
     turn_variance = turn @ line.direction_covariance @ turn.T
     return LocationErrors(

@@ -173,7 +173,8 @@ class FigureCheck:
         self._described[place] += part * (complex(*described) - self._described[place])
         self._turned[place] = complex(math.cos(theta), math.sin(theta))
         self._count[place] = count
-        self.covered = (BINS - self._count.count(0)) / BINS
+        if new:
+            self.covered = (BINS - self._count.count(0)) / BINS
         return new
 
     def judge(self, deviation: float = 0.0) -> Finding | None:
@@ -182,20 +183,19 @@ class FigureCheck:
         Args:
             deviation: standard deviation of noise that is stated for a component, m or rad.
         """
-        visited = [place for place, count in enumerate(self._count) if count]
-        angles = len(visited)
+        angles = BINS - self._count.count(0)
         if angles == 0:
             return None
-        seen, described, turned = (
-            np.array([values[place] for place in visited]) for values in (self._seen, self._described, self._turned)
-        )
+        known = np.array([self._seen, self._described, self._turned])
+        seen, described, turned = known if angles == BINS else known[:, np.array(self._count) > 0]
+        left = seen - described
         least = angles * self._noise**2
-        total = max(_square(seen - described), least)
-        vector = complex(((seen - described) / turned).mean()) if angles >= FEWEST else 0j
+        total = max(_square(left), least)
+        vector = complex((left / turned).mean()) if angles >= FEWEST else 0j
         # Nothing in a recording tells one that is described wrong from the rotor's own.
         self.unresolved = abs(vector)
         if self._claim is not None:
-            rest = _size(seen - described - vector * turned)
+            rest = _size(left - vector * turned)
             self.unresolved *= math.sqrt(self._claim.doubt(abs(vector), rest, deviation))
         best, highest = None, ODDS
         for name, rival in self._rivals(seen, described, vector * turned).items():
@@ -211,10 +211,10 @@ class FigureCheck:
         """Mistakes, and what was fitted: the vector that turns with the rotor, a scale and a turn."""
         angles = len(seen)
         shown = np.array([reading(described) for reading in self._mistakes.values()]).reshape(-1, angles)
-        squares, differences = _squares(seen - shown), _squares(shown - described)
+        squares = _squares(np.concatenate([seen - shown, shown - described]))
         found = {
-            name: _Rival(square, angles, math.sqrt(difference / angles))
-            for name, square, difference in zip(self._mistakes, squares, differences, strict=True)
+            name: _Rival(squares[k], angles, math.sqrt(squares[k + len(shown)] / angles))
+            for k, name in enumerate(self._mistakes)
         }
         if angles < FEWEST:
             return found

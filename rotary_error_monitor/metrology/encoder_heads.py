@@ -19,6 +19,10 @@ COMPONENTS = ("theta", "x", "y")
 LEAK = 2e-3
 """How much of another component may hide in an observable one: two heads count as opposed within 2 mrad."""
 
+LEAST_SEEN = 0.1
+"""Least part of an order's amplitude in which heads differ. Azimuths are known to some 0.01 rad, so that less of it may
+be their error; and the order would be ten times less certain than others."""
+
 
 @dataclass(frozen=True)
 class GraduationView:
@@ -122,6 +126,12 @@ class HeadLayout:
     def hidden_orders(self, highest: int) -> tuple[int, ...]:
         """Orders of the graduation from 1 to `highest` that no disagreement of these heads can show."""
         return tuple(view.order for view in self.graduation_view(range(1, highest + 1)) if view.seen < LEAK)
+
+
+def seen_part(azimuths: NDArray[np.float64], order: int) -> float:
+    """Part of an order's amplitude in which the heads differ; what all see alike passes for rotation."""
+    wave = np.exp(1j * order * azimuths)
+    return float(np.sqrt(np.mean(np.abs(wave - wave.mean()) ** 2)))
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.stage import AngularHarmonic, Autocollimator, Encoder, Mirror, Spindle
+from rotary_error_monitor.description.stage import Autocollimator, Encoder, Mirror, Spindle
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
+from rotary_error_monitor.metrology.periodic_curves import graduation_error, mirror_form
 
 COMPONENTS = ("exc", "eyc", "ezc", "eac", "ebc", "ecc")
 
@@ -103,13 +104,15 @@ def rotate(vector: tuple[float, float], theta: NDArray[np.float64]) -> NDArray[n
 
 
 def remove_graduation(
-    reading: NDArray[np.float64], azimuth: NDArray[np.float64], graduation: tuple[AngularHarmonic, ...]
+    reading: NDArray[np.float64], azimuth: NDArray[np.float64], encoder: Encoder
 ) -> NDArray[np.float64]:
     """(m, h) readings of heads free of the graduation error G(azimuth - theta), each reading taken for theta.
 
     A reading differs from theta by eccentricity over radius, a few 1e-4 rad, which moves G by less than 1e-9 rad.
     """
-    return reading - angular_sum(graduation, azimuth - reading) if graduation else reading
+    if not encoder.graduation and encoder.graduation_table is None:
+        return reading
+    return reading - graduation_error(encoder, azimuth - reading)
 
 
 def remove_eccentricity(
@@ -121,7 +124,7 @@ def remove_eccentricity(
 
 def remove_mirror(tilt: NDArray[np.float64], theta: NDArray[np.float64], mirror: Mirror) -> NDArray[np.float64]:
     """(m, 2) tilt error motion: the mirror's tilt less its assembly tilt and flatness (Lou et al. 2019, Equation 6)."""
-    return tilt - rotate(mirror.tilt, theta) - planar_sum(mirror.flatness, theta)
+    return tilt - rotate(mirror.tilt, theta) - mirror_form(mirror, theta)
 
 
 def described_error_motion(spindle: Spindle, theta: NDArray[np.float64]) -> NDArray[np.float64]:

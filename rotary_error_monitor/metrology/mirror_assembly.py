@@ -18,6 +18,7 @@ from rotary_error_monitor.metrology.harmonics import planar_sum
 from rotary_error_monitor.metrology.recording_fit import RecordingFit, judge_recording
 from rotary_error_monitor.metrology.ring_assembly import LEAST_NOISE, RingAssembly
 from rotary_error_monitor.metrology.rotation_fit import (
+    OrderFit,
     differentiate_orders,
     evaluate_orders,
     find_orders,
@@ -44,6 +45,8 @@ class MirrorAssembly:
     Attributes:
         flatness: orders that stand out or stood in the description.
         flatness_std: largest of the four coefficients of an order.
+        flatness_covariance: (4 r, 4 r) of the coefficients of these orders, one after another: x cos, x sin, y cos,
+            y sin, rad².
         kept: orders of the description that the recording cannot tell.
         line_of_sight: constant reading of the autocollimator, rad: how it is set up, not an error of the mirror.
         delay: age of the autocollimator's values at their stamps, s.
@@ -55,6 +58,7 @@ class MirrorAssembly:
     tilt_std: tuple[float, float]
     flatness: tuple[PlanarHarmonic, ...]
     flatness_std: tuple[float, ...]
+    flatness_covariance: Array
     kept: tuple[PlanarHarmonic, ...]
     line_of_sight: tuple[float, float]
     delay: float
@@ -68,6 +72,8 @@ def estimate_mirror_assembly(
     recording: ShaftRecording,
     delay: tuple[float, float] = (0.0, DELAY_STD),
     highest: int | None = None,
+    *,
+    every: bool = False,
 ) -> MirrorAssembly:
     """Tilt of the mirror and its flatness.
 
@@ -79,6 +85,7 @@ def estimate_mirror_assembly(
         recording: of the shaft between centres.
         delay: age of the autocollimator's values at their stamps and its standard uncertainty, as known before, s.
         highest: order up to which is looked; by default what the sampling tells apart.
+        every: take all orders from 2 on, whether they stand out or not.
 
     Raises:
         InputError: no autocollimator, one that does not change, or rotations that leave too much of the turn out.
@@ -98,6 +105,9 @@ def estimate_mirror_assembly(
         recording.times[valid],
     )
     described = {row.order for row in stage.mirror.flatness if row not in kept}
+    if every:
+        # order 1 against the rotation, which a leaning shaft makes as well, still has to stand out
+        described |= set(range(2, told + 1))
     return replace(_fit_mirror(stage, seen, described, told, delay), kept=kept)
 
 
@@ -138,21 +148,9 @@ def _fit_mirror(
     spread = fit.covariance()
     turned = aged.coefficients[1:].ravel()
     spread = spread + variance * np.outer(turned, turned)
-    waves = {k: (fit.coefficients[1:].ravel()[fit.place(k)], spread[fit.place(k), fit.place(k)]) for k in orders}
-    with_tilt = np.array([[1, 0, 0, 1], [0, 1, -1, 0]]) / 2
-    against = np.array([[1, 0, 0, -1], [0, 1, 1, 0]]) / 2
-    tilt, tilt_spread = with_tilt @ waves[1][0], with_tilt @ waves[1][1] @ with_tilt.T
-    rows: list[PlanarHarmonic] = []
-    stds: list[float] = []
-    other, other_spread = against @ waves[1][0], against @ waves[1][1] @ against.T
-    if 1 in described or significant(other, other_spread, fit.freedom, told):
-        rows.append(PlanarHarmonic(1, (float(other[0]), float(other[1])), (float(other[1]), -float(other[0]))))
-        stds.append(float(np.sqrt(np.diag(other_spread).max())))
-    for k in orders[1:]:
-        (x_cos, y_cos, x_sin, y_sin), own = waves[k]
-        if k in described or significant(waves[k][0], own, fit.freedom, told):
-            rows.append(PlanarHarmonic(k, (float(x_cos), float(x_sin)), (float(y_cos), float(y_sin))))
-            stds.append(float(np.sqrt(np.diag(own).max())))
+    coefficients, first = fit.coefficients[1:].ravel(), fit.place(1)
+    tilt, tilt_spread = _WITH @ coefficients[first], _WITH @ spread[first, first] @ _WITH.T
+    kept, made = _flatness(fit, spread, described, told)
     judged = judge_recording(
         fit.residual,
         seen.variances,
@@ -162,11 +160,17 @@ def _fit_mirror(
         seen.speed,
     )
     std = np.hypot(np.sqrt(np.diag(tilt_spread)), judged.discrepancy)
+    flat = made @ spread @ made.T
+    stds = np.sqrt(np.diag(flat).reshape(-1, 4).max(axis=1, initial=0.0))
     return MirrorAssembly(
         tilt=(float(tilt[0]), float(tilt[1])),
         tilt_std=(float(std[0]), float(std[1])),
-        flatness=tuple(rows),
+        flatness=tuple(
+            PlanarHarmonic(k, (float(row[0]), float(row[1])), (float(row[2]), float(row[3])))
+            for k, row in zip(kept, (made @ coefficients).reshape(-1, 4), strict=True)
+        ),
         flatness_std=tuple(float(np.hypot(each, judged.discrepancy)) for each in stds),
+        flatness_covariance=flat + judged.discrepancy**2 * np.eye(len(made)),
         kept=(),
         line_of_sight=(float(fit.coefficients[0, 0]), float(fit.coefficients[0, 1])),
         delay=found,
@@ -174,6 +178,32 @@ def _fit_mirror(
         highest=told,
         fit=judged,
     )
+
+
+_WITH = np.array([[1, 0, 0, 1], [0, 1, -1, 0]]) / 2
+"""Of x cos, y cos, x sin, y sin of order 1 what goes with the rotation: the tilt of a mirror that turns."""
+
+_AGAINST = np.array([[1, 0, 0, -1], [0, 1, 1, 0]]) / 2
+"""And what goes against it."""
+
+_ROW_AGAINST = np.array([[1, 0], [0, 1], [0, 1], [-1, 0]])
+"""x cos, x sin, y cos, y sin of what goes against it."""
+
+_ROW = np.eye(4)[[0, 2, 1, 3]]
+"""The same of all four of another order."""
+
+
+def _flatness(fit: OrderFit, spread: Array, described: set[int], told: int) -> tuple[list[int], Array]:
+    """Orders of flatness that are described or stand out, and (4 r, n) what of all coefficients makes their rows."""
+    found, kept, parts = fit.coefficients[1:].ravel(), [], [np.zeros((0, len(spread)))]
+    for order in fit.orders:
+        at, own = fit.place(order), _AGAINST if order == 1 else np.eye(4)
+        if order in described or significant(own @ found[at], own @ spread[at, at] @ own.T, fit.freedom, told):
+            row = np.zeros((4, len(spread)))
+            row[:, at] = _ROW_AGAINST @ _AGAINST if order == 1 else _ROW
+            kept.append(order)
+            parts.append(row)
+    return kept, np.concatenate(parts)
 
 
 def doubt_mirror(mirror: MirrorAssembly, ring: RingAssembly) -> MirrorAssembly:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, helmert
 
 from rotary_error_monitor.description.stage import AngularHarmonic, Encoder, StageDescription
+from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.metrology.recording_fit import RecordingFit, judge_recording
 from rotary_error_monitor.metrology.rotation_fit import (
@@ -26,12 +27,10 @@ from rotary_error_monitor.metrology.rotation_fit import (
     with_rounding,
 )
 from rotary_error_monitor.metrology.shaft_recording import (
-    LEAST_SEEN,
     Observed,
     ShaftRecording,
     check_heads,
     observe,
-    seen_part,
     told_orders,
 )
 
@@ -46,7 +45,8 @@ class RingAssembly:
     """Eccentricity (m) and graduation (rad) of the ring, with standard uncertainties.
 
     Attributes:
-        graduation: orders that stand out or stood in the description, and that the heads see.
+        graduation: orders that stand out or stood in the description, and that the heads see; or all that they see.
+        graduation_covariance: (2 r, 2 r) of the cosines and sines of these orders, one after another, rad².
         kept: orders of the description that the recording cannot tell: removed from the readings and left as they are.
         head_offsets: reading of each head at zero less that of their mean, rad.
         highest: highest order that was looked for.
@@ -58,6 +58,7 @@ class RingAssembly:
     eccentricity_std: tuple[float, float]
     graduation: tuple[AngularHarmonic, ...]
     graduation_std: tuple[tuple[float, float], ...]
+    graduation_covariance: Array
     kept: tuple[AngularHarmonic, ...]
     head_offsets: tuple[float, ...]
     highest: int
@@ -66,17 +67,19 @@ class RingAssembly:
 
 
 def estimate_ring_assembly(
-    stage: StageDescription, recording: ShaftRecording, highest: int | None = None
+    stage: StageDescription, recording: ShaftRecording, highest: int | None = None, *, every: bool = False
 ) -> RingAssembly:
     """Eccentricity and graduation from what the heads disagree in.
 
     The rotation at each time is unknown and drops out, and with it every order that all heads see alike. Orders are
-    taken that stand out from the noise (`FALSE_ALARM`), and those that the description has and the heads see.
+    taken that stand out from the noise (`FALSE_ALARM`), and those that the description has and the heads see; or
+    `every` order that they see, of which bounds hold the truth however small an order is.
 
     Args:
         stage: as described so far; its graduation of orders that cannot be told stays and is taken into account.
         recording: of the shaft between centres.
         highest: order up to which is looked; by default what the sampling tells apart.
+        every: take all orders, whether they stand out or not.
 
     Raises:
         InputError: less than two heads, less than a whole turn, heads that stand at one place, or rotations that leave
@@ -93,6 +96,8 @@ def estimate_ring_assembly(
         if not 2 <= row.order <= told or seen_part(azimuths, row.order) < LEAST_SEEN
     )
     described = [row.order for row in stage.ring.graduation if row not in kept]
+    if every:
+        described = [order for order in range(2, told + 1) if seen_part(azimuths, order) >= LEAST_SEEN]
     for limit in (1, told):  # eccentricity first: the mean of some layouts of heads is no rotation before
         psi = azimuths - theta[:, None]
         values = (readings - angular_sum(kept, psi)) @ contrasts.T
@@ -110,6 +115,7 @@ def estimate_ring_assembly(
         eccentricity_std=(radius * std[0][1], radius * std[0][0]),
         graduation=fitted[1:],
         graduation_std=tuple((pair[0], pair[1]) for pair in std[1:]),
+        graduation_covariance=solved.covariance[2:, 2:] + discrepancy**2 * np.eye(2 * len(fitted[1:])),
         kept=kept,
         head_offsets=tuple(constant.tolist()),
         highest=told,
@@ -127,9 +133,10 @@ def _pattern(azimuths: Array, contrasts: Array, order: int) -> NDArray[np.comple
 
 @dataclass(frozen=True)
 class _Ring:
-    """The ring's waves (order 1 first), their standard uncertainties, all orders that were fitted, and the verdict."""
+    """The ring's waves (order 1 first), their uncertainties, all orders that were fitted, and the verdict."""
 
     rows: tuple[AngularHarmonic, ...]
+    covariance: Array
     std: list[tuple[float, float]]
     fit: OrderFit
     judged: RecordingFit
@@ -166,6 +173,7 @@ def _fit_ring(
     sizes = ((k, split.beside(k, told)) for k in fit.orders)
     return _Ring(
         tuple(AngularHarmonic(k, float(wave[0]), float(wave[1])) for k, (wave, _) in zip(kept, waves, strict=True)),
+        split.covariance(kept),
         [(float(np.sqrt(spread[0, 0])), float(np.sqrt(spread[1, 1]))) for _, spread in waves],
         fit,
         judge_recording(
@@ -212,6 +220,11 @@ class _Split:
         """(2,) cosine and sine of the graduation, and their covariance (2, 2)."""
         at = self._columns[order]
         return self._solution[at], self._spread[at, at]
+
+    def covariance(self, orders: Sequence[int]) -> Array:
+        """(2 k, 2 k) of cosine and sine of the graduation of so many orders, one after another."""
+        at = np.concatenate([np.arange(2) + self._columns[order].start for order in orders])
+        return np.asarray(self._spread[np.ix_(at, at)])
 
     def beside(self, order: int, tried: int) -> float | None:
         """Amplitude in a contrast between heads of what no ring makes at this order, rad; None if noise explains it."""

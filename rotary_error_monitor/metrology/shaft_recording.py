@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
 from rotary_error_monitor.metrology.error_motion import bend_variance, head_variance, tilt_variance
 from rotary_error_monitor.metrology.rotation_fit import highest_order
 from rotary_error_monitor.metrology.tilt import check_saturation
@@ -27,10 +28,6 @@ GAP = 3
 
 SMALLEST_TURN = 2 * np.pi
 """Rotation that a recording must cover, rad."""
-
-LEAST_SEEN = 0.1
-"""Least part of an order's amplitude in which heads differ. Azimuths are known to some 0.01 rad, so that less of it may
-be their error; and the order would be ten times less certain than others."""
 
 STILL = np.pi / 1024
 """Rotation over which samples are one observation, rad: less than a wave of the highest order, and a shaft that stands
@@ -157,12 +154,6 @@ def check_heads(stage: StageDescription, recording: ShaftRecording) -> Array:
             f"the recording covers {np.degrees(covered):.1f}° of rotation; a whole turn (360°) tells the orders apart"
         )
     return np.asarray(readings)
-
-
-def seen_part(azimuths: Array, order: int) -> float:
-    """Part of an order's amplitude in which the heads differ; what all see alike passes for rotation."""
-    wave = np.exp(1j * order * azimuths)
-    return float(np.sqrt(np.mean(np.abs(wave - wave.mean()) ** 2)))
 
 
 def told_orders(theta: Array, recording: ShaftRecording, highest: int | None) -> int:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ REPEATS = 10
 """How often each of them is corrected: what so few leave of chance is taken off."""
 
 _MOST_VALUES = 1 << 20
-"""Values of profiles that are drawn at once."""
+"""Values of profiles that are drawn at once, and numbers of which it is drawn that are kept: 8 MB and 16 MB."""
 
 _FROM_TWICE = 1 / (math.sqrt(2) - 1)
 """Growth of a value from a noise to its double variance, times this: from no noise to that noise."""
@@ -125,17 +126,17 @@ def estimate_values(
 def _definitions(keeps_fundamental: bool, several: bool) -> dict[str, Callable[[TurnSummary], Array]]:
     """Values of what profiles show, (…, k), by their names."""
 
-    def taken_off(summary: TurnSummary) -> Array | float:
-        return 0.0 if keeps_fundamental else _once(summary.mean)
-
     def total(summary: TurnSummary) -> Array:
-        off = taken_off(summary)
+        if keeps_fundamental:
+            return np.asarray(summary.highest.max(axis=-1) - summary.lowest.min(axis=-1))
+        off = _once(summary.mean)
         return np.asarray((summary.highest - off).max(axis=-1) - (summary.lowest - off).min(axis=-1))
 
-    found: dict[str, Callable[[TurnSummary], Array]] = {
-        TOTAL: total,
-        SYNCHRONOUS: lambda summary: np.ptp(summary.mean - taken_off(summary), axis=-1),
-    }
+    def synchronous(summary: TurnSummary) -> Array:
+        profile = summary.mean if keeps_fundamental else summary.mean - _once(summary.mean)
+        return np.asarray(np.ptp(profile, axis=-1))
+
+    found: dict[str, Callable[[TurnSummary], Array]] = {TOTAL: total, SYNCHRONOUS: synchronous}
     if several:
         found[ASYNCHRONOUS] = lambda summary: (summary.highest - summary.lowest).max(axis=-1)
     if keeps_fundamental:
@@ -176,18 +177,18 @@ class _Simulation:
         measured: what the turns show.
         louder: (d, k) the same with the noise of the readings once more.
         others: (d, k) of other turns.
-        corrected: (r, d, k) others with that noise, by which each is corrected in turn; none, and it is not.
+        corrected: (d, k) others with that noise, r times, by which each is corrected in turn; none, and it is not.
     """
 
     measured: TurnSummary
     louder: TurnSummary
     others: TurnSummary
-    corrected: TurnSummary | None
+    corrected: tuple[TurnSummary, ...] = ()
 
     @staticmethod
     def of_turns(turns: TurnProfiles, signal: int, summary: TurnSummary, spectrum: TurnSpectrum) -> _Simulation:
         """Of all turns."""
-        generator = np.random.default_rng(_GENERATOR)
+        normals = _Normals(2 * DRAWS * turns.count * len(spectrum.noise))
 
         def measured() -> Iterator[Array]:
             return (profiles for profiles, _ in turns.parts(signal))
@@ -195,18 +196,19 @@ class _Simulation:
         def mean() -> Iterator[Array]:
             return (np.broadcast_to(summary.mean, profiles.shape) for profiles, _ in turns.parts(signal))
 
-        louder = _summaries(measured, turns.count, spectrum.noise, generator)
-        return _Simulation(summary, louder, _summaries(mean, turns.count, spectrum.between, generator), None)
+        louder = _summaries(measured, turns.count, spectrum.noise, normals)
+        return _Simulation(summary, louder, _summaries(mean, turns.count, spectrum.between, normals))
 
     @staticmethod
     def of_mean(mean: Array, noise: Array, between: Array) -> _Simulation:
         """Of the mean (k,) as of one turn, with variances (l,) of its orders by the readings and by other turns."""
-        generator = np.random.default_rng(_GENERATOR)
         shape = (DRAWS, len(mean))
-        louder = mean + _drawn(noise, shape, generator)
-        others = mean + _drawn(between, shape, generator)
-        more = np.stack([others + _drawn(noise, shape, generator) for _ in range(REPEATS)])
-        return _Simulation(*(TurnSummary(each, each, each) for each in (mean, louder, others, more)))
+        normals = _Normals((2 + REPEATS) * DRAWS * len(noise))
+        louder = mean + _drawn(noise, shape, normals)
+        others = mean + _drawn(between, shape, normals)
+        more = [others + _drawn(noise, shape, normals) for _ in range(REPEATS)]
+        once, noisy, another, *corrected = (TurnSummary(each, each, each) for each in (mean, louder, others, *more))
+        return _Simulation(once, noisy, another, tuple(corrected))
 
     def value(self, define: Callable[[TurnSummary], Array], factor: float, systematic: float) -> Value:
         """Value by its definition; `factor` goes with the scatter, for turns are few."""
@@ -221,17 +223,15 @@ class _Simulation:
     def _scatter(self, define: Callable[[TurnSummary], Array]) -> float:
         """Standard deviation of the value, corrected where that is repeated, less that of so few repetitions."""
         values = define(self.others)
-        if self.corrected is None:
+        if not self.corrected:
             return float(values.std())
-        louder = define(self.corrected)
+        louder = np.stack([define(each) for each in self.corrected])
         corrected = values + _FROM_TWICE * (values - louder.mean(axis=0))
         of_few = _FROM_TWICE**2 * float(louder.var(axis=0, ddof=1).mean()) / len(louder)
         return math.sqrt(max(float(corrected.var()) - of_few, float(values.var())))
 
 
-def _summaries(
-    profiles: Callable[[], Iterator[Array]], count: int, spectrum: Array, generator: np.random.Generator
-) -> TurnSummary:
+def _summaries(profiles: Callable[[], Iterator[Array]], count: int, spectrum: Array, normals: _Normals) -> TurnSummary:
     """What `DRAWS` simulated recordings show: profiles, given in parts of `count` turns in all, with noise on each.
 
     However many of them are drawn at once, each has the same noise.
@@ -242,10 +242,10 @@ def _summaries(
         several = max(1, _MOST_VALUES // first.size)
         for begin in range(0, DRAWS, several):
             shape = (min(several, DRAWS - begin), *first.shape)
-            found.append(TurnSummary.of(first + _drawn(spectrum, shape, generator)))
+            found.append(TurnSummary.of(first + _drawn(spectrum, shape, normals)))
     else:
         for _ in range(DRAWS):
-            louder = (part + _drawn(spectrum, part.shape, generator) for part in profiles())
+            louder = (part + _drawn(spectrum, part.shape, normals) for part in profiles())
             one = TurnSummary.of_parts(louder, count)
             found.append(TurnSummary(one.mean[None], one.lowest[None], one.highest[None]))
     return TurnSummary(
@@ -311,9 +311,39 @@ def _powers(profiles: Array) -> Array:
     return np.asarray((np.abs(np.fft.rfft(profiles, axis=1) / profiles.shape[1]) ** 2).sum(axis=0))
 
 
-def _drawn(spectrum: Array, shape: tuple[int, ...], generator: np.random.Generator) -> Array:
+class _Normals:
+    """Complex numbers of normal parts, the same for each signal: to draw them takes longer than all that they are for.
+
+    As many as are kept are drawn once for all signals that need as many; more are drawn by each.
+    """
+
+    def __init__(self, count: int) -> None:
+        """The first `count` of them."""
+        self._kept = _drawn_normals(count) if count <= _MOST_VALUES else None
+        self._generator, self._begin = np.random.default_rng(_GENERATOR), 0
+
+    def take(self, shape: tuple[int, ...]) -> NDArray[np.complex128]:
+        """The next of a shape."""
+        if self._kept is None:
+            return _normals(self._generator, shape)
+        begin, self._begin = self._begin, self._begin + math.prod(shape)
+        return self._kept[begin : self._begin].reshape(shape)
+
+
+def _normals(generator: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.complex128]:
+    parts = generator.standard_normal((*shape, 2))
+    return np.asarray(parts[..., 0] + 1j * parts[..., 1])
+
+
+@lru_cache(maxsize=2)
+def _drawn_normals(count: int) -> NDArray[np.complex128]:
+    """(count,) for the turns of a signal or for their mean; those of the next signal are the same."""
+    return _normals(np.random.default_rng(_GENERATOR), (count,))
+
+
+def _drawn(spectrum: Array, shape: tuple[int, ...], normals: _Normals) -> Array:
     """Profiles of a shape (…, k) of Gaussian noise with the variance of its complex amplitudes (l,) given."""
-    parts = generator.standard_normal((*shape[:-1], len(spectrum), 2))
-    waves = (parts[..., 0] + 1j * parts[..., 1]) * np.sqrt(spectrum / 2)
-    waves[..., 0] = parts[..., 0, 0] * math.sqrt(spectrum[0])
+    taken = normals.take((*shape[:-1], len(spectrum)))
+    waves = taken * np.sqrt(spectrum / 2)
+    waves[..., 0] = taken[..., 0].real * math.sqrt(spectrum[0])
     return np.asarray(np.fft.irfft(waves, shape[-1], axis=-1) * shape[-1])

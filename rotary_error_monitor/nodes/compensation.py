@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_block
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError, without_numbers
+from rotary_error_monitor.machine.kernel import describe_kernel
 from rotary_error_monitor.machine.limits import Outcome
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.compensation_settings import SETTINGS, compensation_settings, limit_figures
@@ -55,6 +56,8 @@ class Compensation(ManagedNode):
             )
         self.hardware = name
         machine = load_machine(name)
+        if slower := describe_kernel():
+            self.get_logger().info(slower)
         self._compensator = Compensator(machine, compensation_settings(self), limits=self.stage.limits)
         self._has_rotary = any(axis.kind == "rotary" for axis in machine.axes)
         self._age_limit_ns = round(self.setting("age_limit") * NANOSECONDS)

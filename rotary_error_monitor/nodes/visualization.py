@@ -32,7 +32,7 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.frame_broadcaster import FrameBroadcaster
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import run
-from rotary_error_monitor.pipeline.error_motion_view import ErrorMotionView, Picture
+from rotary_error_monitor.pipeline.last_turn import LastTurn, Picture
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 NAME = "visualization"
@@ -71,7 +71,7 @@ class Visualization(ManagedNode):
     def open(self) -> None:
         """Listen to the error motion and draw in turn."""
         self._radius = self.stage.encoder.disc_radius if self.stage.encoder else _UNKNOWN_RADIUS
-        self._view, self._drawn_ns = ErrorMotionView(self._radius), 0
+        self._turn, self._drawn_ns = LastTurn(self._radius), 0
         samples, self._topic = self.wire.topic("error_motion_samples"), self.wire.topic("error_motion_markers")
         self._watch = StreamWatch(samples.name, _LATE_AFTER, _STALE_AFTER, self.now_ns())
         self._publisher, self._frames = self.publish_on(self._topic), FrameBroadcaster(self)
@@ -98,7 +98,7 @@ class Visualization(ManagedNode):
         self._watch.observe(block, self.now_ns())
         try:
             self._motion = error_motion_from_block(block)
-            self._view.add(self._motion)
+            self._turn.add(self._motion)
         except InputError as error:
             self._watch.refuse(str(error))
             raise
@@ -110,7 +110,7 @@ class Visualization(ManagedNode):
         newest_ns = self._watch.last_ns
         if self.active and newest_ns is not None and newest_ns != self._drawn_ns:
             self._drawn_ns = newest_ns
-            markers = [*self._stage_markers(), *_picture_markers(self._view.picture(), self._radius)]
+            markers = [*self._stage_markers(), *_picture_markers(self._turn.picture(), self._radius)]
             for number, marker in enumerate(markers):
                 marker.header, marker.id = messages.header(newest_ns, self._topic.frame), number
             self._publisher.publish(MarkerArray(markers=markers))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from rotary_error_monitor.description.stage import Mirror, StageDescription
 from rotary_error_monitor.metrology.description_check import FigureCheck
+from rotary_error_monitor.metrology.periodic_curves import steepest
 from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Evidence, Reach, Window, WindowGrid
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, PERSISTENT, SHORT, HeadBelief
@@ -28,12 +29,13 @@ one of the mirror, or not since the heads may have lost their zero."""
 _LONG_AGO = -(2**62)
 """Number of a window before all others."""
 
+_ROOT = math.sqrt(2.0)
+
 REFUSED = 0.1
 """Part of the samples in a window whose refusal counts against their stream."""
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """What is believed.
 
     Attributes:
@@ -84,6 +86,7 @@ class StreamBelief:
     def reset(self) -> None:
         """Believe all of them again."""
         self.doubted: dict[str, str] = {}
+        # of the latest windows, if anything was refused in one of them: mostly there is nothing to remember
         self._parts = {name: deque[float](maxlen=SHORT) for name in self._streams}
         self._agreeing = dict.fromkeys(self._streams, 0.0)
 
@@ -92,18 +95,20 @@ class StreamBelief:
         self.doubted[name] = why
         self._agreeing[name] = 0.0
 
-    def refuses_all(self, names: Sequence[str], begin_ns: int, end_ns: int) -> bool:
-        """Whether something of each of these streams was refused between two timestamps (ns)."""
-        return all(self._streams[name].refused_between(begin_ns, end_ns) > 0.0 for name in names)
+    def refuses_all(self, names: Sequence[str]) -> bool:
+        """Whether something of each of these streams was refused in the window that was judged last."""
+        return all(self._parts[name] and self._parts[name][-1] > 0.0 for name in names)
 
     def judge(self, window: Window, begin_ns: int) -> None:
         """Take in a window that begins at `begin_ns`, timestamp (ns)."""
         end_ns = begin_ns + round(window.duration * NANOSECONDS)
         for name, stream in self._streams.items():
-            part = stream.refused_between(begin_ns, end_ns)
-            parts = self._parts[name]
-            parts.append(part)
-            if any(parts) and sum(each > REFUSED for each in parts) >= PERSISTENT:  # most streams are refused nothing
+            parts, part = self._parts[name], stream.refused_between(begin_ns, end_ns)
+            if part or parts:
+                parts.append(part)
+                if not any(parts):
+                    parts.clear()
+            if parts and sum(each > REFUSED for each in parts) >= PERSISTENT:
                 reasons = stream.admission.refused
                 worst = max(reasons, key=lambda reason: reasons[reason])
                 hint = "; do two publishers share its topic?" if worst == LATE else ""
@@ -150,6 +155,8 @@ class Belief:
         """
         self._bits = dict(bits)
         self._head_names = tuple(heads)
+        self._heads_of: dict[int, tuple[str, ...]] = {}  # by the bit mask of streams that are there
+        self._mask_of: dict[frozenset[str], int] = {}
         self._grid, self._period_ns = WindowGrid(period_ns), period_ns
         self.streams = StreamBelief(streams)
         self._check_turns = min(check_turns, 1.0)
@@ -206,6 +213,8 @@ class Belief:
     @property
     def left_out(self) -> int:
         """Bit mask of the streams on which no tick may rest: the rest of the evidence is made without them."""
+        if not (self.streams.doubted or self.heads.doubted):
+            return 0
         return sum(self._bits[name] for name in {*self.streams.doubted, *self.heads.doubted})
 
     @property
@@ -276,9 +285,7 @@ class Belief:
 
     def _settle_zero(self, window: Window) -> None:
         """The zero of the heads is that of before where the command says so; otherwise a turn has to show it again."""
-        begin_ns = window.number * window.ticks * self._period_ns
-        end_ns = begin_ns + round(window.duration * NANOSECONDS)
-        if self._head_names and self.streams.refuses_all(self._head_names, begin_ns, end_ns):
+        if self._head_names and self.streams.refuses_all(self._head_names):
             self._zero_open = True
         if not self._zero_open or not window.has("heads"):
             return
@@ -295,14 +302,17 @@ class Belief:
         self._note_silence(window.number)
         if window["heads"] > 0.0:
             self._heard = window.number
-        before = {*self.streams.doubted, *self.heads.doubted}
+        before = self._heads_left_out()
         self.streams.judge(window, window.number * window.ticks * self._period_ns)
-        if self.heads.contradiction and self._explained != self.streams.doubted.keys() & {*self._head_names}:
+        explained = self.streams.doubted.keys() & {*self._head_names} if self.streams.doubted else set()
+        if self.heads.contradiction and self._explained != explained:
             self.heads.reset()  # a stream that is left out for a reason of its own may be the one that is wrong
-        self._explained = self.streams.doubted.keys() & {*self._head_names}
-        there = [name for name in self._head_names if window.available & self._bits[name]]
-        self.heads.judge(window, there)
-        if {*self.streams.doubted, *self.heads.doubted}.difference(before) & {*self._head_names}:
+        self._explained = explained
+        if window.available not in self._heads_of:
+            there = (name for name in self._head_names if window.available & self._bits[name])
+            self._heads_of[window.available] = tuple(there)
+        self.heads.judge(window, self._heads_of[window.available])
+        if self._heads_left_out() - before:
             self._retract(window.number)
         elif self._commanded:
             self._judge_by_command(window)
@@ -311,9 +321,15 @@ class Belief:
             self.tilt.judge(window)
             self.command.judge(window)
             self._settle_zero(window)
-        doubting = [name for name, judge in self._judges_of_the_rotation() if judge.doubt]
-        self._began = {name: self._began.get(name, window.number) for name in doubting}
+        if self._began or self.ring.doubt or self.tilt.doubt or self.command.doubt:
+            doubting = (name for name, judge in self._judges_of_the_rotation() if judge.doubt)
+            self._began = {name: self._began.get(name, window.number) for name in doubting}
         self.verdict = self._conclude()
+
+    def _heads_left_out(self) -> set[str]:
+        if not (self.streams.doubted or self.heads.doubted):
+            return set()
+        return {*self.streams.doubted, *self.heads.doubted}.intersection(self._head_names)
 
     def _judge_by_command(self, window: Window) -> None:
         """Without heads the tilt is judged at the command's rotation: not while that is doubted, nor just before."""
@@ -344,26 +360,28 @@ class Belief:
         # A motion that the stage cannot make may be a fault of one head: without redundancy it may be in the rotation.
         one_of_few = self.ring.beyond and not self.heads.redundant
         excluded |= self._bits["command"] * bool(self.command.doubt or one_of_few)
-        doubts = {
-            "heads": bool(self.heads.contradiction),
-            "ring": bool(self.ring.doubt),
-            "autocollimator": excluded & self._bits["autocollimator"] != 0,
-            "command": excluded & self._bits["command"] != 0,
-            "redundancy": self.heads.lost,
-            "unverified": self._zero_open or self.heads.unsettled or (not self._commanded and self.verified < 1.0),
-            "unverified_tilt": self._has_tilt and (self._zero_open or self._part(self.tilt.figure.covered) < 1.0),
-        }
+        doubts = (  # in the order of `DOUBTS`
+            self.heads.contradiction,
+            self.ring.doubt,
+            excluded & self._bits["autocollimator"],
+            excluded & self._bits["command"],
+            self.heads.lost,
+            self._zero_open or self.heads.unsettled or (not self._commanded and self.verified < 1.0),
+            self._has_tilt and (self._zero_open or self._part(self.tilt.figure.covered) < 1.0),
+        )
+        if self.heads.settled not in self._mask_of:
+            self._mask_of[self.heads.settled] = sum(self._bits[name] for name in self.heads.settled)
         return Verdict(
             excluded,
-            sum(1 << bit for bit, name in enumerate(DOUBTS) if doubts[name]),
+            sum([1 << bit for bit, doubted in enumerate(doubts) if doubted]),
             self.heads.scale,
             self.tilt.scale,
             math.hypot(self.command.lag, self.ring.late / self._radius),
             # a component may have all of what is late, but only half the square of what turns with the rotor
-            math.hypot(self._unresolved(self.ring.figure), math.sqrt(2.0) * self.ring.late),
-            math.hypot(self._unresolved(self.tilt.figure), math.sqrt(2.0) * self._figure_slope * self.command.lag),
+            math.hypot(self._unresolved(self.ring.figure), _ROOT * self.ring.late),
+            math.hypot(self._unresolved(self.tilt.figure), _ROOT * self._figure_slope * self.command.lag),
             self.heads.most,
-            sum(self._bits[name] for name in self.heads.settled),
+            self._mask_of[self.heads.settled],
             self.tilt.reach,
             self.command.reach,
             self.heads.reach,
@@ -373,7 +391,8 @@ class Belief:
 def _slope_of(mirror: Mirror) -> float:
     """Largest change of what the mirror shows of itself per rotation, rad/rad."""
     flatness = sum(row.order * math.hypot(*row.x, *row.y) for row in mirror.flatness)
-    return math.hypot(*mirror.tilt) + flatness
+    measured = 0.0 if mirror.flatness_table is None else steepest(mirror.flatness_table)
+    return math.hypot(*mirror.tilt) + flatness + measured
 
 
 def names_of(doubts: int) -> Sequence[str]:

@@ -42,6 +42,9 @@ COLUMNS = (
     "velocity",  # of the command that does, rad/s
 )
 INDEX = {name: place for place, name in enumerate(COLUMNS)}
+_PAIRS = {name.removesuffix("_x"): slice(at, at + 2) for name, at in INDEX.items() if name.endswith("_x")}
+_ALL = 1.0 - 1e-9
+"""Mean of a column of zeros and ones from which all of them were ones."""
 
 SCATTERING = ("ecc", "tilt_surplus_x", "tilt_surplus_y")
 """Columns whose scatter within a window is told: a ripple in step with the windows does not show in their means."""
@@ -123,12 +126,12 @@ class Window:
 
     def pair(self, name: str) -> tuple[float, float]:
         """Both components of a vector in the plane."""
-        place = INDEX[f"{name}_x"]
-        return self.mean[place], self.mean[place + 1]
+        x, y = self.mean[_PAIRS[name]]
+        return x, y
 
     def has(self, what: str) -> bool:
         """Whether `what` (heads, commanded, radial, command, tilt) was there at every tick."""
-        return self.mean[INDEX[what]] > 1.0 - 1e-9
+        return self.mean[INDEX[what]] > _ALL
 
     @property
     def tells_rotation(self) -> bool:

@@ -94,7 +94,7 @@ class HeadBelief:
         self._agreement: deque[float] = deque(maxlen=LONG)
         self._lasting = 1.0
         self._believed: tuple[str, ...] = ()
-        self._layouts: dict[tuple[float, ...], HeadLayout] = {}
+        self._layouts: dict[tuple[str, ...], HeadLayout] = {}
         self._untried = TRIES
         self._size = self._step = 0.0
         self.settled = frozenset(heads)
@@ -118,6 +118,8 @@ class HeadBelief:
     @property
     def most(self) -> float:
         """Contradiction that is borne, in standard deviations of noise: beside noise the stamps are uncertain."""
+        if self._tolerance == 1.0:
+            return self._limit
         return math.hypot(self._limit, WEAK * math.sqrt(self._tolerance**2 - 1.0))
 
     @property
@@ -138,7 +140,7 @@ class HeadBelief:
         if not window.has("heads") or not window.steady:
             self._agreeing = 0.0
             return
-        believed = tuple(name for name in available if name not in self.doubted)
+        believed = tuple(name for name in available if name not in self.doubted) if self.doubted else tuple(available)
         if believed != self._believed:
             self._believed = believed
             self._forget()
@@ -147,7 +149,7 @@ class HeadBelief:
         speed, reading = self._motion(window)
         self._tolerance = math.hypot(1.0, self._timing * speed / reading)
         self._restore(window, available)
-        self._remember(window, layout)
+        self._history.append(window)
         if self.redundant:
             self._judge_redundant(window, layout)
         else:
@@ -157,13 +159,14 @@ class HeadBelief:
         found, most = window["believed_agreement"], self.most**2
         self._agreement.append(min(found, most))
         freedom = max(1.0, window.ticks * window["head_samples"]) * layout.redundancy
-        excesses = tuple(self._excesses(freedom))
+        excesses = self._excesses(freedom)
         self.contradicted, self._lasting = math.sqrt(max(1.0, *excesses)), math.sqrt(max(1.0, excesses[-1]))
         self.scale = max(self.contradicted, self._tolerance)
         # what is borne changes with the speed: each window has its own
-        self._beyond.append((found >= most, found >= (WEAK * self._tolerance) ** 2, found))
-        persistent, lasting = (sum(each) >= PERSISTENT for each in list(zip(*self._beyond, strict=True))[:2])
         self.contradicting = found >= most
+        self._beyond.append((self.contradicting, found >= (WEAK * self._tolerance) ** 2, found))
+        persistent = sum([beyond for beyond, _, _ in self._beyond]) >= PERSISTENT
+        lasting = sum([beyond for _, beyond, _ in self._beyond]) >= PERSISTENT
         if not self.contradicting and not self.contradiction:
             self.settled |= frozenset(self._believed)
             course, theta, place = self._course(window), window["theta"], window.pair("surplus")
@@ -185,17 +188,16 @@ class HeadBelief:
                 "which is wrong; a head's place, zero or direction, or the described noise may be wrong"
             )
 
-    def _excesses(self, freedom: float) -> Iterable[float]:
+    def _excesses(self, freedom: float) -> list[float]:
         """Mean contradiction over what chance allows, for the last window and the longer spans."""
         values = list(self._agreement)
-        for span in (1, SHORT, LONG):
-            part = values[-span:]
-            yield sum(part) / len(part) / chi_square_bound(freedom * len(part))
+        parts = values[-1:], values[-SHORT:], values
+        return [sum(part) / len(part) / chi_square_bound(freedom * len(part)) for part in parts]
 
     def _leave_out_the_wrong(self, layout: HeadLayout) -> bool:
         """Leave out the head that causes the contradiction; give whether its course tells which that is."""
-        motion = np.array([each for each, _ in self._history])
-        parity = np.array([each for _, each in self._history])
+        motion = np.array([self._course_of(window) for window in self._history])
+        parity = np.array([window.parity[: layout.redundancy] for window in self._history])
         for found in self._isolations(layout, motion, parity):
             if found is not None:
                 name = self._believed[found.head]
@@ -315,12 +317,12 @@ class HeadBelief:
             self.doubted.clear()
             self.contradiction = ""
 
-    def _remember(self, window: Window, layout: HeadLayout) -> None:
+    def _course_of(self, window: Window) -> tuple[float, float, float, float]:
+        """Rotation, distance from the command, and the two radial components over the radius, rad."""
         x, y = window.pair("surplus")
         ecc = window["ecc"] if window.has("command") else math.nan
         # the angle by which the readings differ, also where it is large (Lou et al. 2019, Equation 3)
-        motion = (window["theta"], ecc, math.atan(x / self._radius), math.atan(y / self._radius))
-        self._history.append((motion, window.parity[: layout.redundancy].copy()))
+        return window["theta"], ecc, math.atan(x / self._radius), math.atan(y / self._radius)
 
     def _settle(self) -> None:
         """What the heads contradicted one another by so far is accounted for."""
@@ -330,10 +332,11 @@ class HeadBelief:
     def _forget(self) -> None:
         """What was remembered of other heads tells nothing about these, but for how far they contradict one another.
 
-        Where the ring was is the same for all of them.
+        Where the ring was is the same for all of them, but not what of it they see.
         """
+        self._scatter.forget_last()
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
-        self._history: deque[tuple[tuple[float, ...], NDArray[np.float64]]] = deque(maxlen=MEMORY)
+        self._history: deque[Window] = deque(maxlen=MEMORY)
         self._step = 0.0
         self._untried = TRIES
 
@@ -348,10 +351,10 @@ class HeadBelief:
             course.forget_last()
 
     def _layout(self, names: Sequence[str]) -> HeadLayout:
-        azimuths = tuple(self._heads[name] for name in names)
-        if azimuths not in self._layouts:
-            self._layouts[azimuths] = HeadLayout(azimuths)
-        return self._layouts[azimuths]
+        key = tuple(names)
+        if key not in self._layouts:
+            self._layouts[key] = HeadLayout(tuple(self._heads[name] for name in key))
+        return self._layouts[key]
 
 
 def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:

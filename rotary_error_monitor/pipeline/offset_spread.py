@@ -56,9 +56,9 @@ class OffsetSpread:
 
     def at(self, poses: TimedPoses, offset: Array) -> Spread:
         """Covariance of the (n, 6) offset of poses."""
+        if len(poses.stamps) == 0:  # as for most blocks: reports are rarer
+            return Spread(np.zeros((0, 6, 6)), np.zeros((0, 6, 6)))
         covariance = poses.covariance(np.arange(len(poses.stamps)))
-        if len(poses.stamps) == 0:
-            return Spread(covariance, covariance)
         known = True
         if self._stated is None:
             covariance = self._of_components(poses, covariance)

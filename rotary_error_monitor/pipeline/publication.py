@@ -16,6 +16,7 @@ from rotary_error_monitor.description.two_axis_section import DISTORTIONS
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.metrology.periodic_curves import curve_in_radial
 from rotary_error_monitor.metrology.responses import distortion_variance
 from rotary_error_monitor.pipeline.belief import DOUBTS, Verdict
 from rotary_error_monitor.pipeline.evidence import INDEX, WINDOW_NS
@@ -66,9 +67,10 @@ class Believed:
     def __init__(self, verdicts: Sequence[tuple[slice, Verdict]]) -> None:
         """What the verdicts say, each of some ticks, which follow one upon another from the first tick on."""
         counts = [where.stop - where.start for where, _ in verdicts]
+        columns = dict(zip(Verdict._fields, zip(*(verdict for _, verdict in verdicts), strict=True), strict=True))
 
         def spread(name: str, kind: type[np.generic] = np.float64) -> NDArray[Any]:
-            return np.repeat(np.array([getattr(verdict, name) for _, verdict in verdicts], kind), counts, axis=0)
+            return np.repeat(np.array(columns[name], kind), counts, axis=0)
 
         self.excluded, self.doubts = spread("excluded", np.int64), spread("doubts", np.int64)
         self.head_scale, self.tilt_scale = spread("head_scale"), spread("tilt_scale")
@@ -196,7 +198,8 @@ class Publication:
 class AssemblyVariance:
     """Variance that the stated uncertainty of what is taken off adds to a component, m² and rad².
 
-    A vector that turns with the rotor adds that of one of its components at each angle; so does each order.
+    A vector that turns with the rotor adds that of one of its components at each angle; so does each order, and a
+    measured curve that of its values.
 
     Attributes:
         eccentricity, graduation: of the ring, to the radial error motion.
@@ -222,10 +225,12 @@ class AssemblyVariance:
         stated, encoder = stage.uncertainty, stage.encoder or ABSENT
         graduation = stated.get("encoder.graduation", 0.0) * math.sqrt(len(encoder.graduation))
         flatness = stated.get("mirror.flatness", 0.0) * math.sqrt(len(stage.mirror.flatness))
+        flat = stage.mirror.flatness_table
+        flatness = math.hypot(flatness, 0.0 if flat is None else flat.uncertainty)
         gain, roll = stage.response(AUTOCOLLIMATOR).gain, stage.response(AUTOCOLLIMATOR).roll
         return AssemblyVariance(
             stated.get("encoder.eccentricity", 0.0) ** 2,
-            0.5 * (encoder.disc_radius * graduation) ** 2,
+            0.5 * (encoder.disc_radius * graduation) ** 2 + curve_in_radial(encoder),
             stated.get("mirror.tilt", 0.0) ** 2,
             flatness**2,
             (stated.get("autocollimator.gain", 0.0) / gain) ** 2,

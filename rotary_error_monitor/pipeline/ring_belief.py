@@ -190,6 +190,7 @@ class CommandBelief:
         self._before: float | None = None
         self._squares: deque[float] = deque(maxlen=LONG)
         self._within: deque[float] = deque(maxlen=LONG)
+        self._variances: tuple[float, float] | None = None  # by those two; None where they have changed since
         self._last: Window | None = None
         self._compared: int | None = None
         self._still = self._speed = 0.0
@@ -205,6 +206,7 @@ class CommandBelief:
         self._last = self._compared = None
         self._squares.clear()
         self._within.clear()
+        self._variances = None
         self._distances.clear()
         self._slope.forget()
 
@@ -305,10 +307,12 @@ class CommandBelief:
         """Standard deviation of a single distance by the scatter of windows about their neighbours, or within, rad."""
         if len(self._squares) < SHORT:
             return 0.0
+        if self._variances is None:
+            latest = list(self._within)[-SHORT:]
+            within = max(sum(self._within) / len(self._within), sum(latest) / len(latest))
+            self._variances = sum(self._squares) / len(self._squares) / 1.5, within
         samples = max(1.0, window.ticks * window["head_samples"])
-        among = sum(self._squares) / len(self._squares) / 1.5 * samples
-        latest = list(self._within)[-SHORT:]
-        return math.sqrt(max(among, sum(self._within) / len(self._within), sum(latest) / len(latest)))
+        return math.sqrt(max(self._variances[0] * samples, self._variances[1]))
 
     def _stuck(self, window: Window, last: Window) -> str:
         """A command that stands while the rotor turns."""
@@ -328,6 +332,7 @@ class CommandBelief:
         if len(before) >= 2:
             self._squares.append((before[-1] - 0.5 * (before[-2] + window["ecc"])) ** 2)
             self._within.append(window.scattering("ecc") ** 2)
+            self._variances = None
         before.append(window["ecc"])
         # the command's speed: at its rest a drive that settles goes as its distance does, late or not
         self._slope.add(window.number, window["theta"] - window["ecc"], window["ecc"])

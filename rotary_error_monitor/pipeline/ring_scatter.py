@@ -44,11 +44,11 @@ class RingScatter:
         Args:
             number: of the window.
             place: of the ring's centre, m.
-            variance: of each component by the stated noise, m².
+            variance: of each component by the stated noise, m²; beside none no scatter is told.
             rate: speed of a head's reading over the noise of it, 1/s.
         """
         self._places.append((number, *place))
-        if len(self._places) < 3 or self._places[0][0] != number - 2:
+        if len(self._places) < 3 or self._places[0][0] != number - 2 or variance == 0.0:
             return
         before, here, after = self._places
         squares = [(here[i] - 0.5 * (before[i] + after[i])) ** 2 for i in (1, 2)]

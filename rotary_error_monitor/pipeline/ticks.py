@@ -125,7 +125,7 @@ class TickMaker:
             return None, None
         encoder = self._stage.ring
         readings = np.column_stack([sampled[name].values for name in heads])
-        readings = remove_graduation(readings, np.array(layout.azimuths), encoder.graduation)
+        readings = remove_graduation(readings, np.array(layout.azimuths), encoder)
         gain = np.column_stack([sampled[name].gain for name in heads])
         travel = np.column_stack([sampled[name].travel for name in heads])
         variance = head_variance(encoder, gain, travel)

@@ -15,6 +15,8 @@ from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
 SIGMAS = 6.0
 """Standard deviations that noise does not reach in years."""
 
+_ROOT = math.sqrt(2.0)
+
 STAYED = 0.3
 """Part of a step, or else of the largest tilt, within which a signal that was doubted counts as back where it was."""
 
@@ -63,6 +65,9 @@ class TiltBelief:
         """Believe the tilt again."""
         self.doubt = ""
         self.scale = self._noise_scale = 1.0
+        # of the window that is judged: what is read, what of it is not described, what noise and turbulence make of it
+        self._reading = self._surplus = self._last_reading = self._last_surplus = 0.0, 0.0
+        self._stated, self._drifted = self._noise, 0.0
         self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
         self.figure.forget()
@@ -75,7 +80,7 @@ class TiltBelief:
         self._still: Window | None = None
         self._repeated: tuple[float, float] | None = None
         self._calm: Window | None = None
-        self._gone = 0.0
+        self._gone = self._most_gone = 0.0
 
     def retract(self, *, doubt: bool) -> None:
         """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
@@ -94,10 +99,27 @@ class TiltBelief:
             self._still = self._repeated = self._calm = None
             self._agreeing = self._gone = 0.0
             return
+        samples = max(1.0, window.ticks * window["tilt_samples"])
+        self._reading, self._surplus = window.pair("tilt"), window.pair("tilt_surplus")
+        self._stated, self._drifted = self._noise / math.sqrt(samples), self._drift(window.duration)
         stuck = self._is_stuck(window) or self._stands(window)
         step = self._step(window)
-        wrong = stuck or step or self._beyond(window) or self._misread(window)
+        wrong = stuck or step or self._beyond() or self._misread(window)
         self._measure_noise(window)
+        if wrong or self.doubt:
+            self._conclude(window, wrong, step)
+        if not self.doubt:
+            self._recent.append(self._surplus)
+        self._last, self._last_reading, self._last_surplus = window, self._reading, self._surplus
+        deviation = math.sqrt(window["tilt_variance"] or math.inf)
+        self.scale = math.hypot(self._noise_scale, self._unseen(window) / deviation)
+        # one tick is less sure than the mean of a window, and may be a window and a half away
+        noise = math.hypot(self._deviation * math.sqrt(1.0 + samples), self._drifted)
+        reach = 1.5 * self._limits.tilt_rate * window.duration + SIGMAS * noise
+        self.reach = Reach(*self._surplus, reach)
+
+    def _conclude(self, window: Window, wrong: str, step: str) -> None:
+        """Doubt by what is wrong, or believe again what has agreed for long enough."""
         if wrong and not self.doubt:
             self._before = self._mean_before()
             self._recent.clear()
@@ -107,27 +129,17 @@ class TiltBelief:
             # a step back is no new fault, but a reason to wait
             self.doubt = self.doubt if self.doubt and step else wrong
             self._agreeing = 0.0
-        if self.doubt and self._before is not None:
-            self._farthest = max(self._farthest, _distance(window.pair("tilt_surplus"), self._before))
-        if self.doubt and not wrong:
-            self._agreeing = self._agreeing + window.duration if self._is_back(window) else 0.0
+        if self._before is not None:
+            self._farthest = max(self._farthest, _distance(self._surplus, self._before))
+        if not wrong:
+            self._agreeing = self._agreeing + window.duration if self._is_back() else 0.0
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
                 self._excursion = (window.number, self._farthest)
-        if not self.doubt:
-            self._recent.append(window.pair("tilt_surplus"))
-        self._last = window
-        deviation = math.sqrt(window["tilt_variance"] or math.inf)
-        self.scale = math.hypot(self._noise_scale, self._unseen(window) / deviation)
-        # one tick is less sure than the mean of a window, and may be a window and a half away
-        samples = max(1.0, window.ticks * window["tilt_samples"])
-        noise = math.hypot(self._deviation(window) * math.sqrt(1.0 + samples), self._drift(window.duration))
-        reach = 1.5 * self._limits.tilt_rate * window.duration + SIGMAS * noise
-        self.reach = Reach(*window.pair("tilt_surplus"), reach)
 
     def _is_stuck(self, window: Window) -> str:
         """Equal readings for longer than chance allows, or while the mirror must have moved them."""
-        if self._last is None or self._still is None or window.pair("tilt") != self._last.pair("tilt"):
+        if self._last is None or self._still is None or self._reading != self._last_reading:
             self._still, self._repeated = window, None
             return ""
         if self._repeated is None:  # the first windows of a run may hold some of what came before
@@ -135,28 +147,34 @@ class TiltBelief:
             self._repeated = _mean(earlier)
         run = window.number - self._still.number + 1
         readings = run * window.ticks * window["tilt_samples"]
-        moved = self._moved(window)
+        moved = self._moved()
         floor = self._instrument.resolution + SIGMAS * self._instrument.noise
         if readings > self._equal_run or moved > floor:
             return f"stuck: the same reading for {run * window.duration * 1e3:.0f} ms"
         return ""
 
     def _stands(self, window: Window) -> str:
-        """A reading that stays within its noise while what is described of it goes on: its first digits stick."""
-        near = self._instrument.resolution + SIGMAS * math.sqrt(2.0) * self._deviation(window)
-        if self._calm is None or _distance(window.pair("tilt"), self._calm.pair("tilt")) > near:
-            self._calm, self._gone = window, 0.0
-            return ""
-        self._gone = _distance(window.pair("tilt_surplus"), self._calm.pair("tilt_surplus"))
-        self._gone *= self._gone > 0.5 * near  # less is noise
-        passed = (window.number - self._calm.number) * window.duration
-        if self._gone <= STANDING * near + SIGMAS * math.sqrt(2.0) * self._drift(passed):
-            return ""
-        return f"stuck: it stays where it is while what is described of it goes {self._gone * 1e6:.3g} µrad"
+        """A reading that stays within its noise for a turn while what is described of it goes on: its digits stick.
 
-    def _moved(self, window: Window) -> float:
+        For less than a turn it may stand at a turning point while a motion that is not described goes on; that counts
+        as uncertain.
+        """
+        near = self._instrument.resolution + SIGMAS * _ROOT * self._deviation
+        if self._calm is None or _distance(self._reading, self._calm.pair("tilt")) > near:
+            self._calm, self._gone, self._most_gone = window, 0.0, 0.0
+            return ""
+        gone = _distance(self._surplus, self._calm.pair("tilt_surplus"))
+        self._gone = gone if gone > 0.5 * near else 0.0  # less is noise
+        self._most_gone = max(self._most_gone, self._gone)
+        passed = (window.number - self._calm.number) * window.duration
+        far = STANDING * near + SIGMAS * _ROOT * self._drift(passed)
+        if self._most_gone <= far or abs(window["theta"] - self._calm["theta"]) < 2 * math.pi:
+            return ""
+        return f"stuck: it stays where it is while what is described of it goes {self._most_gone * 1e6:.3g} µrad"
+
+    def _moved(self) -> float:
         """How far the reading should have moved since it has been the same, rad; 0 where it is not."""
-        return 0.0 if self._still is None else _distance(window.pair("tilt_surplus"), self._still.pair("tilt_surplus"))
+        return 0.0 if self._still is None else _distance(self._surplus, self._still.pair("tilt_surplus"))
 
     def _unseen(self, window: Window) -> float:
         """Standard deviation of what the tilt can be off by beyond its noise without being doubted, rad.
@@ -168,8 +186,7 @@ class TiltBelief:
         again = 0.0
         if self._excursion is not None and (window.number - self._excursion[0]) * window.duration < REMEMBERED:
             again = self._excursion[1] / SIGMAS
-        here = window.pair("tilt_surplus")
-        off = 0.0 if self._repeated is None else max(self._moved(window), _distance(here, self._repeated))
+        off = 0.0 if self._repeated is None else max(self._moved(), _distance(self._surplus, self._repeated))
         return math.hypot(max(off, self._gone), again)
 
     def _step(self, window: Window) -> str:
@@ -177,23 +194,22 @@ class TiltBelief:
         if last is None:
             return ""
         passed = (window.number - last.number) * window.duration
-        step = _distance(window.pair("tilt_surplus"), last.pair("tilt_surplus"))
-        noise = math.hypot(self._deviation(window), self._drift(window.duration))
-        if step <= self._limits.tilt_rate * passed + SIGMAS * math.sqrt(2.0) * noise:
+        step = _distance(self._surplus, self._last_surplus)
+        noise = math.hypot(self._deviation, self._drifted)
+        if step <= self._limits.tilt_rate * passed + SIGMAS * _ROOT * noise:
             return ""
         self._size = step
         return f"a step of {step * 1e6:.3g} µrad within {passed * 1e3:.3g} ms that no bearing makes"
 
-    def _beyond(self, window: Window) -> str:
-        surplus = math.hypot(*window.pair("tilt_surplus"))
+    def _beyond(self) -> str:
+        surplus = math.hypot(*self._surplus)
         if surplus <= 2.0 * self._limits.tilt:  # what is left where the description is the opposite of the truth
             return ""
         most = self._limits.tilt * 1e6
         return f"{surplus * 1e6:.3g} µrad from the described tilt; the stage tilts by {most:.3g} at most"
 
     def _misread(self, window: Window) -> str:
-        x, y = window.pair("tilt")
-        off_x, off_y = window.pair("tilt_surplus")
+        (x, y), (off_x, off_y) = self._reading, self._surplus
         if not self.figure.add(window["theta"], (x, y), (x - off_x, y - off_y)) and window.number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
         found = self.figure.judge(math.sqrt(window["tilt_variance"]))
@@ -205,28 +221,26 @@ class TiltBelief:
         """Scatter of a window about its neighbours against what the stated noise explains."""
         recent = self._recent
         if len(recent) >= 2 and self._last is not None and window.number == self._last.number + 1 and not self.doubt:
-            variance = 1.5 * self._deviation(window, stated=True) ** 2 + self._drift(window.duration) ** 2
-            here = window.pair("tilt_surplus")
-            for first, middle, last in zip(recent[-2], recent[-1], here, strict=True):
+            variance = 1.5 * self._stated**2 + self._drifted**2
+            for first, middle, last in zip(recent[-2], recent[-1], self._surplus, strict=True):
                 self._squares.append(min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6))
             variance = window["tilt_variance"] or math.inf
             for name in ("tilt_surplus_x", "tilt_surplus_y"):
                 self._within.append(min(window.scattering(name) ** 2 / variance, 1e6))
         if len(self._squares) >= SHORT:
-            values = list(self._squares)
+            among, within = list(self._squares), list(self._within)
             # neighbours share windows, which leaves about half of them independent
-            excess = [sum(values[-n:]) / n / chi_square_bound(0.5 * n) for n in (2, SHORT, len(values))]
-            for count in (2 * SHORT, len(self._within)):
-                latest = list(self._within)[-count:]
-                # as many independent ones as there are samples, of which a straight line takes two
-                samples = max(1, round((window.ticks - 2) * window["tilt_samples"] * len(latest)))
-                excess.append(sum(latest) / len(latest) / chi_square_bound(samples))
+            parts = [(part, 0.5 * len(part)) for part in (among[-2:], among[-SHORT:], among)]
+            # as many independent ones as there are samples, of which a straight line takes two
+            each = (window.ticks - 2) * window["tilt_samples"]
+            parts += [(part, max(1, round(each * len(part)))) for part in (within[-2 * SHORT :], within)]
+            excess = [sum(part) / len(part) / chi_square_bound(freedom) for part, freedom in parts]
             self._noise_scale = math.sqrt(max(1.0, *excess))
 
-    def _deviation(self, window: Window, *, stated: bool = False) -> float:
-        """Standard deviation of the mean of a window, rad."""
-        samples = max(1.0, window.ticks * window["tilt_samples"])
-        return self._noise / math.sqrt(samples) * (1.0 if stated else self._noise_scale)
+    @property
+    def _deviation(self) -> float:
+        """Standard deviation of the mean of the window that is judged, rad."""
+        return self._stated * self._noise_scale
 
     def _drift(self, passed: float) -> float:
         """Standard deviation of what turbulence changes within a time (s), over the root of two, rad."""
@@ -238,11 +252,10 @@ class TiltBelief:
     def _mean_before(self) -> tuple[float, float] | None:
         return _mean(list(self._recent)) if self._recent else self._before
 
-    def _is_back(self, window: Window) -> bool:
+    def _is_back(self) -> bool:
         """Whether the tilt is near where it was before it was doubted; the description where nothing was before."""
-        before = self._before or (0.0, 0.0)
-        near = self._near + SIGMAS * math.hypot(self._deviation(window), self._drift(window.duration))
-        return _distance(window.pair("tilt_surplus"), before) <= near
+        near = self._near + SIGMAS * math.hypot(self._deviation, self._drifted)
+        return _distance(self._surplus, self._before or (0.0, 0.0)) <= near
 
 
 def _mean(pairs: list[tuple[float, float]]) -> tuple[float, float]:

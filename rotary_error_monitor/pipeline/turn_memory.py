@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 ANGLES = 360
 """Angles told apart in a turn: error motion of order 8 changes by a seventh of its size from one to the next."""
+
+_STEP = 2 * math.pi / ANGLES
 
 
 class TurnMemory:
@@ -19,18 +19,26 @@ class TurnMemory:
 
     def __init__(self) -> None:
         """Nothing was seen."""
-        self._seen = np.full((ANGLES, 2), np.nan)
+        # a list, no array: within a window the rotor passes but a few of them
+        self._seen: list[tuple[float, float] | None] = [None] * ANGLES
         self.empty = True
 
     def put(self, theta: float, moved: float, vector: tuple[float, float]) -> None:
         """Keep a mean over the angles (rad) from half of `moved` before `theta` to half of it behind."""
-        self._seen[_places(theta, moved)] = vector
+        for place in _places(theta, moved):
+            self._seen[place % ANGLES] = vector
         self.empty = False
 
     def get(self, theta: float, moved: float) -> tuple[float, float] | None:
         """The mean of what was seen at these angles; None where they are not all known."""
-        x, y = self._seen[_places(theta, moved)].mean(axis=0).tolist()
-        return None if math.isnan(x) else (x, y)
+        places = _places(theta, moved)
+        x = y = 0.0
+        for place in places:
+            vector = self._seen[place % ANGLES]
+            if vector is None:
+                return None
+            x, y = x + vector[0], y + vector[1]
+        return None if math.isnan(x) else (x / len(places), y / len(places))
 
 
 class Course:
@@ -65,10 +73,8 @@ class Course:
         self.number, self.theta, self.place, self.sure = number, theta, place, sure
 
 
-def _places(theta: float, moved: float) -> slice | np.ndarray[tuple[int], np.dtype[np.int64]]:
-    step = 2 * math.pi / ANGLES
-    first, last = math.floor((theta - abs(moved) / 2) / step), math.floor((theta + abs(moved) / 2) / step)
-    begin, count = first % ANGLES, min(last - first + 1, ANGLES)
-    if begin + count <= ANGLES:
-        return slice(begin, begin + count)
-    return np.arange(begin, begin + count) % ANGLES
+def _places(theta: float, moved: float) -> range:
+    """The angles from half of `moved` before `theta` to half of it behind, rad: a turn at most, one after another."""
+    half = abs(moved) / 2
+    first, last = math.floor((theta - half) / _STEP), math.floor((theta + half) / _STEP)
+    return range(first, min(last + 1, first + ANGLES))

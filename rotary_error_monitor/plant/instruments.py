@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline, make_interp_spline
 
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, PlanarHarmonic
+from rotary_error_monitor.description.stage import AngularHarmonic, ListedSensor, PeriodicTable, PlanarHarmonic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant import geometry
 from rotary_error_monitor.plant.clocks import HEAD
@@ -81,6 +83,17 @@ def waves(rows: Sequence[AngularHarmonic], turns: Turns) -> Reals:
     return total
 
 
+@lru_cache(maxsize=16)
+def _spline(table: PeriodicTable) -> BSpline:
+    return make_interp_spline(*table.knots, k=3, bc_type="periodic")
+
+
+def measured(table: PeriodicTable, angle: Reals) -> Reals:
+    """(n, c) the periodic cubic spline through a measured curve at angles (n,) rad."""
+    first = table.angles[0]
+    return np.asarray(_spline(table)(first + (angle - first) % (2 * np.pi)), np.float64)
+
+
 def _angle(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
     encoder = scene.stage.ring
     azimuth = encoder.azimuths[stream.removeprefix(HEAD)]
@@ -92,6 +105,8 @@ def _angle(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
     shift = np.arctan2(cut.imag, cut.real)
     place = azimuth - scene.theta + shift
     error = waves(encoder.graduation, Turns(rotor.conj() * cut * complex(np.cos(azimuth), np.sin(azimuth))))
+    if encoder.graduation_table is not None:
+        error = error + measured(encoder.graduation_table, place)[:, 0]
     for fault in faults:
         error = fault.graduate(error, place, scene)
     angle = scene.theta - shift + error
@@ -103,6 +118,8 @@ def _angle(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
 def _tilt(scene: Scene, faults: Sequence[Fault]) -> Plane:
     mirror = scene.stage.mirror
     flatness = planar(mirror.flatness, scene.turns)
+    if mirror.flatness_table is not None:
+        flatness = flatness + measured(mirror.flatness_table, scene.theta) @ np.array([1, 1j])
     tilt = geometry.reflect(scene.turns.once, complex(*mirror.tilt), scene.tilt, flatness)
     for fault in faults:
         tilt = fault.look(tilt, scene)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from rotary_error_monitor.analysis.changes import Change, changes_between
@@ -15,11 +12,10 @@ from rotary_error_monitor.analysis.comparison import stays_of
 from rotary_error_monitor.analysis.course import estimate_drifts
 from rotary_error_monitor.analysis.motion import SegmentFigures, analyse_motion
 from rotary_error_monitor.analysis.positions import positioning_of
-from rotary_error_monitor.analysis.result import Analysis, Figure, as_mapping, figures_of
+from rotary_error_monitor.analysis.result import Analysis, as_mapping, figures_of
 from rotary_error_monitor.analysis.signals import default_heights
 from rotary_error_monitor.analysis.verdict import judge
 from rotary_error_monitor.bags.kept_rows import kept_beside, kept_in
-from rotary_error_monitor.bags.metadata import recorded_span
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.error_motion_limits import ErrorMotionLimits
@@ -34,9 +30,10 @@ from rotary_error_monitor.pipeline.radial_heights import HIGHEST as HIGHEST
 from rotary_error_monitor.recordings.long_estimates import ReplayedEstimates
 from rotary_error_monitor.recordings.progress import Progress, silent
 from rotary_error_monitor.recordings.replay import check_estimated, replay_long
+from rotary_error_monitor.recordings.result_contents import about_of, contents_of, title_of
 from rotary_error_monitor.recordings.stream_health import RecordedStreams, read_streams
 from rotary_error_monitor.report.analysis import page
-from rotary_error_monitor.report.page import made_by
+from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.rows import Keep
 
@@ -149,43 +146,24 @@ class FileAnalysis:
         write_all({self.outputs[suffix]: content for suffix, content in self._contents(analysis, changes)})
 
     def _contents(self, analysis: Analysis, changes: tuple[Change, ...] | None) -> Iterator[tuple[str, bytes]]:
-        about = self._about()
-        if "json" in self.outputs:
-            since = {} if changes is None else {"changes": [asdict(each) | {"told": each.is_told} for each in changes]}
-            text = json.dumps(as_mapping(analysis, about) | since, indent=1, allow_nan=False)
-            yield "json", f"{text}\n".encode()
-        if "csv" in self.outputs:
-            yield "csv", figures_table(figures_of(analysis)).encode()
-        if {"html", "png"} & set(self.outputs):
+        beside = {"machine": self.machine} if self.machine else {}
+        beside |= {"compared with": str(self.against)} if self.against else {}
+        about = about_of(self.recording, self.stage_file, **beside)
+        since = {} if changes is None else {"changes": [asdict(each) | {"told": each.is_told} for each in changes]}
+
+        def drawn() -> tuple[dict[str, list[Drawn]], Callable[[Mapping[str, Sequence[Drawn]]], bytes]]:
             # what draws takes long to load
             from rotary_error_monitor.report.analysis_figure import draw, joined
 
-            pictures = draw(analysis)
-            if "html" in self.outputs:
-                title = "/".join(self.recording.resolve().parts[-2:])
-                yield "html", page(analysis, pictures, title, about, changes).encode()
-            if "png" in self.outputs:
-                yield "png", joined(pictures)
+            return draw(analysis), joined
 
-    def _about(self) -> dict[str, str]:
-        """What was analysed, when it was recorded, and by what this was made."""
-        return {
-            "recording": str(self.recording),
-            "recorded": recorded_span(self.recording),
-            "stage": str(self.stage_file or config("stage.yaml")),
-            **({"machine": self.machine} if self.machine else {}),
-            **({"compared with": str(self.against)} if self.against else {}),
-            "made by": made_by(),
-        }
-
-
-def figures_table(figures: Iterable[Figure]) -> str:
-    """Figures as CSV, a row each."""
-    buffer = io.StringIO()
-    writer = csv.DictWriter(buffer, [each.name for each in fields(Figure)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(figure) for figure in figures)
-    return buffer.getvalue()
+        return contents_of(
+            self.outputs,
+            lambda: as_mapping(analysis, about) | since,
+            figures_of(analysis),
+            drawn,
+            lambda pictures: page(analysis, pictures, title_of(self.recording), about, changes),
+        )
 
 
 def analyse_bag(

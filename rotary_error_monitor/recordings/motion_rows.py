@@ -18,6 +18,9 @@ from rotary_error_monitor.signals.rows import Keep, Rows, parts_of, place_of
 Times = NDArray[np.int64]
 T = TypeVar("T")
 
+_NEAR = 8192
+"""Ticks whose decisions are in memory at once: those of two chunks of the estimator."""
+
 
 class BlockRows:
     """Samples of blocks that have the same columns, one behind another.
@@ -184,7 +187,3 @@ class ByTick(Mapping[int, T], Generic[T]):
         self._near = {each: self._make(each, row) for each, row in zip(ticks, rows, strict=True)}
         end = int(self.ticks.read(last, last + 1)[0]) if last < count else np.iinfo(np.int64).max
         self._span = (tick, int(end))
-
-
-_NEAR = 8192
-"""Ticks whose decisions are in memory at once: those of two chunks of the estimator."""

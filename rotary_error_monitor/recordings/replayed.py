@@ -165,6 +165,8 @@ class LongReplay:
     @property
     def is_complete(self) -> bool:
         """Whether all that was published live is given, as it was."""
+        if not len(self.unrepeated_ns):
+            return not len(self.lost_ns)
         return not len(self.lost_ns) and not any(part.unrepeated.any() for part in self.parts())
 
     def __len__(self) -> int:

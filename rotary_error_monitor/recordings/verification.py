@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rotary_error_monitor.analysis.comparison import DESCRIBED, Stand, stands_at, stands_of_lvdt
 from rotary_error_monitor.analysis.verification import compare_reference
 from rotary_error_monitor.analysis.verification_result import Verification, as_mapping, figures_of
-from rotary_error_monitor.bags.metadata import recorded_span
 from rotary_error_monitor.bags.naming import THE_ONLY_CELL, Naming
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import StageDescription, load_stage
@@ -26,12 +24,12 @@ from rotary_error_monitor.pipeline.reference_readings import (
     reference_of,
     without_references,
 )
-from rotary_error_monitor.recordings.analysis import figures_table
 from rotary_error_monitor.recordings.long_estimates import estimates_of
 from rotary_error_monitor.recordings.replay import check_estimated, replay_bag
 from rotary_error_monitor.recordings.replayed import Replay
+from rotary_error_monitor.recordings.result_contents import about_of, contents_of, title_of
 from rotary_error_monitor.recordings.stream_health import read_streams
-from rotary_error_monitor.report.page import made_by
+from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.verification import page
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.rows import RowsInMemory
@@ -75,26 +73,21 @@ class FileVerification:
         return self.stage_file or config("stage.yaml")
 
     def _contents(self, found: Verification) -> Iterator[tuple[str, bytes]]:
-        about = {
-            "recording": str(self.recording),
-            "recorded": recorded_span(self.recording),
-            "stage": str(self._stage_file),
-            "made by": made_by(),
-        }
-        if "json" in self.outputs:
-            yield "json", f"{json.dumps(as_mapping(found, about), indent=1, allow_nan=False)}\n".encode()
-        if "csv" in self.outputs:
-            yield "csv", figures_table(figures_of(found)).encode()
-        if {"html", "png"} & set(self.outputs):
+        about = about_of(self.recording, self.stage_file)
+
+        def drawn() -> tuple[list[list[Drawn]], Callable[[Sequence[Sequence[Drawn]]], bytes]]:
             # what draws takes long to load
             from rotary_error_monitor.report.verification_figure import draw, joined
 
-            pictures = draw(found)
-            if "html" in self.outputs:
-                title = "/".join(self.recording.resolve().parts[-2:])
-                yield "html", page(found, pictures, title, about).encode()
-            if "png" in self.outputs:
-                yield "png", joined(pictures)
+            return draw(found), joined
+
+        return contents_of(
+            self.outputs,
+            lambda: as_mapping(found, about),
+            figures_of(found),
+            drawn,
+            lambda pictures: page(found, pictures, title_of(self.recording), about),
+        )
 
 
 def verify_bag(
@@ -131,10 +124,14 @@ def verify_bag(
     if heights:
         chosen = [pair for height in heights for pair in _at(stands, height, str(bag))]
     estimates = estimates_of(replay)
-    compared = [
-        compare_reference(estimates, monitor, _during(references[name], stand), stand, str(bag))
-        for name, stand in chosen
-    ]
+    try:
+        compared = [
+            compare_reference(estimates, monitor, _during(references[name], stand), stand, str(bag))
+            for name, stand in chosen
+        ]
+    except InputError as error:  # it may be for what was not believed
+        said = [remark for remark in replay.remarks if not remark.startswith(f"{bag}: ")]
+        raise InputError("; ".join([str(error), *said])) from error
     return Verification(tuple(compared), replay.span_ns, replay.remarks)
 
 

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
@@ -121,10 +122,12 @@ def draw_bars(
     width: float,
     **style: Any,  # noqa: ANN401 (what matplotlib takes)
 ) -> None:
-    """Draw bars (n,) from zero as one object: each by itself, as `Axes.bar` has them, takes half a millisecond."""
-    edges = places[:, None] + 0.5 * width * np.array([-1, -1, 1, 1])
-    levels = heights[:, None] * np.array([0, 1, 1, 0])
-    ax.add_collection(PolyCollection(list(np.stack([edges, levels], axis=2)), **style))
+    """Draw bars (n,) from zero as one path: each by itself, as `Axes.bar` has them, takes half a millisecond."""
+    edges = places[:, None] + 0.5 * width * np.array([-1, -1, 1, 1, -1])
+    levels = heights[:, None] * np.array([0, 1, 1, 0, 0])
+    codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * len(places)
+    ax.add_patch(PathPatch(Path(np.column_stack([edges.ravel(), levels.ravel()]), codes), **style))
+    ax.autoscale_view()  # of a patch axes do not do so by themselves
 
 
 def scale_by_powers(ax: Axes) -> None:

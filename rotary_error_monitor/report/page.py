@@ -39,6 +39,7 @@ dt {{ font-weight: 600; }} dd {{ margin: 0 0 .4rem 1.2rem; overflow-wrap: anywhe
 .pictures img {{ max-width: 100%; height: auto; background: #fff; }}
 @media (max-width: 30rem) {{ body {{ font-size: 15px; }} .badge {{ font-size: 1.2rem; }} }}
 @media print {{ body {{ margin: 0; max-width: none; font-size: 10pt; }} .wide {{ overflow: visible; }}
+  pre {{ font-size: 8pt; white-space: pre-wrap; overflow-wrap: anywhere; }}
   table {{ font-size: 8.5pt; }} td, th {{ padding-right: .5rem; }} td {{ overflow-wrap: anywhere; }}
   td.n {{ white-space: normal; }} td.text {{ min-width: 0; }} .pictures img.narrow {{ max-width: 48.5%; }}
   .verdict, .badge {{ print-color-adjust: exact; -webkit-print-color-adjust: exact; }}

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from rotary_error_monitor.pipeline.error_motion_view import rounded_down
+from rotary_error_monitor.pipeline.last_turn import rounded_down
 from rotary_error_monitor.report.palette import GREY
 
 _BASE = 1.5

@@ -29,7 +29,6 @@ _COLUMNS = 2
 _HEIGHT = 2.5
 """Of a picture, inches."""
 
-
 _NEAR = 2.0
 """A limit that is farther up than twice the largest value would press the values together; its table tells it."""
 

@@ -12,6 +12,7 @@ from rotary_error_monitor.analysis.verification_result import ReferenceCompariso
 from rotary_error_monitor.report.drawing import WIDE, Sketch, drawn, in_rows, label, new_axes, tiled
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import BLACK, GREY, ORANGE, colour
+from rotary_error_monitor.report.wording import MICRO
 
 _HEIGHT = 2.7
 """Of a picture, inches."""
@@ -22,9 +23,11 @@ _COLUMNS = 2
 _MOST_POINTS = 4000
 """Of a line over time: more are drawn over one another. Of each stretch its smallest and largest stay."""
 
-_MICRO = 1e6
 _DEGREES = 180 / np.pi
 _BOUND, _MOST = "95 % bound of one difference", "limit of the mean, RMS"
+
+_GAP = 1.0
+"""Time without a difference over which no line is drawn, s."""
 
 _BEYOND = 2.0
 """Times the largest difference from which a bound is not shown to its end: it would press the line together."""
@@ -54,7 +57,7 @@ def _over_angle(each: ReferenceComparison) -> Iterator[Sketch]:
         names = [f"{who}, {_way(turning)}" for turning in shown for who in ("reference", "monitor")]
         figure, ax = new_axes(WIDE, _HEIGHT, names)
         for place, turning in enumerate(shown):
-            estimate, reference = (turning.profiles[:, k] * _MICRO for k in (axis, len(each.axes) + axis))
+            estimate, reference = (turning.profiles[:, k] * MICRO for k in (axis, len(each.axes) + axis))
             angles = _closed(turning.angles * _DEGREES, 360.0)
             told = colour(place)
             ax.plot(angles, _closed(reference), color=told, lw=2.6, alpha=0.35, label=f"reference, {_way(turning)}")
@@ -62,7 +65,7 @@ def _over_angle(each: ReferenceComparison) -> Iterator[Sketch]:
         _angle_axis(ax)
         title = f"{_title(each, name)}: radial error motion"
         label(figure, ax, title, "angle, °", "mean over turns, µm")
-        ranges = ", ".join(f"{np.ptp(turning.profiles[:, axis]) * _MICRO:.3g} µm {_way(turning)}" for turning in shown)
+        ranges = ", ".join(f"{np.ptp(turning.profiles[:, axis]) * MICRO:.3g} µm {_way(turning)}" for turning in shown)
         yield Sketch(figure, f"{title} over the angle, reference and monitor; range of the monitor {ranges}")
 
 
@@ -70,9 +73,9 @@ def _angle_differences(each: ReferenceComparison) -> Iterator[Sketch]:
     """Their difference over the angle, of every direction and speed."""
     for axis, name in enumerate(each.axes):
         figure, ax = new_axes(WIDE, _HEIGHT, [*(turning.name for turning in each.turnings), _MOST])
-        most = max(turning.axes[axis].judgement.most for turning in each.turnings) * _MICRO
+        most = max(turning.axes[axis].judgement.most for turning in each.turnings) * MICRO
         for place, turning in enumerate(each.turnings):
-            difference = (turning.profiles[:, len(each.axes) + axis] - turning.profiles[:, axis]) * _MICRO
+            difference = (turning.profiles[:, len(each.axes) + axis] - turning.profiles[:, axis]) * MICRO
             angles = _closed(turning.angles * _DEGREES, 360.0)
             ax.plot(angles, _closed(difference), color=colour(place), lw=1.0, label=turning.name)
         _draw_bound(ax, most, _MOST)
@@ -80,7 +83,7 @@ def _angle_differences(each: ReferenceComparison) -> Iterator[Sketch]:
         title = f"{_title(each, name)}: reference less monitor"
         label(figure, ax, title, "angle, °", "mean over turns, µm")
         ranges = ", ".join(
-            f"{turning.axes[axis].judgement.mean * _MICRO:.2g} µm {turning.name}" for turning in each.turnings
+            f"{turning.axes[axis].judgement.mean * MICRO:.2g} µm {turning.name}" for turning in each.turnings
         )
         yield Sketch(figure, f"{title} over the angle; root mean square {ranges}; limit of it {most:.2g} µm")
 
@@ -97,7 +100,7 @@ def _over_time(each: ReferenceComparison, begin_ns: int) -> Iterator[Sketch]:
             ):
                 time, line = _thinned(turning, values[:, axis], begin_ns)
                 told = ORANGE if who == "reference" else BLACK
-                ax.plot(time, line * _MICRO, color=told, lw=width, alpha=alpha, label=who if named else None)
+                ax.plot(time, line * MICRO, color=told, lw=width, alpha=alpha, label=who if named else None)
         ax.grid(alpha=0.3)
         title = f"{_title(each, name)}: radial error motion"
         label(figure, ax, title, "time after the first estimate, s", "radial error motion, µm")
@@ -108,15 +111,15 @@ def _time_differences(each: ReferenceComparison, begin_ns: int) -> Iterator[Sket
     """Their difference over time."""
     for axis, name in enumerate(each.axes):
         figure, ax = new_axes(WIDE, _HEIGHT, [*(turning.name for turning in each.turnings), _BOUND])
-        bound = max(float(turning.bound[axis]) for turning in each.turnings) * _MICRO
+        bound = max(float(turning.bound[axis]) for turning in each.turnings) * MICRO
         for place, turning in enumerate(each.turnings):
             samples = turning.samples
             time, line = _thinned(turning, samples.reference[:, axis] - samples.estimate[:, axis], begin_ns)
-            ax.plot(time, line * _MICRO, color=colour(place), lw=0.6, label=turning.name)
+            ax.plot(time, line * MICRO, color=colour(place), lw=0.6, label=turning.name)
         _draw_bound(ax, bound, _BOUND)
         title = f"{_title(each, name)}: reference less monitor"
         label(figure, ax, title, "time after the first estimate, s", "difference, µm")
-        largest = max(turning.axes[axis].largest for turning in each.turnings) * _MICRO
+        largest = max(turning.axes[axis].largest for turning in each.turnings) * MICRO
         yield Sketch(figure, f"{title} over time; largest {largest:.2g} µm, bound of one difference ±{bound:.2g} µm")
 
 
@@ -167,7 +170,3 @@ def _thinned(turning: TurningComparison, values: Array, begin_ns: int) -> tuple[
         time, values = time[chosen], values[chosen]
     gaps = np.flatnonzero(np.diff(time) > _GAP) + 1
     return np.insert(time, gaps, np.nan), np.insert(values, gaps, np.nan)
-
-
-_GAP = 1.0
-"""Time without a difference over which no line is drawn, s."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, Array
+from rotary_error_monitor.metrology.periodic_curves import planar_values
 from rotary_error_monitor.sensors.sensor import Pose, Sensor
 
 
@@ -34,7 +35,11 @@ class Autocollimator(Sensor):
     def shown(self, stream: str, pose: Pose) -> Array:
         """(n, 2) tilt of the mirror as a rotation vector, rad."""
         mirror, state = pose.stage.mirror, pose.state
-        return state.turned(mirror.tilt) + pose.tilt() + state.harmonics(mirror.flatness)
+        shown = state.turned(mirror.tilt) + pose.tilt() + state.harmonics(mirror.flatness)
+        table = mirror.flatness_table
+        if table is None:
+            return shown
+        return shown + state.keep("flatness_table", table, lambda: planar_values(table, state.theta))
 
     def within_range(self, stage: StageDescription, stream: str, shown: Array) -> Array:
         """The tilt, which the detector does not see beyond its range."""

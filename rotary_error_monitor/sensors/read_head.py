@@ -10,8 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
+from rotary_error_monitor.description.stage import AngularHarmonic, AngularTable, StageDescription
 from rotary_error_monitor.effects.rotor import HEAD, Array, RotorState
+from rotary_error_monitor.metrology.periodic_curves import angular_slopes, angular_values
 from rotary_error_monitor.sensors.sensor import Pose, Sensor
 
 
@@ -44,6 +45,10 @@ class ReadHead(Sensor):
                 "graduation", (encoder.graduation, azimuth), lambda: _graduation(encoder.graduation, azimuth, state)
             )
             reading += error - slope * ahead
+        table = encoder.graduation_table
+        if table is not None:
+            error, slope = state.keep("graduation_table", (table, azimuth), lambda: _measured(table, azimuth, state))
+            reading += error - slope * ahead
         return reading
 
 
@@ -58,6 +63,12 @@ def _sight_line(azimuth: float, pose: Pose) -> Array:
     across += (x * sideways[0] + y * sideways[1]) * cos
     across += (x * sideways[1] - y * sideways[0]) * sin
     return np.asarray(np.arcsin(across, out=across), np.float64)
+
+
+def _measured(table: AngularTable, azimuth: float, state: RotorState) -> Array:
+    """(2, m) error by a measured curve that a head sees of a centred ring, and its slope over the ring."""
+    psi = azimuth - state.theta
+    return np.stack([angular_values(table, psi), angular_slopes(table, psi)])
 
 
 def _graduation(rows: Sequence[AngularHarmonic], azimuth: float, state: RotorState) -> Array:

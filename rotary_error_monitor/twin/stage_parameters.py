@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import Any
 
 from rotary_error_monitor.description.listed_sensors import name_of
@@ -17,6 +18,7 @@ from rotary_error_monitor.description.stage import (
 )
 from rotary_error_monitor.description.two_axis_section import DISTORTIONS, RESPONSES
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.periodic_curves import doubted_orders
 from rotary_error_monitor.sensors.library import instrument_of, sensor_kinds
 
 _ANSWERING = ("autocollimator", "lvdt")
@@ -57,6 +59,7 @@ def uncertain_parameters(stage: StageDescription) -> tuple[UncertainParameter, .
         if uncertainty == 0.0 or name in TIMINGS:  # stamps are no number of the twin: effects of latency explain them
             continue
         found += (_of_listed if name.startswith("sensors.") else _of_section)(stage, name, uncertainty)
+    found += _of_curves(stage)
     for stream, sensor in stage.sensors.items():
         if sensor.uncertainty:
             found += _zero_and_form(stream, sensor)
@@ -75,14 +78,51 @@ def _of_section(stage: StageDescription, name: str, uncertainty: float) -> list[
     value = getattr(section, attribute, None)
     if value is None:
         raise _unknown(name)
-    streams = [(stream, sensor.moved_by) for sensor in sensor_kinds().values() for stream in sensor.streams(stage)]
-    seen_by = tuple(dict.fromkeys(instrument_of(stream) for stream, moved_by in streams if name.startswith(moved_by)))
+    seen_by = _seen_by(stage, name)
     return [
         UncertainParameter(
             name + "".join(f"[{step}]" for step in path), uncertainty, seen_by, _shifter(section_name, attribute, path)
         )
         for path in _paths(value)
     ]
+
+
+def _of_curves(stage: StageDescription) -> list[UncertainParameter]:
+    """Orders that a measured curve of ring or mirror may lack or have too much of, by what it says of its values."""
+    found: list[UncertainParameter] = []
+    ring = None if stage.encoder is None else stage.encoder.graduation_table
+    for section, attribute, table, axes in (
+        ("encoder", "graduation", ring, 1),
+        ("mirror", "flatness", stage.mirror.flatness_table, 2),
+    ):
+        if table is None or table.uncertainty == 0.0:
+            continue
+        seen_by = _seen_by(stage, f"{section}.{attribute}")
+        orders, uncertainty = doubted_orders(table)
+        for order, axis, part in product(orders, range(axes), (0, 1)):
+            name = f"{section}.{attribute}_table[order {order}]"
+            name += (f"[{'xy'[axis]}]" if axes > 1 else "") + f"[{('cos', 'sin')[part]}]"
+            row = partial(_form_row, axes, axis, order, part)
+            found.append(UncertainParameter(name, uncertainty, seen_by, _row_shifter(section, attribute, row)))
+    return found
+
+
+def _row_shifter(
+    section: str, attribute: str, row: Callable[[float], AngularHarmonic | PlanarHarmonic]
+) -> Callable[[StageDescription, float], StageDescription]:
+    """The description with one more row of harmonics, of a size."""
+
+    def shifted(stage: StageDescription, by: float) -> StageDescription:
+        part = getattr(stage, section)
+        return replace(stage, **{section: replace(part, **{attribute: (*getattr(part, attribute), row(by))})})
+
+    return shifted
+
+
+def _seen_by(stage: StageDescription, name: str) -> tuple[str, ...]:
+    """Instruments that a parameter moves."""
+    streams = [(stream, sensor.moved_by) for sensor in sensor_kinds().values() for stream in sensor.streams(stage)]
+    return tuple(dict.fromkeys(instrument_of(stream) for stream, moved_by in streams if name.startswith(moved_by)))
 
 
 def _of_response(stage: StageDescription, name: str, uncertainty: float) -> list[UncertainParameter]:

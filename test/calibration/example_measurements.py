@@ -1,20 +1,32 @@
 """The measurements of doc/calibration: simulated, so that what they should show is known.
 
-python test/calibration/example_measurements.py writes them anew.
+PYTHONPATH=test python test/calibration/example_measurements.py writes them anew.
 """
 
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
+import simulated_shaft
 import yaml
+from calibration import tracked_axes
 from numpy.typing import NDArray
+
+from rotary_error_monitor.bags.metadata import SIMULATED
+from rotary_error_monitor.bags.writer import write_messages
+from rotary_error_monitor.description.machine import load_machine
+from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parents[2] / "doc" / "calibration"
 GRINDER = Path(__file__).parents[2] / "config" / "machines" / "grinder_zhou2023.yaml"
+
+BAG = "between_centres"
+"""Folder of the bag of the shaft between centres."""
 
 REVERSAL = 1.2e-6
 X_TO_Y, Z_TO_X, Z_TO_Y = -16e-6, 11e-6, -19e-6
@@ -53,6 +65,16 @@ def positioning() -> str:
                 error = positioning_error(np.array(target * 1e-3)) - 0.5 * direction * REVERSAL
                 error = error + 0.12e-6 * rng.normal() + STARTUP * ((cycle, direction, k) == (1, 1, 0))
                 lines.append(f"{target:g},{direction},{cycle},{error * 1e6:.3f}")
+    return "\n".join(lines) + "\n"
+
+
+def laser() -> str:
+    """The same readings as an instrument with decimal commas writes them, among columns that nobody asked for."""
+    lines = ["Linear measurement, axis X (simulated)", "", "No;Run;Direction;Position;Error (µm);Air (°C)"]
+    for number, line in enumerate(positioning().splitlines()[2:], start=1):
+        target, direction, cycle, deviation = line.split(",")
+        sign = "+" if direction == "1" else "-"
+        lines.append(f"{number};{cycle};{sign};{target};{deviation.replace('.', ',')};20,1")
     return "\n".join(lines) + "\n"
 
 
@@ -130,6 +152,13 @@ def tracker() -> str:
     return "\n".join(lines) + "\n"
 
 
+def tracker_head() -> str:
+    """Axes and spindle of the machine of Pan et al. 2013, as it is described."""
+    features = tracked_axes.tracks(load_machine("pan2013"), points=15)
+    table = tracked_axes.rows(features, tracked_axes.NOISE, np.random.default_rng(4), digits=(6, 9))
+    return f"# simulated: laser tracker, reflectors on the spindle's nose and beside it\n{table}\n"
+
+
 def autocollimator() -> str:
     """A quadrant detector under a Gaussian spot, turned by 3 degrees, before a reference of ±0.2 arcsec."""
     rng = np.random.default_rng(5)
@@ -156,13 +185,51 @@ def autocollimator() -> str:
     return "\n".join(lines) + "\n"
 
 
+GRADUATION = {2: (-0.7e-6, 3.2e-6), 3: (2.1e-6, -0.5e-6), 5: (0.6e-6, 0.4e-6), 7: (-0.3e-6, 0.5e-6)}
+"""Of the ring between centres, rad, by order: cos and sin."""
+
+FLATNESS = {
+    2: (-6.0e-6, -2.2e-6, 1.5e-6, -4.0e-6),
+    3: (-3.9e-6, -0.4e-6, 0.1e-6, 0.8e-6),
+    5: (0.8e-6, 0.0, 0.0, 0.6e-6),
+}
+"""Of the mirror, rad, by order: cos and sin of x and of y."""
+
+SHAFT = simulated_shaft.Shaft(
+    eccentricity=(2.4e-5, -1.1e-5),
+    graduation=GRADUATION,
+    tilt=(7.0e-5, 2.4e-5),
+    flatness=FLATNESS,
+    head_rate=100.0,
+    tilt_rate=100.0,
+)
+"""The shaft between centres: the stage of Lou et al. 2019, read a hundred times a second to keep its bag small."""
+
+TURN_AND_BACK = simulated_shaft.reversing((1.6,), 4.5)
+"""Rather more than a turn forward in 4.5 s, and back."""
+
+
+def between_centres() -> dict[str, list[SampleBlock]]:
+    """Blocks by topic of the shaft between centres."""
+    heads, tilt = simulated_shaft.record(SHAFT, *TURN_AND_BACK, seed=6)
+    wire = load_wire()
+    streams = {wire.topic("head_samples", name).name: (("angle",), *stream) for name, stream in heads.items()}
+    streams[wire.topic("autocollimator_samples").name] = (("tilt_x", "tilt_y"), *tilt)
+    return {
+        topic: [block_from_samples(times[k : k + 100], names, values[k : k + 100]) for k in range(0, len(times), 100)]
+        for topic, (names, times, values) in streams.items()
+    }
+
+
 FILES = {
     "x_positioning.csv": positioning,
+    "x_laser.txt": laser,
     "x_straightness.csv": straightness,
     "x_direct.csv": direct,
     "workpiece_before.csv": lambda: workpiece(compensated=False),
     "workpiece_after.csv": lambda: workpiece(compensated=True),
     "tracker.csv": tracker,
+    "tracker_head.csv": tracker_head,
     "autocollimator.csv": autocollimator,
 }
 
@@ -171,6 +238,9 @@ def main() -> None:
     """Write the files."""
     for name, make in FILES.items():
         (FOLDER / name).write_text(make(), encoding="utf-8")
+    contents = between_centres()
+    shutil.rmtree(FOLDER / BAG, ignore_errors=True)
+    write_messages(FOLDER / BAG, contents, load_wire(), {SIMULATED: ", ".join(contents)})
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import yaml
 from faults.documenting import Row, shows
+from kernels import computing_by
 from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.writer import write_messages
@@ -521,6 +522,8 @@ def test_tables_and_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert lines[-1].split()[0] != lines[2].split()[0]
     assert figure.stat().st_size > 30_000
     for words, message in (
+        (["errors", "pan2013", "--uncertainty", 0], r"--uncertainty 0; expected 1 to 10000000 poses"),
+        (["errors", "pan2013", "--uncertainty", 10], "machine pan2013 states no uncertainty; its file needs a section"),
         (["errors", "pan2013", "--limits", "X"], "expected an axis, =, and a value"),
         (["errors", "pan2013", "--limits", "X=5"], "expected two numbers"),
         (["tables", "xyzac_trt", "--grid", "X=many", "-o", grid], "'many' is no number"),
@@ -534,6 +537,23 @@ def test_tables_and_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     ):
         with pytest.raises(InputError, match=message):
             run(*words)
+
+
+def test_what_the_uncertainty_of_a_file_leaves(machine: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = yaml.safe_load(machine.read_text(encoding="utf-8"))
+    content["machine"]["uncertainty"] = {"location.linear": 2e-6}
+    machine.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    with computing_by("numpy"):
+        assert run("errors", machine, "--uncertainty", 3000) == 0
+    told = capsys.readouterr()
+    assert "note: the machine model is computed by numpy, which is slower" in told.err
+    found = re.search(
+        r"3000 poses: (\S+) µm rms.*\n.*: (\S+) µm rms, (\S+) µm at most\n95 %.* (\S+) µm$", told.out.strip()
+    )
+    assert found, told.out
+    # Five bodies that move, three directions each.
+    assert float(found[2]) == pytest.approx(2.0 * math.sqrt(15), rel=0.15)
+    assert float(found[4]) > float(found[1])
 
 
 def test_a_twin_of_parameters_becomes_a_tree_of_bodies(tmp_path: Path) -> None:

@@ -13,7 +13,9 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from calibration.drawn_calibrations import true_flatness, true_graduation
 
+from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
@@ -62,7 +64,8 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     folder = tmp_path_factory.mktemp("tutorial")
     for name in ("doc", "config"):
         shutil.copytree(ROOT / name, folder / name)
-    rows = {line for path in DATA.glob("*.csv") for line in path.read_text(encoding="utf-8").splitlines()}
+    texts = [path.read_text(encoding="utf-8") for path in (*DATA.glob("*.csv"), *DATA.glob("*.txt"))]
+    rows = {line for text in texts for line in text.splitlines()}
     printed, wrong = "", []
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -81,8 +84,10 @@ def test_commands_print_what_the_page_shows(worked: tuple[Path, list[str]]) -> N
         assert (folder / name).stat().st_size > 50_000
     assert len((folder / "mirror.csv").read_text(encoding="utf-8").splitlines()) == 2 + 101
     assert len((folder / "wheel.csv").read_text(encoding="utf-8").splitlines()) == 1 + 141 * 51
+    assert (folder / "axes.png").stat().st_size > 10_000
     assert (folder / "errors.png").stat().st_size > 10_000
     assert (folder / "autocollimator.png").stat().st_size > 30_000
+    assert (folder / "assembly.png").stat().st_size > 100_000
     assert (folder / "x.comp").read_text(encoding="ascii").startswith("-240.000000000 ")
     assert len((folder / "volumetric.csv").read_text(encoding="ascii").splitlines()) == 1 + 11 * 11 * 5
 
@@ -90,6 +95,31 @@ def test_commands_print_what_the_page_shows(worked: tuple[Path, list[str]]) -> N
 def test_the_measurements_are_those_that_were_simulated() -> None:
     for name, make in EXAMPLE.FILES.items():
         assert (DATA / name).read_text(encoding="utf-8") == make(), name
+
+
+def test_the_recording_is_that_which_was_simulated() -> None:
+    made = EXAMPLE.between_centres()
+    read = BagReader(DATA / EXAMPLE.BAG).read_blocks(list(made))
+    for topic, blocks in made.items():
+        rows = [np.concatenate([block.rows for block in each]) for each in (blocks, read[topic])]
+        np.testing.assert_allclose(rows[1], rows[0], rtol=0, atol=1e-12)
+
+
+def test_the_curves_are_those_of_ring_and_mirror(worked: tuple[Path, list[str]]) -> None:
+    """At half degrees, to twice the stated uncertainty (root mean square)."""
+    stage, angles = load_stage(worked[0] / "my_stage.yaml"), np.radians(np.arange(0, 360, 0.5))
+    ring, mirror = stage.ring.graduation_table, stage.mirror.flatness_table
+    assert ring is not None and mirror is not None
+    truth = true_graduation(EXAMPLE.GRADUATION, angles)
+    assert np.sqrt(np.mean((np.array(ring.values) - truth) ** 2)) < 2 * ring.uncertainty < 3e-7
+    flat = np.stack([mirror.x, mirror.y], axis=1) - true_flatness(EXAMPLE.FLATNESS, angles)
+    assert np.sqrt(np.mean(flat**2)) < 2 * mirror.uncertainty < 5e-7
+    np.testing.assert_allclose(stage.ring.eccentricity, EXAMPLE.SHAFT.eccentricity, atol=1e-8)
+
+
+def test_an_instruments_own_file_gives_the_same(worked: tuple[Path, list[str]]) -> None:
+    tables = [load_machine(worked[0] / name).errors["EXX"].table for name in ("my_machine.yaml", "from_laser.yaml")]
+    assert tables[0] is not None and tables[0] == tables[1]
 
 
 def test_the_machine_file_holds_what_was_put_in(worked: tuple[Path, list[str]]) -> None:

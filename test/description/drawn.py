@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import reduce
 from typing import Any, Literal, get_args, get_origin
@@ -15,6 +16,7 @@ from rotary_error_monitor.description.machine_section import (
     TableSection,
     TreeSection,
 )
+from rotary_error_monitor.description.periodic_tables import FEWEST, PeriodicTable
 from rotary_error_monitor.description.sensor_section import SensorSection, sensor_kinds
 from rotary_error_monitor.description.wire_section import SAMPLE_BLOCK, TopicSection
 
@@ -78,9 +80,22 @@ def _section(section: type[Any], tag: str | None = None, partly: bool = False) -
     if section is TableSection:  # values, or forward and backward
         first, values, *both = ((name, (True, drawn)) for name, (_, drawn) in known.items())
         return _fixed(dict([first, values])) | _fixed(dict([first, *both]))
+    if issubclass(section, PeriodicTable):
+        return st.integers(2 * FEWEST, 3 * FEWEST).flatmap(lambda count: _turn(known, count))
     if tag is not None:
         known["kind"] = True, st.just(tag)
     return _fixed(known)
+
+
+def _turn(known: dict[str, tuple[bool, st.SearchStrategy[Any]]], count: int) -> st.SearchStrategy[Any]:
+    """A value of each column at angles all round, in about equal steps."""
+    step = 2 * math.pi / count
+    off = st.lists(st.floats(-0.2, 0.2), min_size=count, max_size=count)
+    angles = off.map(lambda parts: [step * (k + part) for k, part in enumerate(parts)])
+    many = {
+        name: (required, drawn.map(lambda some: (some * count)[:count])) for name, (required, drawn) in known.items()
+    }
+    return _fixed({**many, "angles": (True, angles)})
 
 
 def _fixed(known: dict[str, tuple[bool, st.SearchStrategy[Any]]]) -> st.SearchStrategy[Any]:

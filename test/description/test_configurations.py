@@ -175,6 +175,7 @@ def _mend_tree(draw: st.DrawFn, section: Any, letters: list[str]) -> None:
     section["bodies"] = bodies
     section |= {"tool": draw(st.sampled_from(names)), "workpiece": draw(st.sampled_from(names))}
     rotary = [letter for letter in letters if section["axes"][letter]["kind"] == "rotary"]
+    section["spindle"] = draw(st.sampled_from([None, *(row["name"] for row in bodies if "axis" not in row)]))
     section["monitored"] = draw(st.sampled_from([None, *rotary]))
     if section["monitored"] is not None:
         section["axes"][section["monitored"]]["direction"] = [0.0, 0.0, 1.0]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -68,51 +66,6 @@ def load_text(tmp_path: Path) -> Callable[[str], MachineDescription]:
         return load_machine(path)
 
     return load
-
-
-@pytest.fixture(scope="module")
-def table2() -> Any:
-    return yaml.safe_load((REFERENCE / "pan2013_table2.yaml").read_text(encoding="utf-8"))
-
-
-def height(component: ErrorComponent) -> float:
-    """Range of an error component over the travel, in m or rad."""
-    u = np.linspace(-1.0, 1.0, 2001)
-    value = np.polyval(component.poly[::-1], u) if component.poly else np.zeros(1)
-    for wave in component.harmonic:
-        q = np.linspace(-math.pi, math.pi, 7201)
-        value = wave.cos * np.cos(wave.order * q) + wave.sin * np.sin(wave.order * q)
-    return float(np.ptp(value))
-
-
-def test_positioning_errors_are_those_of_table_2(table2: Any) -> None:
-    machine = load_machine("pan2013")
-    for letter, error, length in table2["positioning"]:
-        linear = machine.axis(letter).kind == "linear"
-        name = f"E{letter}{letter}"
-        expected = error * 1e-3 if linear else math.radians(error)
-        assert height(machine.errors[name]) == pytest.approx(expected, rel=1e-6)
-        if linear:
-            assert np.ptp(machine.axis(letter).travel) == pytest.approx(length * 1e-3)
-
-
-def test_straightness_errors_are_those_of_table_2_and_not_of_the_text(table2: Any) -> None:
-    machine = load_machine("pan2013")
-    text = dict(table2["straightness_in_text"])
-    for name, error in table2["straightness"]:
-        assert height(machine.errors[name]) == pytest.approx(error * 1e-3, rel=1e-6)
-        assert text[name] < 0.5 * error
-
-
-def test_squareness_and_backlash_are_those_of_the_paper(table2: Any) -> None:
-    machine = load_machine("pan2013")
-    for letter, other, error, length in table2["squareness"]:
-        body = machine.body_of(letter)
-        d, e = (np.array(machine.axis(name).direction) for name in (letter, other))
-        turned = d + np.cross(body.location_error.rotation, d)
-        assert turned @ e == pytest.approx(error / length, rel=1e-9)  # cos of an angle below 90 degrees
-    for letter, backlash in table2["backlash"].items():
-        assert machine.axis(letter).reversal == pytest.approx(backlash * 1e-3)
 
 
 @pytest.mark.parametrize(
@@ -215,6 +168,15 @@ def test_names_that_a_machine_has_not() -> None:
         ("squareness: {Z: 2.0e-05}", "squareness: {Z: 0.02}", 13, "expected: an angle in rad of at most 10 mrad"),
         (", axis: C}", "}", 9, "axis C moves no body"),
         ("workpiece: chuck", "workpiece: vice", 4, "there is no body 'vice'"),
+        (
+            "monitored: C",
+            "monitored: C\n  spindle: head",
+            6,
+            "there is no body 'head'; expected one of chuck, carriage",
+        ),
+        ("monitored: C", "monitored: C\n  spindle: base", 6, "there is no body 'base'; expected one of chuck"),
+        ("travel: [-0.5, 0]", "travel: [-0.5, 0], repeatability: 8", 8, "expected: repeatability R of positioning"),
+        ("monitored: C", "monitored: C\n  spindle: chuck", 6, "axis C moves 'chuck'; expected a body of its own"),
         ("monitored: C", "monitored: X", 5, "'X' is no rotary axis; expected C"),
         ("rotary, direction: [0, 0, 1]", "rotary, direction: [0, 1, 0]", 9, r"not the z of the stage .* pose.rotation"),
         ("rotary, direction: [0, 0, 1]", "rotary, direction: [0, 0, -1]", 9, r"expected \[0, 0, 1\], with the body"),

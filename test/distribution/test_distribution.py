@@ -12,7 +12,8 @@ import venv
 import xml.etree.ElementTree as ET
 import zipfile
 from pathlib import Path
-from sysconfig import get_paths
+from shutil import which
+from sysconfig import get_config_var, get_paths
 
 import checkout
 import pytest
@@ -27,11 +28,10 @@ HOOKS = "import sys; from setuptools import build_meta; print(getattr(build_meta
 """Calls a build hook of PEP 517 as `python -m build --no-isolation` does."""
 
 
-def built(hook: str, source: Path, folder: Path) -> Path:
+def built(hook: str, source: Path, folder: Path, **environment: str) -> Path:
     """What a hook of the build backend makes of a source tree, in a process of its own."""
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", HOOKS, hook, str(folder)], cwd=source, capture_output=True, text=True
-    )
+    command = [sys.executable, "-W", "error", "-c", HOOKS, hook, str(folder)]
+    done = subprocess.run(command, cwd=source, capture_output=True, text=True, env={**os.environ, **environment})
     assert done.returncode == 0, done.stdout + done.stderr
     return folder / done.stdout.split()[-1]
 
@@ -105,8 +105,10 @@ def test_the_wheel_holds_the_package_and_its_data(wheel):
         held = set(archive.namelist())
         entries = configparser.ConfigParser()
         entries.read_string(archive.read(f"{PACKAGE}-{version()}.dist-info/entry_points.txt").decode())
+    built = f"{PACKAGE}/machine/_kernel{get_config_var('EXT_SUFFIX')}"
     assert {name for name in held if name.startswith(f"{PACKAGE}/")} == {
-        name for name in checkout.names() if name.startswith(f"{PACKAGE}/")
+        *(name for name in checkout.names() if name.startswith(f"{PACKAGE}/") and not name.endswith((".c", ".h"))),
+        *([built] if which(get_config_var("CC").split()[0]) else []),
     }
     data = f"{PACKAGE}-{version()}.data/data/share/"
     share = {name.removeprefix(data) for name in held if name.startswith(data)}
@@ -114,6 +116,15 @@ def test_the_wheel_holds_the_package_and_its_data(wheel):
     marker = f"ament_index/resource_index/packages/{PACKAGE}"
     assert share == {marker, *(f"{PACKAGE}/{name}" for name in shared)}
     assert set(entries["console_scripts"]) == {*checkout.node_names(), PACKAGE}
+
+
+def test_without_a_compiler_the_wheel_lacks_the_library_alone(wheel, tmp_path):
+    source = checkout.copy_to(tmp_path / "source")
+    other = built("build_wheel", source, tmp_path, CC="/bin/false")
+    with zipfile.ZipFile(wheel) as archive, zipfile.ZipFile(other) as lacking:
+        differing = set(archive.namelist()) - set(lacking.namelist())
+        assert differing <= {f"{PACKAGE}/machine/_kernel{get_config_var('EXT_SUFFIX')}"}
+        assert f"{PACKAGE}/machine/kernel.py" in lacking.namelist()
 
 
 def test_every_executable_is_there(prefix):

@@ -22,6 +22,7 @@ DOC = ROOT / "doc"
 
 PAGES_ELSEWHERE = {
     "calibration": "test/calibration/test_tutorial.py",
+    "offset": "test/report/test_offset_document.py",
     "tutorial_mount": "test/test_tutorials.py",
     "tutorial_quadrature": "test/test_tutorials.py",
 }
@@ -56,6 +57,10 @@ ELSEWHERE = {
     "rotary_error_monitor trend FOLDER --scheduler tcp://HOST:8786 -o PAGE.html": (
         "test/recordings/test_trend_command.py",
         '"--scheduler", cluster.scheduler_address',
+    ),
+    "rotary_error_monitor reproduce lou2019 -o lou2019": (
+        "test/reproduction/test_lou2019.py",
+        'main(["reproduce", "lou2019", "-o"',
     ),
     "rotary_error_monitor diagnose FOLDER --twin TWIN.yaml -o DIR": (
         "test/gap/test_folder_diagnosis.py",

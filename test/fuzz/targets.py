@@ -182,6 +182,8 @@ def targets(templates: Path) -> list[Target]:
             ["diagnose", "nowhere", "--twin", folder / "twin.yaml", "-o", folder / out],
             diagnose(poses, folder / "twin.yaml", folder),
             ["calibrate", "errors", folder / "twin.yaml"],
+            ["offset", folder / "twin.yaml", "--at", "X=10"],
+            ["offset", folder / "twin.yaml", "--array", "text"],
             ["calibrate", "tables", folder / "twin.yaml", "--axis", "X", "-o", folder / out],
             ["replay", bag, "--machine", folder / "twin.yaml", "-o", folder / out],
             ["calibrate", "positioning", CSV / "x_positioning.csv", "--machine", folder / "twin.yaml",
@@ -214,7 +216,10 @@ def targets(templates: Path) -> list[Target]:
         Target("workpiece", "measured.csv", [(CSV / "workpiece_before.csv").read_bytes()], TEXT, lambda folder: [
             ["calibrate", "flatness", "grinder_zhou2023", "--vertical", "Y", "--workpiece", "X=-1400,0", "Z=-650,-150",
              "--reversal-um", "1", "--positioning-um", "0", "--measured", folder / "measured.csv"]]),
-        Target("tracker", "measured.csv", [(CSV / "tracker.csv").read_bytes()], TEXT, calibrate("squareness")),
+        Target("tracker", "measured.csv", [(CSV / "tracker.csv").read_bytes(), (CSV / "tracker_head.csv").read_bytes()],
+               TEXT, calibrate("squareness")),
+        Target("program", "poses.csv", [(CSV.parent / "examples" / "poses.csv").read_bytes()], TEXT, lambda folder: [
+            ["offset", "xyzac_trt", "--program", folder / "poses.csv"]]),
         Target("collimator", "measured.csv", [(CSV / "autocollimator.csv").read_bytes()], TEXT, lambda folder: [
             ["calibrate", "autocollimator", folder / "measured.csv", "--stage", stage, "-o", folder / out,
              "--reference-arcsec", "0.115", "--sensitivity", "0.0015"]]),

@@ -28,7 +28,8 @@ LARGEST = 30_000
 
 NAMES = (
     *("stage", "machine", "mount", "quadrature", "wire", "cell", "positioning", "straightness", "profile", "tracker"),
-    *("direct", "workpiece", "collimator", "poses", "pointings", "signals", "mcap", "definition", "metadata", "db3"),
+    *("direct", "workpiece", "program"),
+    *("collimator", "poses", "pointings", "signals", "mcap", "definition", "metadata", "db3"),
 )
 
 

@@ -120,7 +120,6 @@ def machine(controller, monkeypatch, tmp_path):
     linuxcnc.stat = Status
     monkeypatch.setitem(sys.modules, "hal", hal)
     monkeypatch.setitem(sys.modules, "linuxcnc", linuxcnc)
-    monkeypatch.setattr(signal, "signal", lambda *_: None)
     # a session asks for it for itself; here it would last, for the tests after it and for all that they start
     machine.scheduled = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda *asked: machine.scheduled.append(asked[:2]))
@@ -130,6 +129,7 @@ def machine(controller, monkeypatch, tmp_path):
 @pytest.fixture
 def speak(monkeypatch, pipes):
     """Run a session, by default with the other side closed already; gives its exit code and what it said."""
+    interrupt = signal.getsignal(signal.SIGINT)
 
     def run(start=lambda settings, pins: (Recorder(), 0.001), closed=True):
         _, _, source, other = pipes
@@ -142,7 +142,8 @@ def speak(monkeypatch, pipes):
             said.seek(0)
             return code, [decode(line) for line in said.read().splitlines()]
 
-    return run
+    yield run
+    signal.signal(signal.SIGINT, interrupt)
 
 
 def test_a_session_says_hello_and_leaves_quietly(machine, speak):
@@ -226,7 +227,7 @@ def test_a_task_process_that_is_gone_by_now_is_told(machine, speak):
 def test_a_shutdown_of_linuxcnc_is_told(machine, speak):
     class Told(Recorder):
         def look(self, clock):
-            session._terminate(signal.SIGTERM, None)
+            os.kill(os.getpid(), signal.SIGTERM)
 
     code, said = speak(lambda settings, pins: (Told(), 0.0), closed=False)
     assert (code, said[-1]) == (1, End(session.SHUTDOWN))

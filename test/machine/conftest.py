@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from kernels import FORMS, computing_by, is_built
 from numpy.typing import NDArray
 from pytransform3d.batch_rotations import matrices_from_compact_axis_angles
 from pytransform3d.trajectories import concat_many_to_many
@@ -99,3 +100,12 @@ def independent_offset() -> Callable[..., Array]:
         return np.concatenate([seen[0][:, :3, 3] - seen[1][:, :3, 3], turned.as_rotvec()], axis=1)
 
     return offset
+
+
+@pytest.fixture(params=FORMS, autouse=True, scope="module")
+def form(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Each test of the model by both of its forms; where it was not compiled, by numpy."""
+    if request.param == "compiled" and not is_built():
+        pytest.skip("the machine model was not compiled")
+    with computing_by(request.param):
+        yield

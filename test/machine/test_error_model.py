@@ -20,6 +20,7 @@ from rotary_error_monitor.description.machine import (
     load_machine,
 )
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.machine.correction import solve_axis_corrections
 from rotary_error_monitor.machine.error_model import (
     monitored_jacobian,
     predict_tool_offset,
@@ -349,3 +350,32 @@ def test_one_temperature_holds_for_all_poses() -> None:
     one = predict_tool_offset(model, q, temperature=25.0)
     np.testing.assert_array_equal(one, predict_tool_offset(model, q, temperature=np.full(10, 25.0)))
     assert np.abs(one - predict_tool_offset(model, q)).max() > 1e-6
+
+
+def test_a_table_that_moves_under_a_tool_that_stands_still() -> None:
+    """No axis between base and tool: the tool is one place for all poses."""
+    machine = load_machine("xyzac_trt")
+    still = replace(
+        machine,
+        bodies=(*(replace(body, axis=None) if body.axis in ("X", "Y", "Z") else body for body in machine.bodies),),
+        axes=tuple(axis for axis in machine.axes if axis.letter in ("A", "C")),
+        errors={name: error for name, error in machine.errors.items() if name[2] in "AC"},
+    )
+    full, directions, temperature, live = poses(machine, 20)
+    full[:, :3] = directions[:, :3] = 0.0
+    unexpanded = replace(
+        machine,
+        errors=still.errors,
+        axes=tuple(replace(a, reversal=0.0) if a.letter in "XYZ" else a for a in machine.axes),
+    )
+    known = {"temperature": temperature, "monitored": live}
+    np.testing.assert_allclose(
+        predict_tool_offset(arrange_machine(still), full[:, 3:], direction=directions[:, 3:], **known),
+        predict_tool_offset(arrange_machine(unexpanded), full, direction=directions, **known),
+        rtol=0.0,
+        atol=1e-15,
+    )
+    solved = solve_axis_corrections(arrange_machine(still), full[:, 3:], direction=directions[:, 3:], **known)
+    assert solved.converged.all()
+    assert not solved.position_spanned.any()
+    assert monitored_jacobian(arrange_machine(still), full[:, 3:]).shape == (20, 6, 6)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from rotary_error_monitor.metrology import spindle_figures
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.order_spectrum import estimate_orders, orders_like_radial
 from rotary_error_monitor.metrology.spindle_figures import SignalNoise, estimate_values, sensitive_direction
@@ -85,6 +86,15 @@ def test_without_noise_the_values_are_those_of_the_closed_form(seed):
     assert quiet["synchronous"].value == pytest.approx(found.synchronous, rel=0.01)
     assert quiet["asynchronous"].value < 0.01 * found.synchronous
     assert set(values) == set(NAMES)
+
+
+@pytest.mark.parametrize("keeps", [False, True])
+def test_values_are_the_same_whether_random_numbers_are_kept_or_drawn_anew(keeps, monkeypatch):
+    """To the last bit: what is simulated is the same for each signal, however much of it memory holds."""
+    found, noise = drawn(1, turns=5.4, tone=3e-7, noise=2e-7), 2e-7
+    kept = values_of(found, noise, keeps)
+    monkeypatch.setattr(spindle_figures, "_MOST_VALUES", 20_000)
+    assert values_of(found, noise, keeps) == kept
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 from faults.documenting import Row, shows
+from kernels import computing_by
 from nodes.plant_samples import assert_figures
 from std_srvs.srv import Trigger
 
@@ -127,6 +128,13 @@ def test_the_offset_is_that_of_the_model(cell, plant, feed):
         monitored=live,
     )
     np.testing.assert_allclose(block.rows[0, 1:7], expected[0], rtol=0, atol=1e-12)
+
+
+def test_by_which_form_of_the_model_it_computes_is_logged_where_it_is_the_slower_one(cell, capfd):
+    with computing_by("numpy"):
+        cell.run(Compensation, "compensation", machine="xyzac_trt")
+    log = capfd.readouterr().err
+    assert log.count("the machine model is computed by numpy, which is slower: ROTARY_ERROR_MONITOR_KERNEL=numpy") == 1
 
 
 def test_joint_states_stop(cell, feed, corrections):

@@ -19,6 +19,10 @@ from rotary_error_monitor.cases.making import make_machine_case, make_stage_case
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.topics import samples_topic
+from rotary_error_monitor.reproduction.lou2019 import PAPER, SIMULATED
+from rotary_error_monitor.reproduction.lou2019_figures import Readings, original_errors
+from rotary_error_monitor.reproduction.page import page
+from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Row, Step
 from rotary_error_monitor.sources.mock import MockSettings, mock_stage
 
 EPOCH_NS = 1_763_700_000_000_000_000
@@ -32,6 +36,7 @@ KINDS = (
     "diagnosis_of_a_stage",
     "diagnosis_of_a_machine",
     "diagnosis_of_a_folder",
+    "reproduction",
     "trend",
 )
 """Pages that the package writes, and those of recordings that tell little."""
@@ -105,6 +110,22 @@ def _trend(folder: Path) -> Path:
     return folder / "page.html"
 
 
+def _reproduction(folder: Path) -> Path:
+    """A command of the procedure, a figure of a recording, and rows that are kept, not kept, and without a value."""
+    bag = Path(_recorded(folder, 8.0))
+    typed, said = Bench(folder).run("calibrate", "--help")
+    figures = original_errors(Readings(bag, load_stage()))
+    rows = [
+        Row("resolution of the encoder (Section 3)", "0.412 arcsec", "0.4116 arcsec", "rounded in the paper", True),
+        Row("largest residual from the LVDT at 5 mm", "less than 2 µm", "2.31 µm", "forces that nobody stated", False),
+        Row("eccentricity of the grid disc (Figure 7)", "no value", "(23.7, -10.9) µm", "the paper shows a curve"),
+    ]
+    step = Step("Measure ring and mirror", "Section 2.1", typed, said, figures, "The shaft is between centres.")
+    found = Reproduction("lou2019", PAPER, SIMULATED, (step, Step("Nothing", "Section 4")), tuple(rows))
+    (folder / "page.html").write_text(page(found), encoding="utf-8")
+    return folder / "page.html"
+
+
 def _write_broken(folder: Path) -> None:
     folder.mkdir()
     (folder / f"{folder.name}_0.mcap").write_bytes(b"\x89MCAP0\r\n")
@@ -122,5 +143,6 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "diagnosis_of_a_stage": _diagnosis(folders["diagnosis_of_a_stage"], "stage"),
         "diagnosis_of_a_machine": _diagnosis(folders["diagnosis_of_a_machine"], "machine"),
         "diagnosis_of_a_folder": _fleet(folders["diagnosis_of_a_folder"]),
+        "reproduction": _reproduction(folders["reproduction"]),
         "trend": _trend(folders["trend"]),
     }

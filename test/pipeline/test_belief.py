@@ -42,8 +42,9 @@ def spread(block, off, noise, gen):
     )
 
 
-def window(number, reading, *, there=True, described=0.0):
+def window(number, reading, *, there=True, described=0.0, theta=0.0):
     mean = [0.0] * len(COLUMNS)
+    mean[INDEX["theta"]] = theta
     for name in ("heads", "command", "radial", "head_samples", "tilt_samples"):
         mean[INDEX[name]] = 1.0
     mean[INDEX["tilt"]] = float(there)
@@ -193,18 +194,30 @@ def test_a_ripple_in_step_with_the_windows_counts_as_noise(name, size, component
     assert (np.abs(error) > 6 * deviation)[judged].mean() <= 0.002
 
 
-def test_a_reading_whose_last_digits_alone_move_is_stuck():
-    """Until it shows, the uncertainty holds what the description has gone meanwhile."""
-    belief, gen, pace = TiltBelief(STAGE), np.random.default_rng(1), 2e-7
+def test_a_reading_whose_last_digits_alone_move_is_stuck_after_a_turn():
+    """Until then the uncertainty holds what the description has gone meanwhile."""
+    belief, gen, windows = TiltBelief(STAGE), np.random.default_rng(1), 100  # of a turn
     near = STAGE.autocollimator.resolution + 6 * STAGE.autocollimator.noise
-    for number in range(400):
-        belief.judge(window(number, gen.normal(0.0, 1e-7), described=pace * max(number - 50, 0)))
+    for number in range(3 * windows):
+        theta = 2 * np.pi * number / windows
+        gone = 2e-5 * (1 - np.cos(theta))
+        belief.judge(window(number, gen.normal(0.0, 1e-7), described=gone, theta=theta))
         if belief.doubt:
             break
-        gone = pace * max(number - 50, 0)
         assert gone < near or 6 * belief.scale * STAGE.autocollimator.noise >= gone
     assert belief.doubt.startswith("stuck")
-    assert number < 150
+    assert windows <= number < 1.5 * windows
+
+
+@pytest.mark.parametrize("phase", np.linspace(0, 2 * np.pi, 8, endpoint=False))
+def test_a_reading_that_stands_at_a_turning_point_is_believed(phase):
+    """A sound one: there the mirror goes against an error motion that nobody has described."""
+    belief, gen = TiltBelief(STAGE), np.random.default_rng(1)
+    for number in range(400):
+        theta = 2 * np.pi * number / 200
+        shown = 4e-5 * (1 - np.cos(theta - phase)) ** 2
+        belief.judge(window(number, shown + gen.normal(0.0, 1e-7), described=1e-5 * np.sin(theta - phase), theta=theta))
+        assert not belief.doubt
 
 
 def test_a_reading_that_follows_its_description_is_never_stuck():

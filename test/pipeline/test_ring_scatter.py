@@ -70,3 +70,10 @@ def test_a_fault_is_a_step_still():
         followed(scatter, drawn(generator, rate, 1.0, jitter), rate)
         deviation = NOISE * np.hypot(1.0, max(jitter, 0.5 * TIMING) * FASTEST)
         assert 12.0 * np.sqrt(2.0) * deviation > 6.0 * np.sqrt(2.0) * NOISE * scatter.scale(FASTEST)
+
+
+def test_beside_no_stated_noise_no_scatter_is_told():
+    scatter = RingScatter(TIMING)
+    for number, place in enumerate((0.0, 1e-7, -1e-7, 2e-7)):
+        scatter.add(number, (place, 0.0), 0.0, 0.0)
+    assert scatter.scale(0.0) == 1.0

@@ -107,3 +107,30 @@ def test_only_the_latest_windows_count_however_many_came(seed):
             slope.measure(0.01)
         assert len(slopes[0]) == len(slopes[1]) == min(count, kept)
         assert slopes[0].value[0] == slopes[1].value[0] != 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("motion", ["steady", "swinging", "slow", "standing", "with gaps"])
+def test_what_normal_equations_spare_is_what_the_fit_gives(motion, seed, monkeypatch):
+    """To the last bit, for slopes from none to clear ones, also where waves and trend are hardly told apart."""
+    generator, count = np.random.default_rng(seed), 900
+    numbers = np.cumsum(generator.choice([1, 1, 1, 2], count)) if motion == "with gaps" else np.arange(count)
+    pace = {"steady": 2.0, "swinging": 0.0, "slow": 1e-3, "standing": 0.0, "with gaps": 2.0}[motion]
+    theta = PERIOD * pace * numbers + (np.sin(PERIOD * numbers) if motion == "swinging" else 0.0)
+    theta = theta + 1e-6 * slow(generator, count, 3)
+    size = 10.0 ** generator.uniform(-9, -5)
+    values = size * np.stack([slow(generator, count, 10), generator.normal(size=count)])
+    values += 1e-6 + np.outer(size * 10.0 ** generator.uniform(-3, 2, 2), np.gradient(theta) / PERIOD)
+
+    def course() -> list[list[float]]:
+        slope, found = SpeedSlope(300, 2, orders=3), []
+        for number, row in zip(numbers.tolist(), np.stack([theta, *values], axis=1).tolist(), strict=True):
+            slope.add(number, *row)
+            if number % 10 == 0:
+                slope.measure(PERIOD)
+                found.append([*slope.value.tolist(), slope.length])
+        return found
+
+    spared = course()
+    monkeypatch.setattr(SpeedSlope, "_shows_none", lambda *_: False)
+    assert course() == spared

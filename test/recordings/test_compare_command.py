@@ -160,3 +160,11 @@ def test_an_lvdt_that_comes_back_is_compared_each_time(bag):
 def test_a_stage_without_any_reference_says_what_is_lacking(bag):
     with pytest.raises(InputError, match="the stage has neither LVDT nor radial probe"):
         verify_bag(bag, replace(load_stage(), lvdt=None))
+
+
+def test_an_estimate_that_was_not_believed_is_told(bag):
+    """A tilt beyond what the stage can do, and so hardly an estimate at the height of the LVDT."""
+    stiff = load_stage()
+    stiff = replace(stiff, spindle=replace(stiff.spindle, tilt=()), stated_limits={**stiff.stated_limits, "tilt": 1e-6})
+    with pytest.raises(InputError, match=r"not observable.*; autocollimator: not believed at some time: .* at most"):
+        verify_bag(bag, stiff)

@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -34,6 +34,7 @@ from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.recordings.kept_samples import MOST_POINTS, Distances, KeptCourse, largest_of, mean_of
 from rotary_error_monitor.recordings.motion_rows import ByTick
 from rotary_error_monitor.recordings.replay import replay_bag, replay_long
+from rotary_error_monitor.recordings.replayed import LongReplay
 from rotary_error_monitor.signals import rows
 from rotary_error_monitor.signals.rows import RowsInMemory, place_of
 
@@ -133,6 +134,21 @@ def test_figures_do_not_depend_on_the_parts(bag, tmp_path, monkeypatch):
             assert other["expanded_uncertainty"] == pytest.approx(one["expanded_uncertainty"], rel=1e-9)
     for key in ("segments", "streams", "fallen_out", "remarks", "positioning_remarks", "verdict"):
         assert parts[key] == whole[key]
+
+
+@pytest.mark.parametrize(
+    ("unrepeated", "lost", "complete"), [([], [], True), ([], [5], False), ([-7], [], True), ([0], [], False)]
+)
+def test_parts_are_read_only_where_a_tick_could_not_be_repeated(unrepeated, lost, complete, bag, monkeypatch):
+    """Ticks that could not be repeated are missed where they are among those that are given."""
+    found = replay_long(bag, load_stage())
+    first_ns, read = found.span_ns[0], []
+    ticks = [np.array(each, np.int64) + first_ns for each in (unrepeated, lost)]
+    found = replace(found, unrepeated_ns=ticks[0], lost_ns=ticks[1])
+    parts = LongReplay.parts
+    monkeypatch.setattr(LongReplay, "parts", lambda replay: read.append(replay) or parts(replay))
+    assert found.is_complete == complete
+    assert len(read) == len(unrepeated)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kernels import computing_by, is_built
+from mock_bags import write_mock_bag
 
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.cli import main
@@ -88,3 +90,19 @@ def test_a_file_that_cannot_be_written_is_named(case, tmp_path, capsys):
     out = str(tmp_path / "no" / "out.npz")
     assert main(["replay", str(case / "bag"), "--twin", str(case / "twin.yaml"), "-o", out]) == 2
     assert "cannot be written" in capsys.readouterr().err
+
+
+def test_both_forms_of_the_machine_model_replay_alike_and_the_slower_one_is_told(tmp_path, capsys):
+    bag = write_mock_bag(tmp_path / "bag", samples=8_000)
+    found = []
+    for form in [*(["compiled"] if is_built() else []), "numpy"]:
+        with computing_by(form):
+            assert main(["replay", str(bag), "--machine", "xyzac_trt", "-o", str(tmp_path / form)]) == 0
+        told = capsys.readouterr().err
+        assert ("computed by numpy, which is slower" in told) == (form == "numpy")
+        with np.load(tmp_path / form) as arrays:
+            found.append({name: arrays[name] for name in arrays.files})
+    first, last = found[0], found[-1]
+    assert np.isfinite(first["tool_offset"]).any() and len(first["corrections"]) > 50
+    for name, array in first.items():
+        np.testing.assert_allclose(array, last[name], rtol=1e-12, atol=2e-15, err_msg=name)

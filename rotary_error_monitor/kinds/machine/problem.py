@@ -190,8 +190,10 @@ class MachineProblem(TableProblem[None]):
             plain = [slow.plain(columns[channel]) for channel in self.channels]
             return np.asarray(np.concatenate(plain) / level, np.float64)
 
-        known = KnownEffects(self, causes, self.residual(causes)).seen_by(shown)
-        std = learn_slow_noise(white / level, weight, passed, uncertain, [self._smooth_errors()], known)
+        known = KnownEffects(self, causes, self.residual(causes))
+        uncertain = np.hstack([uncertain, *known.sizes(shown)])
+        rivals = [self._smooth_errors()]
+        std = learn_slow_noise(white / level, weight, passed, uncertain, rivals, known.seen_by(shown))
         return np.zeros((len(kept), 0)) if std is None else cosines(passed) * (level * std)
 
     def _smooth_errors(self) -> Rivals:

@@ -18,6 +18,7 @@ from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, Array, Stag
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.options import MOST_CAUSES
 from rotary_error_monitor.gap.orders import wave_products
+from rotary_error_monitor.metrology.periodic_curves import doubted_orders
 from rotary_error_monitor.sensors.library import instrument_of, is_listed, sensor_of
 from rotary_error_monitor.twin.finite import UnpredictableError
 from rotary_error_monitor.twin.recording import StageRecording
@@ -211,7 +212,8 @@ def _described_orders(stage: StageDescription) -> set[int]:
     forms = (row for sensor in stage.sensors.values() for row in sensor.form)
     graduation = () if stage.encoder is None else stage.encoder.graduation
     angular = (*graduation, *stage.spindle.axial, *forms)
-    return {1, *(row.order for row in planar), *(row.order for row in angular)}
+    measured = (order for table in stage.tables for order in doubted_orders(table)[0])
+    return {1, *(row.order for row in planar), *(row.order for row in angular), *measured}
 
 
 def _amplitudes(angle: Array, rows: Array, orders: int) -> Array:

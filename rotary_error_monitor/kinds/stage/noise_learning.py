@@ -157,7 +157,7 @@ class NoiseLearning:
         first = next(channel for channel in problem.channels if instrument_of(channel) == name)
         own = Instrument(name, problem.channels, problem.noise, problem.times(first))
         white = own.sums(rest)[:, :, 0]
-        uncertain = own.stacked(problem.own_nuisance(causes))
+        uncertain = np.hstack([own.stacked(problem.own_nuisance(causes)), *known.sizes(own.stacked)])
         seen = known.seen_by(own.stacked)
         found = learn_slow_noise(white, own.weight, own.passed, uncertain, self._rivals(own), seen)
         before = self._slow.pop(name, None)

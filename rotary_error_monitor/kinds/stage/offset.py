@@ -56,7 +56,7 @@ def _errors(twin: StageTwin, time: Array, causes: Sequence[Cause]) -> tuple[Arra
     stage, shown = twin.stage, twin.predict(causes)
     heads = [name for name in shown if name.startswith(HEAD)]
     azimuth = np.array([stage.azimuths[name.removeprefix(f"{HEAD}_")] for name in heads])
-    readings = remove_graduation(np.column_stack([shown[name] for name in heads]), azimuth, stage.ring.graduation)
+    readings = remove_graduation(np.column_stack([shown[name] for name in heads]), azimuth, stage.ring)
     layout = HeadLayout(tuple(azimuth.tolist()))
     ring = estimate_ring_pose(layout, stage.ring.disc_radius, readings, np.ones_like(readings))
     theta, radial, tilt = twin.motion(time, causes)

@@ -18,6 +18,7 @@ from rotary_error_monitor.effects.effect import AnyEffect, Searched, order_locat
 from rotary_error_monitor.effects.rotor import is_among
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.problem import Array, Candidate, Rows
+from rotary_error_monitor.metrology.periodic_curves import doubted_orders
 from rotary_error_monitor.sensors.library import instrument_of, is_listed, kind_of
 
 if TYPE_CHECKING:
@@ -111,7 +112,8 @@ class StageSearch:
         }
         uncertain = [rows for name, rows in described.items() if stage.uncertainty.get(name)]
         uncertain += [sensor.form for sensor in stage.sensors.values() if sensor.uncertainty]
-        return {row.order for rows in uncertain for row in rows} - {0}
+        measured = {order for table in stage.tables if table.uncertainty for order in doubted_orders(table)[0]}
+        return {row.order for rows in uncertain for row in rows} - {0} | measured
 
     def _steps(self, effect: AnyEffect, rest: Rows) -> list[Candidate]:
         found = []

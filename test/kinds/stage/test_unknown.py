@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from rotary_error_monitor.cases.draws import stage_faults
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.diagnosis import diagnose
@@ -59,6 +60,40 @@ def test_an_effect_that_is_not_in_the_library_is_unknown(stage_problem):
     unknown = [name for name, (verdict, _) in verdicts.items() if verdict == "unknown"]
     assert len(unknown) >= len(LACKING) - 1, verdicts
     assert "explained" not in {verdict for verdict, _ in verdicts.values()}, verdicts
+
+
+SUMS_OF_OTHERS = ("disc_scale", "autocollimator_gain", "autocollimator_roll")
+"""Effects that to first order do what others can do together: they scale an eccentricity, or orders of what the mirror
+shows, that the twin knows. `doc/diagnosis.md` tells how often these are explained by them."""
+
+
+def is_alike(diagnosis, key, causes):
+    """Whether a diagnosis that knows the true effect says that the one cause in its place cannot be told from it."""
+    groups = [set(group.effects) for group in diagnosis.indistinguishable]
+    return len(causes) == 1 and any({key, *causes} <= group for group in groups)
+
+
+def test_what_is_left_out_of_the_library_is_explained_only_by_what_looks_the_same(stage_problem):
+    """Each effect that the plant has is left out in turn: what explains it nonetheless is indistinguishable from it, as
+    the whole library says. So it was in 100 recordings of other seeds; in four of them it was not before slow noise was
+    weighed beside causes of any size.
+    """
+    known = {e.name for e in EFFECTS}
+    left_out = [name for name in stage_faults() if name in known and name not in SUMS_OF_OTHERS]
+    assert len(left_out) >= 25
+    wrong = []
+    for name in left_out:
+        without = tuple(e for e in EFFECTS if e.name != name)
+        for seed in (6300, 6301):
+            problem, truth = stage_problem(seed, "single", [name], stage_effects=without)
+            diagnosis = diagnose(problem)
+            if diagnosis.verdict in (Verdict.UNKNOWN, Verdict.PARTLY_EXPLAINED):
+                continue
+            causes = [found.cause.key for found in diagnosis.causes]
+            whole = diagnose(stage_problem(seed, "single", [name])[0])
+            if not is_alike(whole, (name, truth.faults[0].location), causes):
+                wrong.append((name, seed, diagnosis.verdict.value, causes))
+    assert len(wrong) <= 1, wrong
 
 
 def test_a_library_of_one_effect_ends_where_it_ends(stage_problem):

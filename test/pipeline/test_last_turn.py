@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.error_motion_view import CELLS, LARGEST_PART, ErrorMotionView, magnification_of
+from rotary_error_monitor.pipeline.last_turn import CELLS, LARGEST_PART, LastTurn, magnification_of
 
 RADIUS = 0.1
 
@@ -38,7 +38,7 @@ def test_no_magnification_takes_more_room_than_there_is_nor_less_than_two_fifths
 def test_orbit_and_polar_plot_of_an_ellipse():
     theta = middles()
     radial = np.stack([1e-6 * np.cos(theta), 0.5e-6 * np.sin(theta)], axis=1)
-    view = ErrorMotionView(RADIUS)
+    view = LastTurn(RADIUS)
     view.add(motion(theta, radial))
     picture = view.picture()
     assert picture.magnification == 20_000.0
@@ -50,7 +50,7 @@ def test_orbit_and_polar_plot_of_an_ellipse():
 
 
 def test_each_angle_shows_its_last_pass_whichever_way_and_turn():
-    view = ErrorMotionView(RADIUS)
+    view = LastTurn(RADIUS)
     view.add(motion(middles(), np.full((CELLS, 2), 1e-6)))
     back = -middles()[:90]
     view.add(motion(back - 20 * np.pi, np.full((90, 2), 2e-6)))
@@ -61,7 +61,7 @@ def test_each_angle_shows_its_last_pass_whichever_way_and_turn():
 
 
 def test_an_arc_stays_an_arc_and_nothing_is_drawn_of_what_is_not_observable():
-    view = ErrorMotionView(RADIUS)
+    view = LastTurn(RADIUS)
     assert len(view.picture().orbit) == 0 and view.picture().magnification == 0.0
     view.add(motion(middles()[:100], np.full((100, 2), 1e-6), observable=(1, 1, 0, 0, 0, 1)))
     picture = view.picture()
@@ -72,7 +72,7 @@ def test_an_arc_stays_an_arc_and_nothing_is_drawn_of_what_is_not_observable():
 
 def test_the_axis_leans_where_a_tilt_takes_it():
     """A rotation of 2 µrad about x takes what stands above the ring towards -y."""
-    view = ErrorMotionView(RADIUS)
+    view = LastTurn(RADIUS)
     view.add(motion(middles(), np.zeros((CELLS, 2)), (2e-6, 1e-6)))
     picture = view.picture()
     scale = picture.tilt_magnification

@@ -40,11 +40,11 @@ class Picture:
     tilt_magnification: float
 
 
-class ErrorMotionView:
-    """Keeps what the last pass of each angle showed, in bounded memory however long the stage turns."""
+class LastTurn:
+    """What the last pass of each angle showed, in bounded memory however long the stage turns."""
 
     def __init__(self, radius: float) -> None:
-        """View of a stage whose ring has that radius, m."""
+        """Of a stage whose ring has that radius, m."""
         self._radius = radius
         self._radial = np.full((CELLS, 2), np.nan)
         self._tilt = np.full(2, np.nan)

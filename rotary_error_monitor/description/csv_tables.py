@@ -9,30 +9,17 @@ import csv
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.column_layout import SCALES, ColumnLayout, plain_name
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
 
 Array = NDArray[np.float64]
-
-SCALES = {
-    "m": 1.0,
-    "mm": 1e-3,
-    "um": 1e-6,
-    "nm": 1e-9,
-    "rad": 1.0,
-    "mrad": 1e-3,
-    "urad": 1e-6,
-    "deg": math.pi / 180,
-    "arcsec": math.pi / 648000,
-    "degC": 1.0,
-}
-"""Factor from the unit at the end of a column's name to SI (temperatures stay in °C)."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +39,7 @@ class Column:
     @property
     def scale(self) -> float:
         """Factor to SI."""
-        return SCALES.get(self.name.rpartition("_")[2], 1.0) if "_" in self.name else 1.0
+        return 1.0 if plain_name(self.name) == self.name else SCALES[self.name.rpartition("_")[2]][1]
 
 
 @dataclass(frozen=True)
@@ -76,14 +63,20 @@ class Table:
         return InputError(f"{self.path}:{self.lines[row]}: {problem}")
 
 
-def read_table(path: Path | str, choices: Sequence[Sequence[Column]], expected: str = "") -> Table:
+def read_table(
+    path: Path | str, choices: Sequence[Sequence[Column]], expected: str = "", layout: ColumnLayout | None = None
+) -> Table:
     """Table with one of the given sets of columns, in any order; `expected` says them in words where they are many.
+
+    With a `layout` it is somebody else's table, whose columns it names.
 
     Raises:
         InputError: no such file, an empty one, a header that fits no choice, a row with too few or too many values, or
             a value that is no finite number or too large for its unit.
     """
     path = Path(path)
+    if layout is not None:
+        return _foreign_table(path, choices, layout)
     rows = _rows(path)
     expected = expected or " or ".join(",".join(column.name for column in columns) for columns in choices)
     if not rows:
@@ -103,6 +96,27 @@ def read_table(path: Path | str, choices: Sequence[Sequence[Column]], expected: 
     return Table(
         path=path,
         numbers={c.name: _numbers(path, lines, c, cells[c.name]) for c in columns if not c.text},
+        words={c.name: tuple(cells[c.name]) for c in columns if c.text},
+        lines=lines,
+    )
+
+
+def _foreign_table(path: Path, choices: Sequence[Sequence[Column]], layout: ColumnLayout) -> Table:
+    names = layout.chosen([[column.name for column in columns] for columns in choices])
+    columns = next(c for c in choices if [column.name for column in c] == list(names))
+    text = read_text(path, "a table of measurements", encoding="utf-8-sig", most_lines=MOST_LINES)
+    header, rows = layout.read(list(lines_of(text)), str(path))
+    if not rows:
+        raise InputError(f"{path}:{header}: a header and no row below it; expected one row for each reading")
+    lines = np.array([number for number, _ in rows], dtype=np.int64)
+    cells = {column.name: [row[plain_name(column.name)] for _, row in rows] for column in columns}
+    return Table(
+        path=path,
+        numbers={
+            c.name: _numbers(path, lines, replace(c, name=layout.unit(c.name)), cells[c.name])
+            for c in columns
+            if not c.text
+        },
         words={c.name: tuple(cells[c.name]) for c in columns if c.text},
         lines=lines,
     )

@@ -1,0 +1,1 @@
+"""The procedures of the papers, on simulations with the papers' own numbers, through the commands that users have."""
