@@ -97,10 +97,10 @@ def measure_straightness(
 def place_runs(placement: Placement, reading: Reading) -> Placed:
     """What the runs along one placement have in common, and the segment that it makes."""
     runs = placement.runs
-    combined, without = (
-        combine_runs(runs, noise=reading.noise, position_noise=reading.position_noise, drop_outliers=drop)
-        for drop in (False, True)
-    )
+    combined = combine_runs(runs, noise=reading.noise, position_noise=reading.position_noise)
+    without = combined
+    if combined.outliers:
+        without = combine_runs(runs, noise=reading.noise, position_noise=reading.position_noise, drop_outliers=True)
     if reading.drop_outliers:
         combined = without
     stated = reading.noise * np.sqrt(combined.weights)
