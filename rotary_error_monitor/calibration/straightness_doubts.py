@@ -13,7 +13,7 @@ from rotary_error_monitor.calibration.steps import share_of_travel
 from rotary_error_monitor.calibration.straightness_runs import Placed
 from rotary_error_monitor.description.machine import Axis
 from rotary_error_monitor.metrology.overlaps import contradicting
-from rotary_error_monitor.metrology.profile_range import range_bounds
+from rotary_error_monitor.metrology.profile_range import NORMAL_95, range_bounds
 from rotary_error_monitor.metrology.run_agreement import (
     disagreeing_directions,
     disagreeing_runs,
@@ -24,9 +24,6 @@ from rotary_error_monitor.metrology.straightness import Straightness
 from rotary_error_monitor.metrology.unresolved import find_unresolved
 
 Array = NDArray[np.float64]
-
-NORMAL_95 = 1.96
-"""Standard deviations within which a normal value lies in 95 of 100 cases."""
 
 LEAST_OF_TRAVEL = 0.01
 """Part of the travel that readings cover at least: metres taken for mm cover a thousandth."""
