@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def dense(scans, breaks):
     x, y = (np.concatenate(each) for each in zip(*scans, strict=True))
     columns = [BSpline.design_matrix(x, knots, DEGREE).toarray()]
     edges = np.cumsum([0, *(len(one) for one, _ in scans)])
-    for low, high in zip(edges[1:-1], edges[2:], strict=True):
+    for low, high in pairwise(edges[1:]):
         column = np.zeros((len(x), 1))
         column[low:high] = 1
         columns.append(column)
