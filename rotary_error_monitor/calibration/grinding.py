@@ -165,10 +165,28 @@ def _curve(machine: MachineDescription, axis: Axis, up: int, at: Array) -> Workp
 
 
 def _among(measured: Array, nodes: Array) -> Array:
-    """Positions of a table, which hold its steepest steps, and the nodes between them, none as near as rounding."""
-    within = nodes[(nodes > measured[0]) & (nodes < measured[-1])]
-    distance = np.abs(within[:, None] - measured).min(axis=1)
-    return np.union1d(measured, within[distance > NEAR * (nodes[1] - nodes[0])])
+    """Positions of a table, which hold its steepest steps, and the nodes between them, none as near as rounding.
+
+    Runs hardly ever begin at the very end of the travel: a table that ends short of it by up to one of its steps counts
+    to the end, its last value as in the machine's model.
+    """
+    near = NEAR * (nodes[1] - nodes[0])
+    steps = np.diff(measured)
+    reached = [
+        end
+        for end, short, step in zip(nodes[[0, -1]], _short_of(measured, nodes), steps[[0, -1]], strict=True)
+        if 0 < short <= step
+    ]
+    apart = np.abs(measured[:, None] - np.array(reached)).min(axis=1, initial=np.inf)
+    kept = np.union1d(measured[apart > near], reached)
+    within = nodes[(nodes > kept[0]) & (nodes < kept[-1])]
+    distance = np.abs(within[:, None] - kept).min(axis=1)
+    return np.union1d(kept, within[distance > near])
+
+
+def _short_of(measured: Array, nodes: Array) -> Array:
+    """(2,) by how much a table ends short of the first and the last node, m; negative where it goes beyond."""
+    return np.array([measured[0] - nodes[0], nodes[-1] - measured[-1]])
 
 
 def _side(machine: MachineDescription, letter: str) -> float:

@@ -118,6 +118,37 @@ def test_prediction_file_and_node_rotate_alike(tmp_path: Path, seed: int) -> Non
         np.testing.assert_allclose(trajectory - trajectory[0, 0], node - node[0, 0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("short", [1e-9, 0.02e-3, 0.5e-3, 10e-3])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_table_that_ends_a_little_short_of_the_travel_counts_to_its_end(
+    tmp_path: Path, seed: int, short: float
+) -> None:
+    """As the machine's model has it: the last value holds. More than a row of the table is refused."""
+    path = random_machine(tmp_path, seed)
+    file = MachineFile(path)
+    table = file.machine.errors["EYX"].table
+    assert table is not None
+    x = np.linspace(-1.4 + short, -short, 101)
+    y = np.interp(x, table.positions, table.forward)
+    file.set_table("EYX", x, y, None)
+    file.save(path)
+    machine = load_machine(path)
+    found = predict_flatness(machine, "Y", WORKPIECE, errors(0.0))
+    at = np.linspace(-1.4, 0.0, 281)
+    poses = np.stack([at, np.full(281, -0.4), np.full(281, 0.1)], axis=1)
+    height = predict_tool_offset(arrange_machine(machine), poses)[:, 1]
+    line = height - found.curves[0].errors
+    # straight lines between nodes leave a thousandth of the curve between them
+    np.testing.assert_allclose(level(at, line), 0.0, atol=5e-9)
+    far = tmp_path / "far.yaml"
+    shutil.copy(path, far)
+    file = MachineFile(far)
+    file.set_table("EYX", np.linspace(-1.4 + 0.03, 0.0, 101), y, None)
+    file.save(far)
+    with pytest.raises(InputError, match=r"reaches beyond the straightness measured from -1\.37"):
+        predict_flatness(load_machine(far), "Y", WORKPIECE, errors(0.0))
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("under", ["", "x", "xz"])
 def test_errors_of_axes_under_the_workpiece_count_the_other_way(tmp_path: Path, seed: int, under: str) -> None:
