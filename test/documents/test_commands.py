@@ -62,6 +62,10 @@ ELSEWHERE = {
         "test/reproduction/test_lou2019.py",
         'main(["reproduce", "lou2019", "-o"',
     ),
+    "rotary_error_monitor reproduce zhou2023 -o zhou2023": (
+        "test/reproduction/test_zhou2023.py",
+        'main(["reproduce", "zhou2023", "-o"',
+    ),
     "rotary_error_monitor diagnose FOLDER --twin TWIN.yaml -o DIR": (
         "test/gap/test_folder_diagnosis.py",
         'main(["diagnose", str(place), "--twin"',
