@@ -20,7 +20,6 @@
 #define ENTRY __attribute__((visibility("default")))
 #endif
 
-
 INLINE void read_rows(lanes *columns, mask *wrong, const double *rows, int64_t width, const int64_t *row) {
     for (int64_t a = 0; a < width; a++) {
         EACH_LANE columns[a][l] = rows[row[l] * width + a];
