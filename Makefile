@@ -54,6 +54,8 @@ CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/
 	$(addprefix recordings/test_,cells.py long_recordings.py measured_curves.py) reproduction)
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
+	$(addprefix calibration/test_,assembly_contradictions.py axis_lines.py collimator_rates.py identification.py steps.py \
+	straightness_bounds.py straightness_contradictions.py straightness_rates.py yaml_text.py) \
 	$(addprefix calibration/test_,assembly_contradictions.py assembly_tables.py axis_lines.py collimator_rates.py \
 	identification.py steps.py straightness_contradictions.py straightness_rates.py yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py gross_errors.py) \
@@ -64,7 +66,7 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.p
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
 SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py \
-	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py) \
+	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py straightness_sweep.py) \
 	$(addprefix faults/test_,common_zero.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
 	without_heads.py) \
 	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \

@@ -13,7 +13,16 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.resources import config
 
-FILES = ("bag/bag_0.mcap", "bag/metadata.yaml", "stage.yaml", "machine.yaml", "measured.csv", "mirror.csv", "own.py")
+FILES = (
+    "bag/bag_0.mcap",
+    "bag/metadata.yaml",
+    "stage.yaml",
+    "machine.yaml",
+    "measured.csv",
+    "mirror.csv",
+    "direct.csv",
+    "own.py",
+)
 SOURCE = ["--machine", "machine.yaml"]
 STRAIGHTNESS = [
     *("calibrate", "straightness", "measured.csv", *SOURCE, "--component", "EYX", "--mirror-length-mm", "100"),
@@ -30,7 +39,11 @@ COMMANDS: Sequence[tuple[Sequence[str], Sequence[str], Sequence[str]]] = [
     (DIAGNOSE, ["--write-twin"], ["bag/bag_0.mcap", "stage.yaml", "own.py"]),
     (["calibrate", "positioning", "measured.csv", *SOURCE, "--axis", "X"], ["-o", "--figure"], ["measured.csv"]),
     (["calibrate", "positioning", "measured.csv", *SOURCE, "--axis", "X"], ["--figure"], ["machine.yaml"]),
-    (STRAIGHTNESS, ["-o", "--figure"], ["measured.csv", "mirror.csv"]),
+    (
+        [*STRAIGHTNESS, "--direct", "direct.csv"],
+        ["-o", "--figure", "--runs-figure", "--mirror-form"],
+        ["measured.csv", "mirror.csv", "direct.csv"],
+    ),
     (["calibrate", "squareness", "measured.csv", *SOURCE], ["-o", "--figure"], ["measured.csv"]),
     (["calibrate", "assembly", "bag", "--stage", "stage.yaml"], ["-o"], ["bag/bag_0.mcap", "bag/metadata.yaml"]),
     (

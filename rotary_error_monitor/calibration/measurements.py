@@ -24,7 +24,7 @@ from rotary_error_monitor.calibration.identification import ProbedPoses
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
-from rotary_error_monitor.description.machine import MachineDescription
+from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.description.topics import pose_topics
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.kinematics import arrange_machine, axis_columns, stand
@@ -50,6 +50,9 @@ TRAVEL_SLACK = 1e-3
 
 EMPTIEST = 10.0
 """Places in the table of targets and cycles for each reading: more are no runs over the same targets."""
+
+FEWEST_STOPS = 5
+"""Positions that a segment is read at: a cubic takes four, and one more tells what it misses."""
 
 LEAST_LEVER = 0.05
 """Least distance of the tool tip from a rotary axis whose angle it shows, m: a micrometre is 20 µrad there."""
@@ -184,12 +187,16 @@ class Placement:
     turned: bool = False
 
 
-def read_straightness(path: Path | str, layout: ColumnLayout | None = None) -> dict[str, Placement]:
-    """Placements by name of the segment, in the order of the file, from a CSV file.
+def read_straightness(
+    path: Path | str, axis: Axis | None = None, layout: ColumnLayout | None = None
+) -> dict[str, Placement]:
+    """Placements by name of the segment, in the order of the file, from a CSV file; within the travel of an axis.
+
+    With a `layout` from a table as an instrument writes it.
 
     Raises:
-        InputError: what `read_table` raises, a run that does not go one way, a gap in one, or a mirror that is turned
-            within a segment.
+        InputError: what `read_table` raises, a position beyond the travel, a run that does not go one way, a gap in
+            one, a mirror that is turned within a segment, or a segment of too few positions.
     """
     columns = [
         Column("segment", text=True),
@@ -199,6 +206,8 @@ def read_straightness(path: Path | str, layout: ColumnLayout | None = None) -> d
         Column("reading_um", LINEAR_ERROR),
     ]
     table = read_table(path, [columns, [*columns, Column("mirror")]], layout=layout)
+    if axis is not None:
+        _check_positions(table, axis)
     sides = table.numbers.get("mirror", np.ones(len(table.lines)))
     groups: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(table.words["segment"], table.words["run"], strict=True)):
@@ -212,7 +221,27 @@ def read_straightness(path: Path | str, layout: ColumnLayout | None = None) -> d
         _check_sides(table, rows, sides, segment, before.turned)
         passed = Run(positions, table.numbers["reading_um"][rows], int(directions[0]))
         segments[segment] = Placement((*before.runs, passed), before.turned)
+    for segment, placement in segments.items():
+        stops = len(np.unique(np.concatenate([run.positions for run in placement.runs])))
+        if stops < FEWEST_STOPS:
+            last = max(row for (name, _), rows in groups.items() if name == segment for row in rows)
+            raise table.error(
+                last, f"segment {segment} ends here with {stops} position(s); a curve takes {FEWEST_STOPS} at least"
+            )
     return segments
+
+
+def _check_positions(table: Table, axis: Axis) -> None:
+    positions, (low, high) = table.numbers["position_mm"], axis.travel
+    slack = TRAVEL_SLACK * (high - low)
+    beyond = (positions < low - slack) | (positions > high + slack)
+    if np.any(beyond):
+        row = int(np.argmax(beyond))
+        raise table.error(
+            row,
+            f"position {positions[row] * 1e3:g} mm leaves the travel of {axis.letter}, {low * 1e3:g} to "
+            f"{high * 1e3:g} mm: another axis, or another unit?",
+        )
 
 
 def _check_sides(table: Table, rows: list[int], sides: Array, segment: str, turned: bool) -> None:

@@ -14,7 +14,6 @@ from rotary_error_monitor.calibration.axis_location import ZERO
 from rotary_error_monitor.calibration.axis_table import AxisRelation
 from rotary_error_monitor.calibration.controller_tables import CompensationChange
 from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
-from rotary_error_monitor.calibration.straightness_step import StraightnessResult
 from rotary_error_monitor.calibration.volume import ErrorCost, UncertainOffsets
 from rotary_error_monitor.machine.location_names import SPINDLE
 
@@ -63,37 +62,8 @@ def positioning_text(result: PositioningResult, output: Path) -> str:
             f"{outlier.ratio:.1f} standard deviations; {fate}"
         )
     lines += [f"  note: {remark}" for remark in result.remarks]
-    ending = _ending(result.misfits, result.written, output)
-    return "\n".join([*lines, f"{ending}, standard uncertainty {result.uncertainty * scale:.3f} {unit}"])
-
-
-def straightness_text(result: StraightnessResult, output: Path) -> str:
-    """Straightness, its uncertainty, and the evidence of the overlaps."""
-    spliced = result.spliced
-    lines = [
-        f"straightness ({result.name}) {result.error * 1e6:.3f} µm about the least squares line, standard uncertainty "
-        f"{result.error_uncertainty * 1e6:.3f} µm, {spliced.positions[0] * 1e3:g} to {spliced.positions[-1] * 1e3:g} mm"
-    ]
-    lines.append(
-        f"  a point of the curve {result.uncertainty * 1e6:.3f} µm, of which {result.between * 1e6:.3f} µm lie between "
-        f"readings {result.spacing * 1e3:g} mm apart; waves shorter than {2 * result.spacing * 1e3:g} mm stay unseen"
-    )
-    ends, zone = (spliced.straightness(method).error for method in ("end_point", "minimum_zone"))
-    lines.append(f"  about the line through the ends {ends * 1e6:.3f} µm, minimum zone {zone * 1e6:.3f} µm")
-    if result.repeatability is not None:
-        lines.append(f"  largest deviation of a run from the mean of its direction {result.repeatability * 1e6:.3f} µm")
-    if result.reversal is not None:
-        lines.append(f"  largest difference of forward and backward {result.reversal * 1e6:.3f} µm")
-    for overlap in spliced.overlaps:
-        lines.append(
-            f"  overlap of segments {overlap.segments[0] + 1} and {overlap.segments[1] + 1}: {overlap.share:.0%} of "
-            f"the mirror, differ by {overlap.difference * 1e6:.3f} µm (noise explains {overlap.expected * 1e6:.3f} µm)"
-        )
-    lines += [f"  warning: {warning}" for warning in spliced.warnings]
-    if result.rotated is not None:
-        angle, sense = result.rotated.angle * 1e6, "rises" if result.rotated.rising else "falls"
-        lines.append(f"  rotated by {angle:+.2f} µrad: the curve {sense} and its correction never reverses")
-    return "\n".join([*lines, _ending(result.misfits, result.written, output)])
+    last = ending(result.misfits, result.written, output)
+    return "\n".join([*lines, f"{last}, standard uncertainty {result.uncertainty * scale:.3f} {unit}"])
 
 
 def squareness_text(result: SquarenessResult, output: Path) -> str:
@@ -120,7 +90,7 @@ def squareness_text(result: SquarenessResult, output: Path) -> str:
     lines += _relation_lines(result.relations)
     for letter, ratio in result.scatter:
         lines.append(f"  the points of {letter} scatter {ratio:.2f} times the noise, which the uncertainty counts")
-    return "\n".join([*lines, _ending(result.misfits, result.written, output)])
+    return "\n".join([*lines, ending(result.misfits, result.written, output)])
 
 
 def _relation_lines(rows: Sequence[AxisRelation]) -> list[str]:
@@ -170,7 +140,7 @@ def machine_text(result: MachineResult, output: Path) -> str:
     shown = ", ".join(f"{found.parameters[k].name} {known[k] * 1e6:.2f}" for k in worst)
     lines.append(f"  largest standard uncertainties (µm, µrad): {shown}")
     # the first line is the verdict, and says what does not fit
-    return "\n".join([*lines, _ending((), result.written, output)])
+    return "\n".join([*lines, ending((), result.written, output)])
 
 
 def ranking_text(costs: Sequence[ErrorCost]) -> str:
@@ -199,7 +169,7 @@ def _rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _ending(misfits: Sequence[str], written: bool, output: Path) -> str:
-    """What does not fit, and whether the file was written."""
+def ending(misfits: Sequence[str], written: bool, output: Path) -> str:
+    """What does not fit, and whether the file was written at `output`."""
     lines = [f"does not fit: {misfit}" for misfit in misfits]
     return "\n".join([*lines, f"written to {output}" if written else "not written; --force writes it all the same"])

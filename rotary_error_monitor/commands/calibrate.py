@@ -5,9 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -21,46 +18,36 @@ from rotary_error_monitor.calibration.controller_tables import (
     read_comp_file,
     volumetric_table,
 )
-from rotary_error_monitor.calibration.grinding import flatness_text, predict_flatness
-from rotary_error_monitor.calibration.machine_file import MachineFile
-from rotary_error_monitor.calibration.measurements import read_mirror_profile
 from rotary_error_monitor.calibration.parameters import Orders
-from rotary_error_monitor.calibration.steps import Job, calibrate_machine, calibrate_positioning
-from rotary_error_monitor.calibration.straightness_step import Reading, calibrate_straightness
+from rotary_error_monitor.calibration.steps import calibrate_machine, calibrate_positioning
 from rotary_error_monitor.calibration.volume import (
     estimate_uncertain_offsets,
     estimate_volumetric_map,
     rank_errors,
     sample_volume,
 )
-from rotary_error_monitor.calibration.yaml_document import changing
-from rotary_error_monitor.commands import calibrate_stage
+from rotary_error_monitor.commands import calibrate_flatness, calibrate_stage, calibrate_straightness
 from rotary_error_monitor.commands.calibration_arguments import (
     NOT_GOOD,
     Subparsers,
     add_columns,
     add_figure,
-    add_force,
-    today,
+    job_of,
+    step,
     writing,
 )
 from rotary_error_monitor.commands.values import (
     count_of,
-    flatness_um,
     limits_of,
     not_negative,
     positive,
     split_word,
 )
-from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.machine.kernel import describe_kernel
-from rotary_error_monitor.metrology.splicing import Mirror
 from rotary_error_monitor.metrology.tracker import TrackerNoise
-
-MACHINE_HELP = "the file to calibrate; the parameters of a twin become a tree of bodies"
 
 MOST_POSES = 10_000_000
 """Poses of an uncertainty at most: they take minutes, and some GB of memory."""
@@ -76,34 +63,18 @@ def add(subparsers: Subparsers[argparse.ArgumentParser]) -> None:
     )
     steps = parser.add_subparsers(title="steps", required=True, metavar="STEP")
     _add_positioning(steps)
-    _add_straightness(steps)
+    calibrate_straightness.add(steps)
     _add_squareness(steps)
     calibrate_stage.add(steps)
     _add_machine(steps)
     _add_tables(steps)
     _add_errors(steps)
-    _add_flatness(steps)
-
-
-def _step(
-    steps: Subparsers[argparse.ArgumentParser], name: str, run: Callable[[argparse.Namespace], int], text: str
-) -> argparse.ArgumentParser:
-    """A step that reads measurements and writes a machine file."""
-    parser = steps.add_parser(name, help=text)
-    parser.add_argument(
-        "source", type=Path, metavar="MEASUREMENTS", help="CSV file; a bag as well where poses are read"
-    )
-    parser.add_argument("--machine", type=Path, required=True, metavar="MACHINE.yaml", help=MACHINE_HELP)
-    parser.add_argument("-o", "--output", type=Path, help="write here instead of changing MACHINE.yaml")
-    parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
-    add_force(parser)
-    parser.set_defaults(run=run)
-    return parser
+    calibrate_flatness.add(steps)
 
 
 def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
     text = "ISO 230-2 test of one axis: target_mm,direction,cycle,deviation_um (target_deg, deviation_arcsec)"
-    parser = _step(steps, "positioning", _positioning, text)
+    parser = step(steps, "positioning", _positioning, text)
     parser.add_argument("--axis", required=True, help="letter, such as X")
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave flagged readings out of figures and machine file"
@@ -112,38 +83,9 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
     add_figure(parser)
 
 
-def _add_straightness(steps: Subparsers[argparse.ArgumentParser]) -> None:
-    text = "overlapping segments along a mirror: segment,run,direction,position_mm,reading_um; mirror as well if turned"
-    parser = _step(steps, "straightness", _straightness, text)
-    parser.add_argument("--component", required=True, help="such as EYX: straightness of X in Y")
-    parser.add_argument("--mirror-length-mm", type=positive, required=True)
-    parser.add_argument("--mirror-flatness-um", type=flatness_um, required=True, help="peak to valley, or 'unknown'")
-    parser.add_argument(
-        "--mirror-profile",
-        type=Path,
-        metavar="CSV",
-        help="its calibrated form: distance_mm,height_um",
-    )
-    parser.add_argument("--noise-um", type=positive, required=True, help="standard deviation of a reading")
-    parser.add_argument(
-        "--position-noise-mm",
-        type=not_negative,
-        default=0.0,
-        help="standard deviation of where a stop is, for runs that share their stops (default 0)",
-    )
-    parser.add_argument(
-        "--drop-outliers", action="store_true", help="leave readings out that stand off from those of other runs"
-    )
-    add_columns(parser, "segment=Seg run=Run direction=Dir position=X,mm reading=Gauge,um")
-    add_figure(parser)
-    parser.add_argument(
-        "--monotone", action="store_true", help="rotate the curve so that its correction never reverses"
-    )
-
-
 def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
     text = "laser tracker along and round axes and spindle: feature,distance_mm,elevation_deg,azimuth_deg"
-    parser = _step(steps, "squareness", _squareness, text)
+    parser = step(steps, "squareness", _squareness, text)
     parser.add_argument("--distance-um", type=positive, default=0.5, help="standard uncertainty (default 0.5)")
     parser.add_argument("--distance-ppm", type=not_negative, default=0.5, help="and its relative part (default 0.5)")
     parser.add_argument("--angle-arcsec", type=positive, default=0.5, help="of both angles (default 0.5)")
@@ -152,7 +94,7 @@ def _add_squareness(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 
 def _add_machine(steps: Subparsers[argparse.ArgumentParser]) -> None:
-    parser = _step(steps, "machine", _machine, "all parameters from probed poses: a bag, or a CSV file")
+    parser = step(steps, "machine", _machine, "all parameters from probed poses: a bag, or a CSV file")
     parser.add_argument("--noise-um", type=positive, default=1.5, help="standard deviation of the probe (default 1.5)")
     parser.add_argument(
         "--required-um", type=positive, default=3.0, help="good if the tool is predicted to this (default 3)"
@@ -190,36 +132,8 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.set_defaults(run=_errors)
 
 
-def _add_flatness(steps: Subparsers[argparse.ArgumentParser]) -> None:
-    text = "flatness that straightness leaves on a ground workpiece, and with compensation by a third axis"
-    parser = steps.add_parser("flatness", help=text)
-    parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
-    parser.add_argument("--vertical", required=True, metavar="Y", help="the axis that compensates")
-    parser.add_argument(
-        "--workpiece", nargs=2, required=True, metavar="X=LOW,HIGH", help="two axes, mm; passes: the first"
-    )
-    parser.add_argument("--reversal-um", type=not_negative, required=True, help="reversal error of the vertical axis")
-    parser.add_argument("--positioning-um", type=not_negative, required=True, help="its positioning error")
-    add_figure(parser, "draw the three surfaces")
-    parser.set_defaults(run=_flatness_step)
-
-
-@contextmanager
-def _job(arguments: argparse.Namespace) -> Iterator[Job]:
-    """What a step needs; what it writes is its own from before it is read."""
-    output = arguments.output or arguments.machine
-    columns = getattr(arguments, "columns", [])
-    layout = ColumnLayout.of(columns) if columns else None
-    profile = getattr(arguments, "mirror_profile", None)
-    check_outputs([arguments.output], [arguments.source, profile])
-    check_outputs([getattr(arguments, "figure", None)], [arguments.source, profile, arguments.machine, output])
-    with changing(output):
-        file = MachineFile(arguments.machine)
-        yield Job(arguments.source, file, output, arguments.date or today(), arguments.force, layout)
-
-
 def _positioning(arguments: argparse.Namespace) -> int:
-    with _job(arguments) as job:
+    with job_of(arguments) as job:
         result = calibrate_positioning(job, arguments.axis, drop_outliers=arguments.drop_outliers)
     print(reports.positioning_text(result, job.output))
     if arguments.figure:
@@ -230,26 +144,10 @@ def _positioning(arguments: argparse.Namespace) -> int:
     return 0 if result.written else NOT_GOOD
 
 
-def _straightness(arguments: argparse.Namespace) -> int:
-    flatness = None if arguments.mirror_flatness_um is None else arguments.mirror_flatness_um * 1e-6
-    reading = Reading(arguments.noise_um * 1e-6, arguments.position_noise_mm * 1e-3, arguments.drop_outliers)
-    with _job(arguments) as job:
-        profile = read_mirror_profile(arguments.mirror_profile) if arguments.mirror_profile else None
-        mirror = Mirror(arguments.mirror_length_mm * 1e-3, flatness, profile)
-        result = calibrate_straightness(job, arguments.component, mirror, reading, monotone=arguments.monotone)
-    print(reports.straightness_text(result, job.output))
-    if arguments.figure:
-        from rotary_error_monitor.report.calibration import draw_straightness
-
-        with writing(arguments.figure):
-            draw_straightness(arguments.figure, result)
-    return 0 if result.written else NOT_GOOD
-
-
 def _squareness(arguments: argparse.Namespace) -> int:
     angle = math.radians(arguments.angle_arcsec / 3600)
     noise = TrackerNoise(arguments.distance_um * 1e-6, arguments.distance_ppm * 1e-6, angle, angle)
-    with _job(arguments) as job:
+    with job_of(arguments) as job:
         result = calibrate_squareness(job, noise)
     print(reports.squareness_text(result, job.output))
     if arguments.figure:
@@ -263,7 +161,7 @@ def _squareness(arguments: argparse.Namespace) -> int:
 def _machine(arguments: argparse.Namespace) -> int:
     orders = Orders(reversal=arguments.reversal, expansion=arguments.expansion, setup=arguments.setup)
     noise, required = arguments.noise_um * 1e-6, arguments.required_um * 1e-6
-    with _job(arguments) as job:
+    with job_of(arguments) as job:
         limits = limits_of(arguments.limits, job.file.machine)
         result = calibrate_machine(job, orders, noise, required, limits)
     print(reports.machine_text(result, job.output))
@@ -322,19 +220,4 @@ def _errors(arguments: argparse.Namespace) -> int:
         chart = estimate_volumetric_map(machine, (axes[0], axes[1]))
         with writing(arguments.figure):
             draw_errors(arguments.figure, costs, chart)
-    return 0
-
-
-def _flatness_step(arguments: argparse.Namespace) -> int:
-    check_outputs([arguments.figure], [machine_path(arguments.machine)])
-    machine = load_machine(arguments.machine)
-    limits = limits_of(arguments.workpiece, machine)
-    sizes = arguments.reversal_um * 1e-6, arguments.positioning_um * 1e-6
-    prediction = predict_flatness(machine, arguments.vertical, limits, *sizes)
-    print(flatness_text(prediction))
-    if arguments.figure:
-        from rotary_error_monitor.report.calibration import draw_flatness
-
-        with writing(arguments.figure):
-            draw_flatness(arguments.figure, prediction)
     return 0

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, date, datetime
 from pathlib import Path
 
+from rotary_error_monitor.calibration.machine_file import MachineFile
+from rotary_error_monitor.calibration.steps import Job
+from rotary_error_monitor.calibration.yaml_document import changing
+from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.files import check_outputs, check_places
 
 NOT_GOOD = 10
 """Exit code of a calibration that does not fit, as of the other commands that find something wrong."""
+
+MACHINE_HELP = "the file to calibrate; the parameters of a twin become a tree of bodies"
 
 Subparsers = argparse._SubParsersAction  # the type that argparse gives has no public name
 
@@ -58,3 +65,44 @@ def writing(path: Path) -> Iterator[None]:
         raise InputError(
             f"{path}: cannot be written ({error.strerror}); give a file in a folder that exists"
         ) from error
+
+
+def step(
+    steps: Subparsers[argparse.ArgumentParser], name: str, run: Callable[[argparse.Namespace], int], text: str
+) -> argparse.ArgumentParser:
+    """A step that reads measurements and writes a machine file."""
+    parser = steps.add_parser(name, help=text)
+    parser.add_argument(
+        "source", type=Path, metavar="MEASUREMENTS", help="CSV file; a bag as well where poses are read"
+    )
+    parser.add_argument("--machine", type=Path, required=True, metavar="MACHINE.yaml", help=MACHINE_HELP)
+    parser.add_argument("-o", "--output", type=Path, help="write here instead of changing MACHINE.yaml")
+    parser.add_argument("--date", type=date.fromisoformat, help="day of the calibration (default: today)")
+    add_force(parser)
+    parser.set_defaults(run=run)
+    return parser
+
+
+@contextmanager
+def job_of(
+    arguments: argparse.Namespace, read: Sequence[Path | None] = (), written: Sequence[Path | None] = ()
+) -> Iterator[Job]:
+    """What a step needs; what it writes is its own from before it is read.
+
+    `read` and `written` are files beside measurements, machine file and figure.
+
+    Raises:
+        InputError: something would be written over what is read or cannot be written, or the machine file cannot be
+            used.
+    """
+    output = arguments.output or arguments.machine
+    inputs = [arguments.source, *read]
+    check_outputs([arguments.output], inputs)
+    further = [getattr(arguments, "figure", None), *written]
+    check_outputs(further, [*inputs, arguments.machine, output])
+    check_places(path for path in further if path is not None)
+    columns = getattr(arguments, "columns", [])
+    layout = ColumnLayout.of(columns) if columns else None
+    with changing(output):
+        file = MachineFile(arguments.machine)
+        yield Job(arguments.source, file, output, arguments.date or today(), arguments.force, layout)

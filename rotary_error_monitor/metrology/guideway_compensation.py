@@ -2,7 +2,8 @@
 
 A straightness error goes 1:1 into the ground surface. The vertical axis can take it out, but a straightness curve rises
 and falls, and at each reversal the vertical axis loses its reversal error. A rotated curve serves as well, since a tilt
-of the surface is no flatness error; rotated until it is monotone, it moves the vertical axis one way only.
+of the surface is no flatness error; rotated until it is monotone, it moves the vertical axis one way only. The whole
+curve of a guideway is rotated, and the workpiece's part cut out of it then: one rotation serves all workpieces.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.straightness import check_profile
+from rotary_error_monitor.metrology.straightness import check_profile, estimate_straightness, fit_line
 
 Array = NDArray[np.float64]
+
+ROUNDED = 1e-10
+"""Steps against the way of a curve, m, that come of rounding where a file states its slope with five digits."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,23 @@ class RotatedCurve:
     errors: Array
     angle: float
     rising: bool
+
+
+@dataclass(frozen=True)
+class WorkpieceCurve:
+    """A feed axis where the workpiece is.
+
+    Attributes:
+        positions: (n,) ascending, m.
+        errors: (n,) its straightness there as measured, m.
+        rotated: (n,) the same of the curve that was rotated as a whole, m.
+        rotation: the whole rotated curve.
+    """
+
+    positions: Array
+    errors: Array
+    rotated: Array
+    rotation: RotatedCurve
 
 
 @dataclass(frozen=True)
@@ -112,29 +133,56 @@ def rotate_monotone(positions: Array, errors: Array) -> RotatedCurve:
     return RotatedCurve(positions, rotated, math.atan(slope), rising)
 
 
+def rotate_as_stated(positions: Array, errors: Array) -> RotatedCurve:
+    """The error curve (n,) m over positions (n,) m as it is where it is monotone, and else rotated from level.
+
+    So a curve that a machine file states with its rotation stays as it corrects the machine, and one that it states
+    without gets the rotation that it would be given.
+
+    Raises:
+        InputError: positions that do not ascend, or numbers that are not finite.
+    """
+    check_profile(positions, errors)
+    steps = np.diff(errors)
+    for rising, against in ((True, -steps), (False, steps)):
+        if against.max() <= ROUNDED and np.ptp(errors) > 0:
+            along = np.maximum.accumulate(errors) if rising else np.minimum.accumulate(errors)
+            return RotatedCurve(positions, along, math.atan(fit_line(positions, errors).slope), rising)
+    return rotate_monotone(positions, estimate_straightness(positions, errors).deviations)
+
+
+def cut_workpiece(positions: Array, errors: Array, rotation: RotatedCurve, at: Array) -> WorkpieceCurve:
+    """The part at ascending positions `at` (n,) of a guideway's errors (k,) and its rotated curve, m.
+
+    Raises:
+        InputError: the workpiece reaches beyond the measured part of the axis.
+    """
+    rotated = cut_curve(rotation.positions, rotation.errors, at)
+    return WorkpieceCurve(at, cut_curve(positions, errors, at), rotated, rotation)
+
+
 def predict_error_matrix(errors_x: Array, errors_z: Array) -> Array:
     """(n, m) vertical error over x and z: `E(i, j) = eX(i) + eZ(j)` (Zhou et al. 2023, Equation 2), m."""
     return errors_x[:, None] + errors_z[None, :]
 
 
-def cut_curve(positions: Array, errors: Array, first: float, last: float, count: int) -> tuple[Array, Array]:
-    """`count` positions from `first` to `last`, m, and the curve there: the part that the workpiece sees.
+def cut_curve(positions: Array, errors: Array, at: Array) -> Array:
+    """(n,) the curve at ascending positions `at` (n,) m: the part that the workpiece sees.
 
     Raises:
         InputError: the workpiece reaches beyond the measured part of the axis.
     """
-    if first < positions[0] or last > positions[-1]:
+    if at[0] < positions[0] or at[-1] > positions[-1]:
         raise InputError(
-            f"the workpiece from {first:g} m to {last:g} m reaches beyond the straightness measured from "
+            f"the workpiece from {at[0]:g} m to {at[-1]:g} m reaches beyond the straightness measured from "
             f"{positions[0]:g} m to {positions[-1]:g} m"
         )
-    inside = np.linspace(first, last, count)
-    return inside, np.interp(inside, positions, errors)
+    return np.interp(at, positions, errors)
 
 
-def predict_corrections(x: RotatedCurve, z: RotatedCurve) -> Array:
+def predict_corrections(x: WorkpieceCurve, z: WorkpieceCurve) -> Array:
     """(n, m) what the vertical axis adds to its position over x and z, m: the opposite of the rotated error."""
-    return -predict_error_matrix(x.errors, z.errors)
+    return -predict_error_matrix(x.rotated, z.rotated)
 
 
 def estimate_flatness(x: Array, z: Array, heights: Array) -> tuple[float, Array]:
@@ -171,17 +219,11 @@ def simulate_grinding(x: Array, z: Array, truth: Array, corrections: Array | Non
     return GroundSurface(heights, flatness, count_reversals(corrections))
 
 
-def compare_compensation(
-    x: Array, errors_x: Array, z: Array, errors_z: Array, axis: VerticalAxis
-) -> GrindingComparison:
-    """Grinding without compensation, with the error curves as measured, and with them rotated to be monotone, m.
-
-    x (n,) and z (m,) are the workpiece's part of the axes, errors_x (n,) and errors_z (m,) their straightness there.
-    """
-    truth = predict_error_matrix(errors_x, errors_z)
-    rotated = predict_corrections(rotate_monotone(x, errors_x), rotate_monotone(z, errors_z))
-    return GrindingComparison(
-        before=simulate_grinding(x, z, truth, None, axis),
-        unrotated=simulate_grinding(x, z, truth, -truth, axis),
-        rotated=simulate_grinding(x, z, truth, rotated, axis),
-    )
+def compare_compensation(x: WorkpieceCurve, z: WorkpieceCurve, axis: VerticalAxis) -> GrindingComparison:
+    """Grinding without compensation, with the error curves as measured, and with them rotated to be monotone, m."""
+    truth = predict_error_matrix(x.errors, z.errors)
+    surfaces = [
+        simulate_grinding(x.positions, z.positions, truth, corrections, axis)
+        for corrections in (None, -truth, predict_corrections(x, z))
+    ]
+    return GrindingComparison(*surfaces)

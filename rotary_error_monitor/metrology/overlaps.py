@@ -133,6 +133,10 @@ def overlap_warnings(overlaps: Sequence[Overlap], *, unknown: bool) -> tuple[str
                     "or measure a placement a second time with the mirror turned over"
                 )
             warnings.append(f"{finding}; noise, flatness or the placement is not as stated")
+    if unknown and not overlaps:
+        warnings.append(
+            "the mirror's flatness is unknown: all of its form counts as the guideway's, without uncertainty"
+        )
     if unknown and overlaps:
         warnings.append(
             "the mirror's flatness is unknown: its curvature grows with every joint and stays unseen in all overlaps; "

@@ -69,6 +69,7 @@ class RepeatedRuns:
             is repeated.
         outliers: readings that stand off from the others at their stop; `target` counts the stops, `cycle` the runs
             of a direction.
+        freedom: degrees of freedom of `scatter`.
     """
 
     positions: NDArray[np.float64]
@@ -82,6 +83,7 @@ class RepeatedRuns:
     stops: bool
     scatter: float = 0.0
     outliers: tuple[Outlier, ...] = ()
+    freedom: int = 0
 
     @property
     def standard_uncertainty(self) -> float:
@@ -257,6 +259,7 @@ def _average(
         stops=True,
         scatter=scatter,
         outliers=outliers,
+        freedom=max(0, freedom),
     )
 
 
@@ -303,4 +306,5 @@ def _combine_scans(runs: Sequence[Run], spacing: float | None) -> RepeatedRuns:
         correlation=neighbour_correlation(departures),
         stops=False,
         scatter=math.sqrt(variance),
+        freedom=max(0, freedom),
     )

@@ -8,11 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.sparse import csr_array
 
 from rotary_error_monitor.errors import InputError
 
 DEGREE = 3
 """Of the common spline: of all curves through the same heights the cubic one bends least (Holladay 1957)."""
+
+LEAST_PIVOT = 1e-4
+"""Of the banded Cholesky factor, beside its largest pivot: normal equations then keep eight digits."""
 
 FEWEST_CORRELATED = 4
 """Readings of a run from which two neighbours beside its line say something of one another."""
@@ -49,18 +54,58 @@ def fit_scans(scans: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], 
             f"no run of a direction has a sample from {breaks[at]:g} m to {breaks[at + 1]:g} m; measure without the gap"
         )
     knots = np.concatenate([np.full(DEGREE, breaks[0]), breaks, np.full(DEGREE, breaks[-1])])
-    spline = BSpline.design_matrix(positions, knots, DEGREE).toarray()
+    spline = csr_array(BSpline.design_matrix(positions, knots, DEGREE))
     which = np.repeat(np.arange(len(scans)), [len(positions) for positions, _ in scans])
     heights = (which[:, None] == np.arange(1, len(scans))).astype(np.float64)
-    design = np.concatenate([spline, heights], axis=1)
     readings = np.concatenate([readings for _, readings in scans])
+    at_breaks = csr_array(BSpline.design_matrix(breaks, knots, DEGREE))
+    return _fit_banded(spline, heights, readings, at_breaks) or _fit_dense(spline, heights, readings, at_breaks)
+
+
+def _fit_banded(
+    spline: csr_array, heights: NDArray[np.float64], readings: NDArray[np.float64], at_breaks: csr_array
+) -> ScanFit | None:
+    """By normal equations, the spline's banded block eliminated first; None where samples hardly tell a coefficient."""
+    normal = csr_array(spline.T @ spline)
+    band = np.zeros((DEGREE + 1, normal.shape[0]))
+    for above in range(DEGREE + 1):
+        band[DEGREE - above, above:] = normal.diagonal(above)
+    try:
+        factor = cholesky_banded(band)
+    except np.linalg.LinAlgError:
+        return None
+    pivots = factor[DEGREE]
+    if pivots.min() < LEAST_PIVOT * pivots.max():
+        return None
+    cross = np.asarray(spline.T @ heights)
+    gain = cho_solve_banded((factor, False), cross)
+    alone = cho_solve_banded((factor, False), np.asarray(spline.T @ readings))
+    inverse = np.linalg.inv(heights.T @ heights - cross.T @ gain)
+    shifts = inverse @ (heights.T @ readings - cross.T @ alone)
+    coefficients = alone - gain @ shifts
+    through = at_breaks @ gain
+    within = cho_solve_banded((factor, False), at_breaks.T.toarray())
+    weights = np.asarray(at_breaks.multiply(within.T).sum(axis=1)).ravel() + ((through @ inverse) * through).sum(axis=1)
+    return ScanFit(
+        values=at_breaks @ coefficients,
+        weights=weights,
+        residual=readings - spline @ coefficients - heights @ shifts,
+        freedom=len(readings) - len(coefficients) - len(shifts),
+    )
+
+
+def _fit_dense(
+    spline: csr_array, heights: NDArray[np.float64], readings: NDArray[np.float64], at_breaks: csr_array
+) -> ScanFit:
+    """By singular values: of what samples do not tell the smallest."""
+    design = np.concatenate([spline.toarray(), heights], axis=1)
     solution, _, rank, _ = np.linalg.lstsq(design, readings, rcond=None)
-    at_breaks = BSpline.design_matrix(breaks, knots, DEGREE).toarray()
     size = spline.shape[1]
     inverse = np.linalg.pinv(design.T @ design, hermitian=True)[:size, :size]
+    rows = at_breaks.toarray()
     return ScanFit(
-        values=at_breaks @ solution[:size],
-        weights=np.asarray(((at_breaks @ inverse) * at_breaks).sum(axis=1)),
+        values=rows @ solution[:size],
+        weights=np.asarray(((rows @ inverse) * rows).sum(axis=1)),
         residual=readings - design @ solution,
         freedom=len(readings) - int(rank),
     )

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
@@ -26,19 +25,19 @@ from scipy.stats import chi2
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.overlaps import Overlap, Residual, compare_overlaps, overlap_warnings
-from rotary_error_monitor.metrology.straightness import LineMethod, Straightness, check_profile, estimate_straightness
-
-MIRROR_ORDERS = range(2, 7)
-"""Legendre orders of the mirror's unknown form; orders 0 and 1 are its placement."""
-
-TURNED_ORDERS = range(2, 13)
-"""The same where a turned placement shows the form, so that finer detail can be told."""
-
-MIRROR_RANGE = 3.8
-"""Mean peak-to-valley of a sum of those Legendre polynomials with coefficients of standard deviation 1."""
-
-ANY_RANGE = 1e-3
-"""Range allowed to the form of a mirror that a turned placement shows whatever it is, m."""
+from rotary_error_monitor.metrology.reference_mirror import (
+    MIRROR_RANGE,
+    Mirror,
+    MirrorForm,
+    PlacedSegment,
+    Segment,
+    check_direct,
+    form_columns,
+    form_prior,
+    mirror_form,
+    place_segment,
+)
+from rotary_error_monitor.metrology.straightness import LineMethod, Straightness, estimate_straightness
 
 DETAIL = 1e-3
 """Probability that noise alone is taken for detail that the spline's nodes are too far apart for."""
@@ -46,45 +45,11 @@ DETAIL = 1e-3
 LARGEST_STEP = 5.0
 """Times the median step up to which samples are unevenly spaced; a longer one is a gap."""
 
-FEWEST_POSITIONS = 100
-"""Intervals in which a profile is given at least: between them a straight line does for a bow to a part in 10,000."""
+FEWEST_POSITIONS = 500
+"""Intervals in which a profile is given at least: the line of least squares through its points, of which those at the
+ends count whole, then is that of the curve to a thousandth (of 100 intervals, to half a percent)."""
 
 DEGREE = 3
-
-
-@dataclass(frozen=True)
-class Mirror:
-    """Reference mirror, the same for all segments.
-
-    Attributes:
-        length: m.
-        flatness: peak-to-valley of its form error along the line of measurement, m, beyond `profile`; None if unknown.
-        profile: (k, 2) calibrated form, distance from the mirror's start and height, m; None if there is none.
-    """
-
-    length: float
-    flatness: float | None
-    profile: NDArray[np.float64] | None = None
-
-
-@dataclass(frozen=True)
-class Segment:
-    """Readings along one placement of the mirror.
-
-    Attributes:
-        positions: (n,) axis positions, m, in any order.
-        readings: (n,) displacement readings, m.
-        noise: standard deviation of a reading, or (n,) of each, m.
-        start: axis position where the mirror begins, m; None for the first sample.
-        turned: the mirror is turned over about its long axis, so that its form counts the other way; readings keep
-            their sign as the axis goes (those of a sensor that now looks the other way are negated).
-    """
-
-    positions: NDArray[np.float64]
-    readings: NDArray[np.float64]
-    noise: float | NDArray[np.float64]
-    start: float | None = None
-    turned: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,6 +64,7 @@ class SplicedProfile:
         slopes, offsets: (k,) how each segment lies in the first one's frame, rad and m.
         overlaps: evidence, overlap by overlap.
         warnings: what a user should know, in words.
+        mirror: its form as several placements show it; None where they do not.
     """
 
     positions: NDArray[np.float64]
@@ -109,6 +75,7 @@ class SplicedProfile:
     offsets: NDArray[np.float64]
     overlaps: tuple[Overlap, ...]
     warnings: tuple[str, ...]
+    mirror: MirrorForm | None = None
 
     @property
     def standard_uncertainty(self) -> NDArray[np.float64]:
@@ -123,12 +90,14 @@ class SplicedProfile:
         """(n, n) covariance of the deviations from the least squares line, m²: slope and height of all drop out."""
         x = self.positions - self.positions.mean()
         basis = np.column_stack([np.full_like(x, x.size**-0.5), x / np.linalg.norm(x)])
-        project = np.eye(x.size) - basis @ basis.T
-        return cast("NDArray[np.float64]", project @ self.covariance @ project)
+        left = self.covariance - basis @ (basis.T @ self.covariance)
+        return cast("NDArray[np.float64]", left - (left @ basis) @ basis.T)
 
 
-def splice_segments(segments: Sequence[Segment], mirror: Mirror, *, spacing: float | None = None) -> SplicedProfile:
-    """Profile of a guideway from overlapping segments, all overlaps at once.
+def splice_segments(
+    segments: Sequence[Segment], mirror: Mirror | None, *, spacing: float | None = None
+) -> SplicedProfile:
+    """Profile of a guideway from overlapping segments, all overlaps at once; from one alone where there is no mirror.
 
     The profile is a cubic spline with knots every `spacing` m (by default twice the sample spacing, at most 1000
     knots), each segment after the first lies at an unknown slope and height, and the mirror adds a form of low Legendre
@@ -138,18 +107,21 @@ def splice_segments(segments: Sequence[Segment], mirror: Mirror, *, spacing: flo
 
     Raises:
         InputError: segments that do not meet, a gap, a sample beyond the mirror, or a mirror of unknown flatness whose
-            form shows in the overlaps.
+            form shows in the overlaps; without a mirror, more than one segment.
     """
+    if mirror is None:
+        check_direct(segments)
     ordered = sorted(range(len(segments)), key=lambda k: float(segments[k].positions.min(initial=np.inf)))
-    parts = [_levelled(segments[k], mirror, k) for k in ordered]
+    parts = [place_segment(segments[k], mirror, k) for k in ordered]
     _check_meeting(parts, ordered)
     solution = _solve(parts, mirror, _knots(parts, spacing))
     if spacing is None and _shows_detail(parts, solution):
         solution = _solve(parts, mirror, _fine_knots(parts), _roughness(parts))
     residuals = [Residual(p.positions, _residual(p, k, solution), p.noise) for k, p in enumerate(parts)]
     breaks = solution.spline.t[DEGREE : len(solution.spline.t) - DEGREE]
-    overlaps = compare_overlaps(residuals, ordered, mirror.length, breaks)
-    warnings = overlap_warnings(overlaps, unknown=_form_prior(parts, mirror) is None)
+    overlaps = () if mirror is None else compare_overlaps(residuals, ordered, mirror.length, breaks)
+    unknown = mirror is not None and form_prior(parts, mirror) is None
+    warnings = overlap_warnings(overlaps, unknown=unknown)
     order = np.argsort(ordered)
     return SplicedProfile(
         positions=solution.positions,
@@ -160,21 +132,8 @@ def splice_segments(segments: Sequence[Segment], mirror: Mirror, *, spacing: flo
         offsets=solution.offsets[order],
         overlaps=overlaps,
         warnings=warnings,
+        mirror=None if mirror is None else mirror_form(parts, mirror, solution.form, solution.form_covariance),
     )
-
-
-@dataclass(frozen=True)
-class _Part:
-    """A segment made ready: ascending, the known form of the mirror removed, `along` the mirror from -1 to 1.
-
-    `side` is +1, or -1 where the mirror is turned over.
-    """
-
-    positions: NDArray[np.float64]
-    heights: NDArray[np.float64]
-    along: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    side: float
 
 
 @dataclass(frozen=True)
@@ -185,54 +144,11 @@ class _Solution:
     slopes: NDArray[np.float64]
     offsets: NDArray[np.float64]
     form: NDArray[np.float64]
+    form_covariance: NDArray[np.float64]
     spline: BSpline
 
 
-def _levelled(segment: Segment, mirror: Mirror, number: int) -> _Part:
-    check_profile(segment.positions, segment.readings)
-    order = np.argsort(segment.positions, kind="stable")
-    positions, heights = segment.positions[order], segment.readings[order]
-    noise = np.broadcast_to(segment.noise, positions.shape)[order]
-    if not np.all(noise > 0):
-        raise InputError(
-            f"segment {number + 1}: noise {noise.min():g} m; give the standard deviation of a reading, above 0"
-        )
-    start = float(positions[0]) if segment.start is None else segment.start
-    distance = positions - start
-    slack = 1e-6 * mirror.length
-    if distance[0] < -slack or distance[-1] > mirror.length + slack:
-        raise InputError(
-            f"segment {number + 1} runs from {positions[0]:g} m to {positions[-1]:g} m, beyond the mirror of "
-            f"{mirror.length:g} m that begins at {start:g} m"
-        )
-    side = -1.0 if segment.turned else 1.0
-    if mirror.profile is not None:
-        first, last = float(mirror.profile[0, 0]), float(mirror.profile[-1, 0])
-        if distance[0] < first - slack or distance[-1] > last + slack:
-            raise InputError(
-                f"segment {number + 1} uses the mirror from {distance[0]:g} m to {distance[-1]:g} m, but its form is "
-                f"calibrated from {first:g} m to {last:g} m"
-            )
-        heights = heights - side * np.interp(distance, mirror.profile[:, 0], mirror.profile[:, 1])
-    return _Part(positions, heights, 2 * distance / mirror.length - 1, noise, side)
-
-
-@dataclass(frozen=True)
-class _FormPrior:
-    """What may be assumed of the mirror's form: how many Legendre orders from 2 on, and their range, m."""
-
-    orders: int
-    range: float
-
-
-def _form_prior(parts: Sequence[_Part], mirror: Mirror) -> _FormPrior | None:
-    """None where nothing is known of the form and no turned placement shows it."""
-    if len({part.side for part in parts}) == 2:
-        return _FormPrior(len(TURNED_ORDERS), mirror.flatness or ANY_RANGE)
-    return None if mirror.flatness is None else _FormPrior(len(MIRROR_ORDERS), max(mirror.flatness, 1e-12))
-
-
-def _check_meeting(parts: Sequence[_Part], ordered: Sequence[int]) -> None:
+def _check_meeting(parts: Sequence[PlacedSegment], ordered: Sequence[int]) -> None:
     if not parts:
         raise InputError("no segment; give at least one")
     end = float(parts[0].positions[-1])
@@ -247,7 +163,7 @@ def _check_meeting(parts: Sequence[_Part], ordered: Sequence[int]) -> None:
         end = max(end, float(part.positions[-1]))
 
 
-def _knots(parts: Sequence[_Part], spacing: float | None) -> NDArray[np.float64]:
+def _knots(parts: Sequence[PlacedSegment], spacing: float | None) -> NDArray[np.float64]:
     first = min(float(part.positions[0]) for part in parts)
     last = max(float(part.positions[-1]) for part in parts)
     samples = np.concatenate([part.positions for part in parts])
@@ -267,7 +183,7 @@ def _knots(parts: Sequence[_Part], spacing: float | None) -> NDArray[np.float64]
     return np.concatenate([np.full(DEGREE, first), breaks, np.full(DEGREE, last)])
 
 
-def _shows_detail(parts: Sequence[_Part], solution: _Solution) -> bool:
+def _shows_detail(parts: Sequence[PlacedSegment], solution: _Solution) -> bool:
     """Whether readings depart from the spline by more than their noise: the profile is finer than its nodes."""
     square = sum(float(((_residual(part, k, solution) / part.noise) ** 2).sum()) for k, part in enumerate(parts))
     readings = sum(part.positions.size for part in parts)
@@ -275,7 +191,7 @@ def _shows_detail(parts: Sequence[_Part], solution: _Solution) -> bool:
     return readings > unknowns and float(chi2.sf(square, readings - unknowns)) < DETAIL
 
 
-def _fine_knots(parts: Sequence[_Part]) -> NDArray[np.float64]:
+def _fine_knots(parts: Sequence[PlacedSegment]) -> NDArray[np.float64]:
     """A node for each reading of the placement that has fewest."""
     first = min(float(part.positions[0]) for part in parts)
     last = max(float(part.positions[-1]) for part in parts)
@@ -284,19 +200,15 @@ def _fine_knots(parts: Sequence[_Part]) -> NDArray[np.float64]:
     return np.concatenate([np.full(DEGREE, first), breaks, np.full(DEGREE, last)])
 
 
-def _roughness(parts: Sequence[_Part]) -> float:
+def _roughness(parts: Sequence[PlacedSegment]) -> float:
     """Root mean square of the readings' third differences, m: how much a spline through all of them may bend."""
     third = np.concatenate([np.diff(part.heights, 3) for part in parts if part.positions.size > DEGREE])
     return float(np.sqrt(np.mean(third**2))) if third.size else 0.0
 
 
-def _form(part: _Part, orders: int) -> NDArray[np.float64]:
-    """(n, orders) Legendre polynomials of the mirror's form, as it lies in a placement."""
-    polynomials = legendre.legvander(part.along, MIRROR_ORDERS[0] + orders - 1)[:, MIRROR_ORDERS[0] :]
-    return np.asarray(part.side * polynomials, dtype=np.float64)
-
-
-def _solve(parts: Sequence[_Part], mirror: Mirror, knots: NDArray[np.float64], roughness: float = 0.0) -> _Solution:
+def _solve(
+    parts: Sequence[PlacedSegment], mirror: Mirror | None, knots: NDArray[np.float64], roughness: float = 0.0
+) -> _Solution:
     """Spline, placements and mirror form: the spline's banded block is eliminated, the small rest is solved dense.
 
     Where the spline has a node for each reading, its third differences are taken to be about `roughness`, m, which
@@ -307,7 +219,7 @@ def _solve(parts: Sequence[_Part], mirror: Mirror, knots: NDArray[np.float64], r
     weights = np.concatenate([1 / part.noise for part in parts])
     middle = float(samples.mean())
     design = csr_array(BSpline.design_matrix(samples, knots, DEGREE)).multiply(weights[:, None]).tocsr()
-    form = _form_prior(parts, mirror)
+    form = form_prior(parts, mirror)
     rest = _placement_columns(parts, middle, 0 if form is None else form.orders) * weights[:, None]
     target = heights * weights
     count = 2 * (len(parts) - 1)
@@ -337,24 +249,27 @@ def _solve(parts: Sequence[_Part], mirror: Mirror, knots: NDArray[np.float64], r
 
     intervals = len(knots) - 2 * DEGREE - 1
     positions = np.linspace(knots[0], knots[-1], intervals * math.ceil(FEWEST_POSITIONS / intervals) + 1)
-    basis = BSpline.design_matrix(positions, knots, DEGREE).toarray()
+    basis = csr_array(BSpline.design_matrix(positions, knots, DEGREE))
     through = basis @ gain
-    covariance = basis @ cho_solve_banded((factor, False), basis.T) + through @ inverse @ through.T
+    covariance = basis @ cho_solve_banded((factor, False), basis.T.toarray()) + through @ inverse @ through.T
     slopes = np.concatenate([[0.0], placed[0:count:2]])
     # Columns are centred on `middle` for a good condition; offsets are told at axis position 0.
     offsets = np.concatenate([[0.0], placed[1:count:2]]) - slopes * middle
     spline = BSpline(knots, coefficients, DEGREE)
-    return _Solution(positions, basis @ coefficients, covariance, slopes, offsets, placed[count:], spline)
+    form_covariance = np.asarray(inverse[count:, count:])
+    return _Solution(
+        positions, basis @ coefficients, covariance, slopes, offsets, placed[count:], form_covariance, spline
+    )
 
 
-def _placement_columns(parts: Sequence[_Part], middle: float, orders: int) -> NDArray[np.float64]:
+def _placement_columns(parts: Sequence[PlacedSegment], middle: float, orders: int) -> NDArray[np.float64]:
     rows = []
     for number, part in enumerate(parts):
         block = np.zeros((part.positions.size, 2 * (len(parts) - 1)))
         if number:
             block[:, 2 * number - 2] = part.positions - middle
             block[:, 2 * number - 1] = 1.0
-        rows.append(np.column_stack([block, _form(part, orders)]))
+        rows.append(np.column_stack([block, form_columns(part, orders)]))
     return np.concatenate(rows)
 
 
@@ -365,8 +280,8 @@ def _upper_band(matrix: csr_array) -> NDArray[np.float64]:
     return band
 
 
-def _residual(part: _Part, number: int, solution: _Solution) -> NDArray[np.float64]:
+def _residual(part: PlacedSegment, number: int, solution: _Solution) -> NDArray[np.float64]:
     """Readings minus all that the solution knows: profile, placement and mirror form."""
     placed = solution.slopes[number] * part.positions + solution.offsets[number]
-    form = _form(part, len(solution.form)) @ solution.form
+    form = form_columns(part, len(solution.form)) @ solution.form
     return cast("NDArray[np.float64]", part.heights - solution.spline(part.positions) - placed - form)

@@ -1,4 +1,4 @@
-"""Pictures of a calibration: positioning, straightness, and which error costs what."""
+"""Pictures of a calibration: positioning, and which error costs what."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
-import numpy as np
 
-from rotary_error_monitor.calibration.grinding import FlatnessPrediction
 from rotary_error_monitor.calibration.steps import PositioningResult
-from rotary_error_monitor.calibration.straightness_step import StraightnessResult
 from rotary_error_monitor.calibration.volume import ErrorCost, VolumetricMap
 from rotary_error_monitor.metrology.positioning import COVERAGE
-from rotary_error_monitor.report.palette import BLUE, GREEN, GREY, VERMILION
+from rotary_error_monitor.report.palette import BLUE, VERMILION
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -46,25 +43,6 @@ def draw_positioning(path: Path, result: PositioningResult) -> None:
     _save(figure, ax, path)
 
 
-def draw_straightness(path: Path, result: StraightnessResult) -> None:
-    """Deviations from the least squares line with their expanded uncertainty, overlaps shaded."""
-    spliced = result.spliced
-    figure, ax = plt.subplots(figsize=(9, 4.5), layout="constrained")
-    x, y = spliced.positions * 1e3, spliced.straightness().deviations * 1e6
-    margin = COVERAGE * np.sqrt(np.maximum(np.diag(spliced.deviation_covariance()), 0.0)) * 1e6
-    ax.plot(x, y, color=BLUE, label="deviation from the least squares line")
-    ax.fill_between(x, y - margin, y + margin, color=BLUE, alpha=0.2, lw=0, label="expanded uncertainty (k = 2)")
-    for number, overlap in enumerate(spliced.overlaps):
-        label = "overlap" if number == 0 else None
-        ax.axvspan(overlap.first * 1e3, overlap.last * 1e3, color=GREY, alpha=0.15, lw=0, label=label)
-    if result.rotated is not None:
-        ax.plot(result.rotated.positions * 1e3, result.rotated.errors * 1e6, "--", color=GREEN, label="rotated")
-    ax.set_xlabel("position, mm")
-    ax.set_ylabel("deviation, µm")
-    ax.set_title(f"Straightness {result.name}: {result.error * 1e6:.2f} µm")
-    _save(figure, ax, path)
-
-
 def draw_errors(path: Path, costs: Sequence[ErrorCost], chart: VolumetricMap) -> None:
     """Map of the tool offset over two axes, position and orientation, beside the errors ranked by what they cost."""
     figure = plt.figure(figsize=(13, 6), layout="constrained")
@@ -84,34 +62,6 @@ def draw_errors(path: Path, costs: Sequence[ErrorCost], chart: VolumetricMap) ->
     ax.barh([cost.name for cost in shown], [cost.position_largest * 1e6 for cost in shown], color=BLUE, alpha=0.25)
     ax.barh([cost.name for cost in shown], [cost.position_rms * 1e6 for cost in shown], color=BLUE)
     ax.set_xlabel("tool position error by this error alone, µm: rms (dark) and largest (light)")
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def draw_flatness(path: Path, prediction: FlatnessPrediction) -> None:
-    """Surface before compensation, after it with the curves as measured, and after it with the rotated ones."""
-    comparison = prediction.comparison
-    surfaces = (
-        ("before", comparison.before),
-        ("after, as measured", comparison.unrotated),
-        ("after, rotated", comparison.rotated),
-    )
-    largest = max(float(np.abs(surface.heights).max()) for _, surface in surfaces) * 1e6
-    figure, axes = plt.subplots(3, 1, figsize=(8, 9), layout="constrained", sharex=True)
-    for ax, (name, surface) in zip(axes, surfaces, strict=True):
-        mesh = ax.pcolormesh(
-            prediction.first * 1e3,
-            prediction.second * 1e3,
-            surface.heights.T * 1e6,
-            cmap="RdBu_r",
-            vmin=-largest,
-            vmax=largest,
-            rasterized=True,
-        )
-        ax.set_title(f"{name}: flatness {surface.flatness * 1e6:.2f} µm, {surface.reversals} reversals", fontsize=9)
-        ax.set_ylabel(f"{prediction.feeds[1]}, mm")
-    axes[-1].set_xlabel(f"{prediction.feeds[0]}, mm")
-    figure.colorbar(mesh, ax=axes, label="height, µm")
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

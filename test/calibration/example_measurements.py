@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import simulated_shaft
+import yaml
 from calibration import tracked_axes
 from numpy.typing import NDArray
 
@@ -22,6 +23,7 @@ from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 Array = NDArray[np.float64]
 FOLDER = Path(__file__).parents[2] / "doc" / "calibration"
+GRINDER = Path(__file__).parents[2] / "config" / "machines" / "grinder_zhou2023.yaml"
 
 BAG = "between_centres"
 """Folder of the bag of the shaft between centres."""
@@ -94,6 +96,44 @@ def straightness() -> str:
             lines += [
                 f"{segment},{run},{direction},{side},{p * 1e3:g},{v * 1e6:.3f}" for p, v in zip(x, y, strict=True)
             ]
+    return "\n".join(lines) + "\n"
+
+
+def direct() -> str:
+    """The same straightness by an interferometer without a mirror, over the whole axis; two runs forth and two back."""
+    rng = np.random.default_rng(4)
+    lines = [
+        "# simulated: X in Z, laser interferometer with straightness optics",
+        "segment,run,direction,position_mm,reading_um",
+    ]
+    for run in range(1, 5):
+        direction = 1 if run % 2 else -1
+        x = np.arange(-250, 251, 5.0)[::direction] * 1e-3
+        y = straightness_error(x) + 40e-6 * x + 60e-9 * rng.normal(size=x.size)
+        lines += [f"1,{run},{direction},{p * 1e3:g},{v * 1e6:.3f}" for p, v in zip(x, y, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def workpiece(*, compensated: bool) -> str:
+    """A workpiece ground on grinder_zhou2023, seen each 50 mm, with ripple of the process and noise of the sensor.
+
+    Compensated, it has the positioning error of the vertical axis, 1.2 µm in waves of 20 µm, where the wheel was.
+    """
+    rng = np.random.default_rng(6 + compensated)
+    errors = yaml.safe_load(GRINDER.read_text(encoding="utf-8"))["machine"]["errors"]
+    lines = ["# simulated: workpiece of 1400 mm x 500 mm, confocal sensor", "X_mm,Z_mm,height_um"]
+    for x in np.arange(-1400, 1, 50):
+        for z in np.arange(-650, -149, 50):
+            height = wheel = 0.0
+            for name, at, half in (("EYX", x * 1e-3, 0.7), ("EYZ", z * 1e-3, 0.4)):
+                table = errors[name]["table"]
+                error = float(np.interp(at, table["positions"], table["values"]))
+                height += error
+                wheel -= error + errors[name]["poly"][1] * (at + half) / half
+            if compensated:
+                height = 0.6e-6 * math.sin(2 * math.pi * wheel / 20e-6)
+            height += 0.3e-6 * math.sin(8 * x * 1e-3 + 9 * z * 1e-3) + 15e-6 * x * 1e-3 + 60e-9 * rng.normal()
+            lines.append(f"{x:g},{z:g},{height * 1e6:.3f}")
     return "\n".join(lines) + "\n"
 
 
@@ -185,6 +225,9 @@ FILES = {
     "x_positioning.csv": positioning,
     "x_laser.txt": laser,
     "x_straightness.csv": straightness,
+    "x_direct.csv": direct,
+    "workpiece_before.csv": lambda: workpiece(compensated=False),
+    "workpiece_after.csv": lambda: workpiece(compensated=True),
     "tracker.csv": tracker,
     "tracker_head.csv": tracker_head,
     "autocollimator.csv": autocollimator,

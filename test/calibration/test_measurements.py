@@ -138,15 +138,15 @@ def test_straightness_table(tmp_path: Path) -> None:
 
 
 def test_a_placement_with_the_mirror_turned(tmp_path: Path) -> None:
-    rows = [f"1,a,1,{x},0,1" for x in range(3)] + [f"2,b,{d},{x},0,-1" for d in (1, -1) for x in range(3)[::d]]
-    rows[6:] = [row.replace(",b,", ",c,") for row in rows[6:]]
+    rows = [f"1,a,1,{x},0,1" for x in range(5)] + [f"2,b,{d},{x},0,-1" for d in (1, -1) for x in range(5)[::d]]
+    rows[10:] = [row.replace(",b,", ",c,") for row in rows[10:]]
     segments = read_straightness(written(tmp_path, f"{SAMPLES},mirror", *rows))
     assert [(len(each.runs), each.turned) for each in segments.values()] == [(1, False), (2, True)]
     rows[-1] = rows[-1][:-2] + "1"
-    with pytest.raises(InputError, match=r"runs.csv:10: segment 2: mirror 1 among others"):
+    with pytest.raises(InputError, match=r"runs.csv:16: segment 2: mirror 1 among others"):
         read_straightness(written(tmp_path, f"{SAMPLES},mirror", *rows))
     rows[-1] = rows[-1][:-1] + "2"
-    with pytest.raises(InputError, match=r"runs.csv:10: mirror 2; expected 1 or -1"):
+    with pytest.raises(InputError, match=r"runs.csv:16: mirror 2; expected 1 or -1"):
         read_straightness(written(tmp_path, f"{SAMPLES},mirror", *rows))
 
 
@@ -167,6 +167,10 @@ def test_mirror_profile(tmp_path: Path) -> None:
         (["1,a,0,0,0"], ":2: segment 1, run a: direction 0"),
         ([f"1,a,1,{x},0" for x in (0, 1, 2, 3, 30, 31)], ":6: segment 1, run a: a gap of 27 mm before this sample"),
         (["1,a,1,0,4000"], ":2: reading_um 4000 is beyond"),
+        (
+            [f"1,a,1,{x},0" for x in range(4)] + [f"1,b,-1,{x},0" for x in (3, 2, 1, 0)],
+            r":9: segment 1 ends here with 4 position\(s\); a curve takes 5 at least",
+        ),
     ],
 )
 def test_bad_straightness_tables(tmp_path: Path, rows: list[str], message: str) -> None:

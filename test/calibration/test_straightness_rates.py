@@ -11,8 +11,9 @@ import pytest
 
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.steps import Job
-from rotary_error_monitor.calibration.straightness_step import Reading, calibrate_straightness
-from rotary_error_monitor.metrology.splicing import Mirror
+from rotary_error_monitor.calibration.straightness_runs import Reading
+from rotary_error_monitor.calibration.straightness_step import calibrate_straightness
+from rotary_error_monitor.metrology.reference_mirror import Mirror
 from rotary_error_monitor.resources import config
 
 LENGTH, STOPS, NOISE = 5.0, 21, 1e-7

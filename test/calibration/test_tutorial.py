@@ -80,8 +80,10 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
 def test_commands_print_what_the_page_shows(worked: tuple[Path, list[str]]) -> None:
     folder, wrong = worked
     assert wrong == []
-    assert (folder / "straightness.png").stat().st_size > 10_000
-    assert (folder / "axes.png").stat().st_size > 10_000
+    for name in ("straightness.png", "runs.png", "flatness.png"):
+        assert (folder / name).stat().st_size > 50_000
+    assert len((folder / "mirror.csv").read_text(encoding="utf-8").splitlines()) == 2 + 101
+    assert len((folder / "wheel.csv").read_text(encoding="utf-8").splitlines()) == 1 + 141 * 51
     assert (folder / "axes.png").stat().st_size > 10_000
     assert (folder / "errors.png").stat().st_size > 10_000
     assert (folder / "autocollimator.png").stat().st_size > 30_000

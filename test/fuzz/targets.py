@@ -170,6 +170,7 @@ def targets(templates: Path) -> list[Target]:
         pan.read_bytes() + EFFECTS["machine"].encode(),
     ]
     mirror = ["--mirror-length-mm", "1100", "--mirror-flatness-um", "1", "--noise-um", "0.1", "--component", "EYX"]
+    straightness = ["calibrate", "straightness", "--machine", pan, "--noise-um", "0.1", "--component", "EYX"]
     return [
         Target("stage", "twin.yaml", stages, TEXT, lambda folder: [
             ["diagnose", "nowhere", "--twin", folder / "twin.yaml", "-o", folder / out],
@@ -208,6 +209,13 @@ def targets(templates: Path) -> list[Target]:
         Target("profile", "profile.csv", [PROFILE.encode()], TEXT, lambda folder: [
             ["calibrate", "straightness", CSV / "x_straightness.csv", "--machine", pan, "-o", folder / out, *mirror,
              "--mirror-profile", folder / "profile.csv"]]),
+        Target("direct", "measured.csv", [(CSV / "x_direct.csv").read_bytes()], TEXT, lambda folder: [
+            [*straightness, folder / "measured.csv", "-o", folder / out],
+            [*straightness, CSV / "x_straightness.csv", "-o", folder / out, *mirror[:4], "--direct",
+             folder / "measured.csv"]]),
+        Target("workpiece", "measured.csv", [(CSV / "workpiece_before.csv").read_bytes()], TEXT, lambda folder: [
+            ["calibrate", "flatness", "grinder_zhou2023", "--vertical", "Y", "--workpiece", "X=-1400,0", "Z=-650,-150",
+             "--reversal-um", "1", "--positioning-um", "0", "--measured", folder / "measured.csv"]]),
         Target("tracker", "measured.csv", [(CSV / "tracker.csv").read_bytes(), (CSV / "tracker_head.csv").read_bytes()],
                TEXT, calibrate("squareness")),
         Target("program", "poses.csv", [(CSV.parent / "examples" / "poses.csv").read_bytes()], TEXT, lambda folder: [

@@ -28,7 +28,7 @@ LARGEST = 30_000
 
 NAMES = (
     *("stage", "machine", "mount", "quadrature", "wire", "cell", "positioning", "straightness", "profile", "tracker"),
-    "program",
+    *("direct", "workpiece", "program"),
     *("collimator", "poses", "pointings", "signals", "mcap", "definition", "metadata", "db3"),
 )
 

@@ -7,14 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.metrology.splicing import (
-    MIRROR_ORDERS,
-    MIRROR_RANGE,
-    Mirror,
-    Segment,
-    SplicedProfile,
-    splice_segments,
-)
+from rotary_error_monitor.metrology.reference_mirror import MIRROR_ORDERS, MIRROR_RANGE, Mirror, Segment
+from rotary_error_monitor.metrology.splicing import SplicedProfile, splice_segments
 
 Array = NDArray[np.float64]
 SPACING = 5e-3

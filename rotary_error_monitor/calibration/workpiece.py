@@ -1,0 +1,129 @@
+"""The measured surface of a ground workpiece, beside what straightness lets expect (Zhou et al. 2023, Figs 16, 17)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.calibration.grinding import FlatnessPrediction
+from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR
+from rotary_error_monitor.description.csv_tables import Column, Table, read_table
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.surface_range import flatness_bounds
+
+Array = NDArray[np.float64]
+
+FEWEST_POINTS = 9
+"""Points of a surface: three each way, for a plane and what bends it along, across and over the corners."""
+
+LEAST_COVERED = 0.5
+"""Part of the workpiece, each way, that the points span at least: a plane through less takes off what they should show,
+and metres taken for mm span a thousandth."""
+
+EDGE = 1e-6
+"""By which a point may be beyond the workpiece, m: rounding of a file in mm."""
+
+ON_A_LINE = 0.99
+"""Correlation of the two positions from which points lie about one line: they spread a tenth as far across it."""
+
+OTHER_UNIT = 100.0
+"""Times what is predicted from which heights are in another unit, as is less than its reciprocal."""
+
+
+@dataclass(frozen=True)
+class MeasuredSurface:
+    """Heights of a ground surface.
+
+    Attributes:
+        first, second: (n,) positions of the feed axes, m.
+        heights: (n,) about the least squares plane, positive where the vertical axis is higher, m.
+        predicted: (n,) what straightness alone predicts there before compensation, about its plane, m.
+    """
+
+    first: Array
+    second: Array
+    heights: Array
+    predicted: Array
+
+    @property
+    def flatness(self) -> float:
+        """Range of the heights, m."""
+        return float(np.ptp(self.heights))
+
+    @property
+    def explained(self) -> float:
+        """Part of the heights' mean square that goes when the prediction is taken off; below 0 where it adds to it."""
+        rest = self.heights - self.predicted
+        return 1 - float(rest @ rest) / float(self.heights @ self.heights)
+
+
+def read_workpiece(path: Path, prediction: FlatnessPrediction) -> MeasuredSurface:
+    """Surface from a CSV file with the feed axes' positions and `height_um`, wherever its points lie.
+
+    Raises:
+        InputError: what `read_table` raises, points beyond the workpiece, too few or too close ones, or heights in
+            another unit.
+    """
+    names = [f"{letter}_mm" for letter in prediction.feeds]
+    table = read_table(path, [[*(Column(name, LENGTH) for name in names), Column("height_um", LINEAR_ERROR)]])
+    places = [table.numbers[name] for name in names]
+    if len(places[0]) < FEWEST_POINTS:
+        raise table.error(
+            -1, f"the surface ends here with {len(places[0])} point(s); {FEWEST_POINTS} are needed, three each way"
+        )
+    for name, at, curve in zip(prediction.feeds, places, prediction.curves, strict=True):
+        _check_places(table, name, at, float(curve.positions[0]), float(curve.positions[-1]))
+    predicted = sum(
+        np.interp(at, curve.positions, curve.errors) for at, curve in zip(places, prediction.curves, strict=True)
+    )
+    plane = np.stack([np.ones_like(places[0]), places[0] - places[0].mean(), places[1] - places[1].mean()], axis=1)
+    if abs(float(np.corrcoef(places[0], places[1])[0, 1])) > ON_A_LINE:
+        raise InputError(f"{path}: all points lie about one line; a surface takes points both ways")
+    heights, predicted = (
+        np.asarray(z - plane @ np.linalg.lstsq(plane, z, rcond=None)[0])
+        for z in (table.numbers["height_um"], np.asarray(predicted))
+    )
+    ratio = float(np.ptp(heights)) / max(float(np.ptp(predicted)), np.finfo(np.float64).tiny)
+    if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
+        raise InputError(
+            f"{path}: flatness {np.ptp(heights) * 1e6:.3g} µm, where straightness makes {np.ptp(predicted) * 1e6:.3g}: "
+            "are the heights in µm?"
+        )
+    return MeasuredSurface(places[0], places[1], heights, predicted)
+
+
+def _check_places(table: Table, name: str, at: Array, low: float, high: float) -> None:
+    beyond = (at < low - EDGE) | (at > high + EDGE)
+    if np.any(beyond):
+        row = int(np.argmax(beyond))
+        raise table.error(
+            row,
+            f"{name} {at[row] * 1e3:g} mm is beyond the workpiece, {low * 1e3:g} to {high * 1e3:g} mm: in another "
+            "unit, or from another zero?",
+        )
+    if np.ptp(at) < LEAST_COVERED * (high - low):
+        raise InputError(
+            f"{table.path}: the points span {np.ptp(at) * 1e3:g} mm of the workpiece's {(high - low) * 1e3:g} mm along "
+            f"{name}; at least half is needed: are they in mm?"
+        )
+
+
+def measured_text(name: str, surface: MeasuredSurface, noise: float | None) -> str:
+    """Flatness as measured, in µm; `name` is when: before or after. `noise` is that of a height, m, if known."""
+    text = f"measured {name} compensation: flatness {surface.flatness * 1e6:.3f} µm over {surface.heights.size} points"
+    if noise is not None:
+        bounds = flatness_bounds(surface.first, surface.second, surface.heights, noise)
+        if bounds is None:
+            text += f"\n  no 95 % interval: it has more detail than noise of {noise * 1e6:g} µm explains"
+        else:
+            text += f"\n  95 % interval without noise {bounds[0] * 1e6:.3f} to {bounds[1] * 1e6:.3f} µm"
+    if name == "before":
+        rest = surface.heights - surface.predicted
+        text += (
+            f"\n  predicted there {np.ptp(surface.predicted) * 1e6:.3f} µm, what is left {np.ptp(rest) * 1e6:.3f} µm; "
+            f"straightness explains {surface.explained:.0%} of the variance"
+        )
+    return text

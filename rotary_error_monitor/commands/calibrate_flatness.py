@@ -1,0 +1,82 @@
+"""The step `flatness` of `calibrate`: what straightness leaves on a ground workpiece, and compensation of it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rotary_error_monitor.calibration.grinding import (
+    VerticalErrors,
+    flatness_text,
+    predict_flatness,
+    trajectory_csv,
+)
+from rotary_error_monitor.calibration.workpiece import measured_text, read_workpiece
+from rotary_error_monitor.commands.calibration_arguments import Subparsers, add_figure, writing
+from rotary_error_monitor.commands.values import limits_of, not_negative, positive
+from rotary_error_monitor.description.machine import load_machine, machine_path
+from rotary_error_monitor.files import check_outputs, check_places, write_whole
+
+USUAL_REVERSAL_UM = (0.0, 0.25, 0.5, 1.0, 2.0, 3.0)
+"""From none to what a vertical axis without a counterbalance may have."""
+
+
+def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
+    """Describe the step's arguments."""
+    text = "flatness that straightness leaves on a ground workpiece, and with compensation by a third axis"
+    parser = steps.add_parser("flatness", help=text)
+    parser.add_argument("machine", metavar="MACHINE", help="machine YAML, or the name of one that ships")
+    parser.add_argument("--vertical", required=True, metavar="Y", help="the axis that compensates")
+    parser.add_argument(
+        "--workpiece", nargs=2, required=True, metavar="X=LOW,HIGH", help="two axes, mm; passes: the first"
+    )
+    parser.add_argument(
+        "--reversal-um",
+        type=not_negative,
+        nargs="+",
+        default=list(USUAL_REVERSAL_UM),
+        metavar="UM",
+        help="reversal errors of the vertical axis to be tried (default 0 to 3)",
+    )
+    parser.add_argument("--positioning-um", type=not_negative, required=True, help="its positioning error")
+    parser.add_argument(
+        "--positioning-period-um",
+        type=positive,
+        default=20.0,
+        help="wave of that: the signal period of its scale (default 20)",
+    )
+    parser.add_argument(
+        "--measured", type=Path, metavar="CSV", help="surface ground without compensation: X_mm,Z_mm,height_um"
+    )
+    parser.add_argument("--measured-after", type=Path, metavar="CSV", help="surface ground with it")
+    parser.add_argument("--height-noise-um", type=positive, help="standard deviation of their heights, for an interval")
+    parser.add_argument(
+        "--trajectory", type=Path, metavar="OUT.csv", help="write what the vertical axis adds over the workpiece"
+    )
+    parser.add_argument("--step-mm", type=positive, default=10.0, help="of its points (default 10)")
+    add_figure(parser, "draw surfaces, trajectory, and flatness over the reversal error")
+    parser.set_defaults(run=_flatness)
+
+
+def _flatness(arguments: argparse.Namespace) -> int:
+    written = [arguments.figure, arguments.trajectory]
+    measured = {"before": arguments.measured, "after": arguments.measured_after}
+    check_outputs(written, [machine_path(arguments.machine), *measured.values()])
+    check_places(path for path in written if path is not None)
+    machine = load_machine(arguments.machine)
+    limits = limits_of(arguments.workpiece, machine)
+    reversal = tuple(size * 1e-6 for size in sorted(set(arguments.reversal_um)))
+    errors = VerticalErrors(reversal, arguments.positioning_um * 1e-6, arguments.positioning_period_um * 1e-6)
+    prediction = predict_flatness(machine, arguments.vertical, limits, errors)
+    surfaces = {name: read_workpiece(path, prediction) for name, path in measured.items() if path is not None}
+    trajectory = trajectory_csv(prediction, arguments.step_mm * 1e-3) if arguments.trajectory else ""
+    noise = None if arguments.height_noise_um is None else arguments.height_noise_um * 1e-6
+    print("\n".join([flatness_text(prediction), *(measured_text(*each, noise) for each in surfaces.items())]))
+    if arguments.trajectory:
+        write_whole(arguments.trajectory, trajectory.encode())
+    if arguments.figure:
+        from rotary_error_monitor.report.flatness import draw_flatness
+
+        with writing(arguments.figure):
+            draw_flatness(arguments.figure, prediction, surfaces)
+    return 0
