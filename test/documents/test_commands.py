@@ -62,6 +62,10 @@ ELSEWHERE = {
         "test/reproduction/test_lou2019.py",
         'main(["reproduce", "lou2019", "-o"',
     ),
+    "rotary_error_monitor reproduce pan2013 -o pan2013": (
+        "test/reproduction/test_pan2013.py",
+        'main(["reproduce", "pan2013", "-o"',
+    ),
     "rotary_error_monitor diagnose FOLDER --twin TWIN.yaml -o DIR": (
         "test/gap/test_folder_diagnosis.py",
         'main(["diagnose", str(place), "--twin"',
