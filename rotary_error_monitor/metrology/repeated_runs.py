@@ -37,6 +37,10 @@ FALSE_ALARM = 1e-3
 ROUNDING = 1e-12
 """Part of a reading that arithmetic may round away."""
 
+UNSURE_END = 3.0
+"""Times the usual standard deviation of the mean from which a node at an end of scans is left out, if one reading is
+surer: a direction may have no sample near it, while the range of a curve is often decided at its ends."""
+
 MOST_NODES = 1001
 """Nodes of a spline through scans."""
 
@@ -295,16 +299,24 @@ def _combine_scans(runs: Sequence[Run], spacing: float | None) -> RepeatedRuns:
     squares = sum(float((fit.residual**2).sum()) for fit in known.values())
     weights = np.sum([fit.weights for fit in known.values()], axis=0) / len(known) ** 2
     variance = squares / freedom if freedom > 0 else 0.0
+    sure = _sure_nodes(weights)
+    reversal = means[1] - means[-1] if len(means) == 2 else None
     return RepeatedRuns(
-        positions=breaks,
-        mean=np.mean(list(means.values()), axis=0),
-        reversal=means[1] - means[-1] if len(means) == 2 else None,
-        spread=np.full(len(breaks), np.sqrt(variance)),
+        positions=breaks[sure],
+        mean=np.mean(list(means.values()), axis=0)[sure],
+        reversal=None if reversal is None else reversal[sure],
+        spread=np.full(len(breaks[sure]), np.sqrt(variance)),
         largest_deviation=max(float(np.abs(fit.residual).max()) for fit in known.values()),
-        uncertainty=np.sqrt(variance * weights) if freedom > 0 else None,
-        weights=weights,
+        uncertainty=np.sqrt(variance * weights[sure]) if freedom > 0 else None,
+        weights=weights[sure],
         correlation=neighbour_correlation(departures),
         stops=False,
         scatter=math.sqrt(variance),
         freedom=max(0, freedom),
     )
+
+
+def _sure_nodes(weights: NDArray[np.float64]) -> slice:
+    """All nodes but those at the ends whose variance, in units of a reading's, stands out of the others'."""
+    sure = np.flatnonzero(weights <= max(1.0, UNSURE_END**2 * float(np.median(weights))))
+    return slice(int(sure[0]), int(sure[-1]) + 1)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
+from rotary_error_monitor.metrology.repeated_runs import Run, combine_runs
 from rotary_error_monitor.metrology.scans import DEGREE, fit_scans
 
 
@@ -71,3 +72,26 @@ def test_scans_of_a_metre_take_no_time():
     begin = time.process_time()
     fit_scans(scans, breaks)
     assert time.process_time() - begin < 1.0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_ends_that_only_some_runs_reach_do_not_stand_off(seed):
+    """Five runs each way that begin anywhere within a step: at an end a direction may have no sample near."""
+    rng = np.random.default_rng([seed, 3])
+    runs = []
+    for number in range(10):
+        way, phase = (-1 if number % 2 else 1), rng.uniform(0.0, 0.99)
+        gone = (np.arange(440) + phase) * 1e-3
+        x = gone if way > 0 else 0.44 - gone
+        y = 3e-6 * np.cos(7 * x) + 1e-6 * rng.normal() + 35e-9 * rng.normal(size=x.size)
+        runs.append(Run(x, y, way))
+    found = combine_runs(runs, noise=35e-9)
+    assert not found.stops
+    assert found.positions[0] < 2e-3
+    assert found.positions[-1] > 0.438
+    error = found.mean - 3e-6 * np.cos(7 * found.positions)
+    error -= np.median(error)
+    # a mean is as sure as one reading at least: of 40 ends none is off by more than four times its noise
+    assert np.abs(error[[0, -1]]).max() < 0.14e-6
+    assert found.uncertainty is not None
+    np.testing.assert_array_less(np.abs(error), 6 * found.uncertainty)
