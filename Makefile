@@ -70,6 +70,9 @@ SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py 
 	$(addprefix faults/test_,common_zero.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
 	without_heads.py) \
 	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \
+SWEEPS := $(addprefix test/,analysis/test_probes.py calibration/test_axis_table_rates.py commissioning/test_rates.py $(addprefix faults/test_,common_zero.py \
+	listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py without_heads.py) \
+	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py reproduction/test_pan2013_rates.py \
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)

@@ -13,6 +13,7 @@ NOT_KEPT = 10
 
 PAPERS = {
     "lou2019": "error motion of a rotary stage by four read heads and an autocollimator",
+    "pan2013": "error model and calibration of a five-axis machine by laser interferometer and tracker",
     "zhou2023": "straightness of guideways, spliced, and compensated on a ground workpiece",
 }
 

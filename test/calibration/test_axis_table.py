@@ -57,19 +57,19 @@ def test_the_file_has_the_machine_that_was_seen(seed: int, tmp_path: Path, shipp
         assert again.value(item, axes) == pytest.approx(seen.value(item, axes), abs=3e-8), (item, axes)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_bounds_of_95_percent_hold_the_truth(seed: int, tmp_path: Path, shipped: MachineDescription) -> None:
-    """15 calibrations, each of a machine of its own: of ten rows at least 130 of 150 bounds hold it.
+    """10 calibrations, each of a machine of its own: of ten rows at least 84 of 100 bounds hold it.
 
-    With a rate of 95 % and independent rows fewer than 132 come once in a hundred thousand; rows share lines, so one
-    more standard deviation is left. The rate of each row over 500 calibrations: test_axis_table_rates.py.
+    With a rate of 95 % and independent rows fewer than 85 come once in fifty thousand; rows share lines, which leaves
+    some room. The rate of each row over 500 calibrations: test_axis_table_rates.py.
     """
     rng = np.random.default_rng(seed)
     held: Counter[tuple[str, str]] = Counter()
-    for _ in range(15):
+    for _ in range(10):
         machine = world.drawn(shipped, rng)
         held += world.held(machine, world.calibrated(tmp_path, machine, world.NOISE, rng).relations)
-    assert 130 <= sum(held[key] for key in world.PAPER) <= 150
+    assert 84 <= sum(held[key] for key in world.PAPER) <= 100
 
 
 def test_a_spindle_that_the_file_does_not_name_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

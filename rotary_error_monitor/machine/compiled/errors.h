@@ -25,7 +25,8 @@ INLINE void add_tables(const machine *m, const poses *in, const chunk *at, const
         lanes value;
         EACH_LANE {
             double x = q[a][l], sign = in->direction ? at->direction[a][l] : 0.0;
-            double forward = between(place, place + size, size, x), backward = between(place, place + 2 * size, size, x);
+            double forward = between(place, place + size, size, x);
+            double backward = between(place, place + 2 * size, size, x);
             value[l] = 0.5 * ((1.0 + sign) * forward + (1.0 - sign) * backward);
         }
         errors[a][m->table_component[k]] += value;

@@ -20,7 +20,6 @@
 #define ENTRY __attribute__((visibility("default")))
 #endif
 
-
 INLINE void read_rows(lanes *columns, mask *wrong, const double *rows, int64_t width, const int64_t *row) {
     for (int64_t a = 0; a < width; a++) {
         EACH_LANE columns[a][l] = rows[row[l] * width + a];
@@ -110,7 +109,8 @@ ENTRY int64_t rem_offsets(const machine *m, const poses *in, double *offset) {
     return -1;
 }
 
-/* One pose's search in each lane: steps until none is longer than `last_step`; lanes that are done stay. Gives which are not done. */
+/* One pose's search in each lane: steps until none is longer than `last_step`; lanes that are done stay.
+ * Gives which are not done. */
 INLINE mask search(lanes *delta, lanes *offset, const machine *m, const fixtures *actual, const poses *in,
                    const chunk *at, const frame *ideal, const spanned *rotary, const spanned *linear,
                    lanes (*shift)[3], int64_t most_steps, double last_step) {
