@@ -65,6 +65,7 @@ ELSEWHERE = {
     "rotary_error_monitor reproduce zhou2023 -o zhou2023": (
         "test/reproduction/test_zhou2023.py",
         'main(["reproduce", "zhou2023", "-o"',
+    ),
     "rotary_error_monitor reproduce pan2013 -o pan2013": (
         "test/reproduction/test_pan2013.py",
         'main(["reproduce", "pan2013", "-o"',
