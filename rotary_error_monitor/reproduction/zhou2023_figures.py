@@ -77,7 +77,7 @@ def mirror_form(path: Path) -> Drawn:
 def runs(number: int, part: Placed) -> Drawn:
     """Figure 6 or 8: all runs along a placement, less the line of their mean and each run's own height."""
     straight = np.polynomial.Polynomial.fit(part.combined.positions, part.combined.mean, 1)
-    lines = {}
+    lines: dict[str, Line] = {}
     for run in part.runs:
         readings = run.readings - straight(run.positions)
         way = "forward" if run.direction > 0 else "backward"
