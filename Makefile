@@ -51,13 +51,12 @@ CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/
 	commissioning/test_travel.py description/test_configurations.py $(addprefix faults/test_,begin.py calibrated.py few_heads.py \
 	gaps.py late_heads.py machine_faults.py page.py recordings.py responses.py undescribed_motion.py zero.py) \
 	$(addprefix pipeline/test_,command_belief.py estimation.py radial_heights.py reversals.py uncertain_responses.py) \
-	$(addprefix recordings/test_,cells.py long_recordings.py measured_curves.py) reproduction)
+	$(addprefix recordings/test_,cells.py long_recordings.py measured_curves.py) \
+	$(addprefix reproduction/test_,lou2019.py pan2013.py))
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
-	$(addprefix calibration/test_,assembly_contradictions.py axis_lines.py collimator_rates.py identification.py steps.py \
-	straightness_bounds.py straightness_contradictions.py straightness_rates.py yaml_text.py) \
 	$(addprefix calibration/test_,assembly_contradictions.py assembly_tables.py axis_lines.py collimator_rates.py \
-	identification.py steps.py straightness_contradictions.py straightness_rates.py yaml_text.py) \
+	identification.py steps.py straightness_bounds.py straightness_contradictions.py straightness_rates.py yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py gross_errors.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py \
@@ -70,9 +69,7 @@ SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py 
 	$(addprefix faults/test_,common_zero.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
 	without_heads.py) \
 	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \
-SWEEPS := $(addprefix test/,analysis/test_probes.py calibration/test_axis_table_rates.py commissioning/test_rates.py $(addprefix faults/test_,common_zero.py \
-	listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py without_heads.py) \
-	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py reproduction/test_pan2013_rates.py \
+	reproduction/test_pan2013_rates.py \
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
