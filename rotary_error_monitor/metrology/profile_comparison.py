@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.metrology.profile_range import symmetric_root
 from rotary_error_monitor.metrology.splicing import SplicedProfile
 
 Array = NDArray[np.float64]
@@ -74,9 +75,7 @@ def compare_profiles(
         curves.append(level @ at @ profile.profile)
         covariance += at @ profile.covariance @ at.T + further**2 * np.eye(POINTS)
     difference, spread = curves[0] - curves[1], level @ covariance @ level.T
-    values, vectors = np.linalg.eigh(spread)
-    roots = vectors * np.sqrt(np.maximum(values, 0.0))
-    drawn = np.abs(np.random.default_rng(0).normal(size=(DRAWS, POINTS)) @ roots.T).max(axis=1)
+    drawn = np.abs(np.random.default_rng(0).normal(size=(DRAWS, POINTS)) @ symmetric_root(spread)).max(axis=1)
     worst = int(np.argmax(np.abs(difference)))
     largest = float(abs(difference[worst]))
     return ProfileComparison(

@@ -43,7 +43,7 @@ def range_bounds(deviations: Array, covariance: Array, further: float = 0.0) -> 
     chosen = np.unique(np.round(np.linspace(0, deviations.size - 1, count)).astype(int))
     spread = covariance[np.ix_(chosen, chosen)]
     probable = _smoothed(deviations[chosen], spread)
-    drawn = np.ptp(probable + np.random.default_rng(0).normal(size=(DRAWS, count)) @ _root(spread).T, axis=1)
+    drawn = np.ptp(probable + np.random.default_rng(0).normal(size=(DRAWS, count)) @ symmetric_root(spread), axis=1)
     middle = float(np.ptp(deviations)) - float(drawn.mean() - np.ptp(probable))
     margin = NORMAL_95 * math.hypot(float(drawn.std()), further)
     return max(0.0, middle - margin), max(0.0, middle + margin)
@@ -75,10 +75,13 @@ def _most_likely(kernel: Array, noise: Array, told: Array) -> Array:
     return found
 
 
-def _root(covariance: Array) -> Array:
-    """(n, n) of which the product with its transpose is the covariance."""
+def symmetric_root(covariance: Array) -> Array:
+    """(n, n) whose square is the covariance, symmetric: there is one.
+
+    Roots of eigenvectors as they come depend on their signs, and what is simulated with them on the processor.
+    """
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T, dtype=np.float64)
 
 
 @lru_cache(maxsize=4)

@@ -17,6 +17,9 @@ DEGREES = range(2, 19)
 FURTHER = 2
 """Degrees beyond the best one."""
 
+DEPENDENT = 1e-8
+"""Part of the largest new direction below which a polynomial is a sum of the others: what is left is rounding."""
+
 LACK = 4.0
 """Standard deviations of chi-square by which a surface has more than noise beside a polynomial."""
 
@@ -34,8 +37,9 @@ def flatness_bounds(first: Array, second: Array, heights: Array, noise: float) -
     degrees = [k for k in DEGREES if (k + 1) * (k + 2) <= heights.size]  # twice as many heights as coefficients
     if not degrees:
         return None
-    basis = np.linalg.qr(_polynomials(u, v, degrees[-1]))[0]
-    counts = np.array([(k + 1) * (k + 2) // 2 for k in degrees])
+    basis, told = _orthonormal(_polynomials(u, v, degrees[-1]))
+    columns = np.array([(k + 1) * (k + 2) // 2 for k in degrees])
+    counts = np.cumsum(told)[columns - 1]
     squares = (float(heights @ heights) - np.cumsum((basis.T @ heights) ** 2)[counts - 1]) / noise**2
     best = min(int(np.argmin(squares + 2 * counts)) + FURTHER, len(degrees) - 1)
     freedom = heights.size - counts[best]
@@ -44,10 +48,26 @@ def flatness_bounds(first: Array, second: Array, heights: Array, noise: float) -
     basis = basis[:, : counts[best]]
     rng = np.random.default_rng(0)
     fitted = basis @ (basis.T @ heights)
-    drawn = [float(np.ptp(fitted + noise * (basis @ rng.normal(size=basis.shape[1])))) for _ in range(DRAWS)]
+    # noise of all points, of which the fit takes its part, for the signs of the basis are nobody's choice
+    drawn = [float(np.ptp(fitted + noise * (basis @ (basis.T @ rng.normal(size=heights.size))))) for _ in range(DRAWS)]
     low, high = np.quantile(drawn, [0.025, 0.975])
     middle = 2 * float(np.ptp(fitted))
     return max(0.0, middle - float(high)), max(0.0, middle - float(low))
+
+
+def _orthonormal(columns: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """(n, m) orthonormal directions of (n, k) columns in their order, and (k,) which are no sum of those before.
+
+    On a grid of few rows high degrees across them are sums of lower ones: their directions would be rounding.
+    """
+    told = np.ones(columns.shape[1], dtype=np.bool_)
+    while True:
+        basis, upper = np.linalg.qr(columns[:, told])
+        size = np.abs(np.diag(upper))
+        small = np.flatnonzero(size <= DEPENDENT * size.max())
+        if not small.size:
+            return basis, told
+        told[np.flatnonzero(told)[small[0]]] = False  # what comes after it has been freed of a direction that is none
 
 
 def _scaled(positions: Array) -> Array:

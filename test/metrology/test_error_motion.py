@@ -25,7 +25,8 @@ def test_graduation_is_removed_from_each_head():
     phi = 1.1
     psi = phi - THETA
     reading = THETA + 3e-6 * np.cos(2 * psi) - 1e-6 * np.sin(2 * psi) + 2e-6 * np.sin(5 * psi)
-    found = motion.remove_graduation(reading[:, None], np.array([phi]), rows)[:, 0]
+    encoder = Encoder(0.1, 100, 1, 0.0, {"a": phi, "b": 3.0}, graduation=rows)
+    found = motion.remove_graduation(reading[:, None], np.array([phi]), encoder)[:, 0]
     np.testing.assert_allclose(found, THETA, atol=1e-10)
 
 
