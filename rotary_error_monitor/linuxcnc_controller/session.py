@@ -159,6 +159,7 @@ def run(
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))  # little work, but on time
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the other side decides
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # so that it unwinds, whatever it did in who started this
     try:
         with unwinding():
             reason = _run(start, settings)

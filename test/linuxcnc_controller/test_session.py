@@ -129,7 +129,7 @@ def machine(controller, monkeypatch, tmp_path):
 @pytest.fixture
 def speak(monkeypatch, pipes):
     """Run a session, by default with the other side closed already; gives its exit code and what it said."""
-    interrupt = signal.getsignal(signal.SIGINT)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def run(start=lambda settings, pins: (Recorder(), 0.001), closed=True):
         _, _, source, other = pipes
@@ -143,7 +143,8 @@ def speak(monkeypatch, pipes):
             return code, [decode(line) for line in said.read().splitlines()]
 
     yield run
-    signal.signal(signal.SIGINT, interrupt)
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 def test_a_session_says_hello_and_leaves_quietly(machine, speak):
