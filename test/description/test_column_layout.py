@@ -74,7 +74,7 @@ def test_readings_of_a_tracker_and_along_a_mirror(tmp_path: Path) -> None:
     rows = [f"a\t1\tfwd\t{x}\t{x / 1000:.3f}" for x in range(12)]
     path.write_text("Seg\tR\tD\tX\tG\n" + "\n".join(rows), encoding="utf-8")
     words = ["segment=Seg", "run=R", "direction=D", "position=X,mm", "reading=G,um"]
-    placement = read_straightness(path, ColumnLayout.of(words))["a"]
+    placement = read_straightness(path, layout=ColumnLayout.of(words))["a"]
     assert len(placement.runs[0].positions) == 12
 
 
