@@ -85,7 +85,11 @@ def test_of_two_compensations_one_at_most_speaks_and_both_say_so(cell):
 
     cell.wait_until(both_say_so, "a word of both", 30)
     assert any(cell.has_status(f"{name}: correction", words[0]) for name in names)
-    cell.wait_for_status("mock_controller: corrections", "2 publishers of corrections are there", 30)
+    told = (
+        "2 publishers of corrections are there",
+        "held",
+    )  # the second where both have heard each other, and none speaks
+    cell.wait_until(lambda: any(cell.has_status("mock_controller: corrections", each) for each in told), "a hold", 30)
     cell.spin_for(0.3)  # what was on its way by then
     before, offsets_before = len(corrections), len(offsets)
     cell.spin_for(2.5)
