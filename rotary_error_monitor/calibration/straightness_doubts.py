@@ -89,12 +89,16 @@ def find_doubts(parts: Sequence[Placed], spliced: SplicedProfile, straightness: 
 
 
 def _between(parts: Sequence[Placed]) -> float:
-    """Standard deviation of what lies between the stops of all placements, m."""
+    """Standard deviation of what lies between the stops of all placements, m.
+
+    Placements are taken together before it is asked whether anything is left: noise shows a little in one or the other.
+    """
     found = [
         find_unresolved(part.segment.positions, part.segment.readings, np.square(part.segment.noise)) for part in parts
     ]
     count = max(1, sum(one.count for one in found))
-    return max(math.sqrt(sum(one.square for one in found) / count), max(one.largest for one in found))
+    square = max(0.0, sum(one.square for one in found))
+    return max(math.sqrt(square / count), max(one.largest for one in found))
 
 
 def _contradictions(parts: Sequence[Placed], spliced: SplicedProfile, between: float) -> tuple[tuple[str, ...], float]:

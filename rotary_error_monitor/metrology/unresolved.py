@@ -26,7 +26,7 @@ class Unresolved:
     """What a profile does between its stops.
 
     Attributes:
-        square: sum of its squares at the stops that show it, m².
+        square: sum of its squares at the stops that show it, m², by chance below zero where there is nothing.
         count: of those stops.
         largest: what is missed of a single corner, m; zero if none stands out from the rest.
     """
@@ -61,8 +61,7 @@ def find_unresolved(
                 weight = weight * (x[middle] - x[middle + other]) / (x[middle + k] - x[middle + other])
         missed = missed - weight * y[middle + k]
         variance = variance + weight**2 * noise[middle + k]
-    square = max(0.0, float((missed**2 - variance).sum()))
-    return Unresolved(square, len(middle), _largest_corner(x, y))
+    return Unresolved(float((missed**2 - variance).sum()), len(middle), _largest_corner(x, y))
 
 
 def _largest_corner(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:

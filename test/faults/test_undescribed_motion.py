@@ -14,7 +14,7 @@ from faults.judging import TURNING, Judgement, judge
 from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage import stage_from_mapping
 
-STAGES = 16
+STAGES = 8
 SPEEDS = (1.0, 4.0)
 
 

@@ -288,7 +288,7 @@ def test_what_lies_between_the_stops_is_allowed_for(kind: str, stops: int) -> No
         result = combine_runs(guide.runs(stops, 3, 1e-7, 0.0, 0.0, False))
         assert result.uncertainty is not None
         found = find_unresolved(result.positions, result.mean, result.uncertainty**2)
-        stated = max(math.sqrt(found.square / max(1, found.count)), found.largest)
+        stated = max(math.sqrt(max(0.0, found.square) / max(1, found.count)), found.largest)
         x = np.linspace(-2.4, 2.4, 997)
         spline = np.asarray(CubicSpline(result.positions, result.mean)(x))
         error = level(x, spline - guide.truth(x))
