@@ -42,7 +42,10 @@ REPEATS = 10
 """How often each of them is corrected: what so few leave of chance is taken off."""
 
 _MOST_VALUES = 1 << 20
-"""Values of profiles that are drawn at once, and numbers of which it is drawn that are kept: 8 MB and 16 MB."""
+"""Values of profiles that are drawn at once: 8 MB."""
+
+_MOST_KEPT = 1 << 17
+"""Random numbers that are kept for the next signal: 2 MB, so that memory does not grow with the recording."""
 
 _FROM_TWICE = 1 / (math.sqrt(2) - 1)
 """Growth of a value from a noise to its double variance, times this: from no noise to that noise."""
@@ -319,7 +322,7 @@ class _Normals:
 
     def __init__(self, count: int) -> None:
         """The first `count` of them."""
-        self._kept = _drawn_normals(count) if count <= _MOST_VALUES else None
+        self._kept = _drawn_normals(count) if count <= _MOST_KEPT else None
         self._generator, self._begin = np.random.default_rng(_GENERATOR), 0
 
     def take(self, shape: tuple[int, ...]) -> NDArray[np.complex128]:
