@@ -149,7 +149,8 @@ class HeadBelief:
         speed, reading = self._motion(window)
         self._tolerance = math.hypot(1.0, self._timing * speed / reading)
         self._restore(window, available)
-        self._history.append(window)
+        # no whole windows, which are ten times as large, and no views, which keep the block that they are of
+        self._history.append((self._course_of(window), window.parity[: layout.redundancy].copy()))
         if self.redundant:
             self._judge_redundant(window, layout)
         else:
@@ -196,8 +197,7 @@ class HeadBelief:
 
     def _leave_out_the_wrong(self, layout: HeadLayout) -> bool:
         """Leave out the head that causes the contradiction; give whether its course tells which that is."""
-        motion = np.array([self._course_of(window) for window in self._history])
-        parity = np.array([window.parity[: layout.redundancy] for window in self._history])
+        motion, parity = (np.array(each) for each in zip(*self._history, strict=True))
         for found in self._isolations(layout, motion, parity):
             if found is not None:
                 name = self._believed[found.head]
@@ -336,7 +336,7 @@ class HeadBelief:
         """
         self._scatter.forget_last()
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
-        self._history: deque[Window] = deque(maxlen=MEMORY)
+        self._history: deque[tuple[tuple[float, ...], NDArray[np.float64]]] = deque(maxlen=MEMORY)
         self._step = 0.0
         self._untried = TRIES
 

@@ -52,7 +52,7 @@ class SpeedSlope:
         self._kept = kept
         # a row each of numbers, angles, values and waves of the angles, which are the same at each measurement; twice
         # the room: only once in `kept` windows the latest are moved to the front
-        self._room = np.full((2 + size + 2 * orders, 2 * kept), np.nan)  # written, so that memory does not grow later
+        self._room = np.empty((2 + size + 2 * orders, 2 * kept))
         self._shown, self._waves = slice(2, 2 + size), slice(2 + size, None)
         self._begin = self._end = 0
         self._new: list[tuple[float, ...]] = []  # windows that are not in the room yet

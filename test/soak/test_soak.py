@@ -72,8 +72,8 @@ def test_error_motion_and_offset_do_not_hang_on_the_turns():
 
 def test_nodes_on_simulated_time():
     with Cell() as cell:
-        found = live(cell, 4000, 10_000 * TURN)
-    assert found.estimates >= SAMPLES * 3900
+        found = live(cell, 2000, 10_000 * TURN)
+    assert found.estimates >= SAMPLES * 1900
     assert found.worst < 0.5
-    for memory in found.memory.values():  # what the judges of windows remember is full after some 2,300 groups
-        check_flat(memory, since=0.6)
+    for memory in found.memory.values():
+        check_flat(memory, since=0.4)
