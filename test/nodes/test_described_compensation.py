@@ -76,6 +76,7 @@ def test_of_two_compensations_one_at_most_speaks_and_both_say_so(cell):
     cell.run(MockController, "mock_controller", machine=GRINDER)
     cell.run(Compensation, "compensation", machine=GRINDER, **RELAXED)
     cell.wait_until(lambda: len(corrections) > 10, "corrections", 30)
+    diagnostics, controller = cell.collect(cell.wire.topic("diagnostics")), "mock_controller: corrections"
     second = cell.run(Compensation, "compensation_b", machine=GRINDER, **RELAXED)
     names = ("compensation", "compensation_b")
     words = f"held: several publishers share {topic.name}", f"may publish {topic.name} too"
@@ -85,11 +86,15 @@ def test_of_two_compensations_one_at_most_speaks_and_both_say_so(cell):
 
     cell.wait_until(both_say_so, "a word of both", 30)
     assert any(cell.has_status(f"{name}: correction", words[0]) for name in names)
-    told = (
-        "2 publishers of corrections are there",
-        "held",
-    )  # the second where both have heard each other, and none speaks
-    cell.wait_until(lambda: any(cell.has_status("mock_controller: corrections", each) for each in told), "a hold", 30)
+    said_of_both = "2 publishers of corrections are there", "2 publishers send corrections at once"
+
+    def controller_says_so() -> bool:
+        """Also before both had heard each other; from then on no correction comes at all."""
+        said = [status.message for each in diagnostics for status in each.status if status.name == controller]
+        return any(words in message for words in said_of_both for message in said)
+
+    cell.wait_until(controller_says_so, "the controller's word of two publishers", 30)
+    cell.wait_for_status("mock_controller: corrections", "held", 30)
     cell.spin_for(0.3)  # what was on its way by then
     before, offsets_before = len(corrections), len(offsets)
     cell.spin_for(2.5)
