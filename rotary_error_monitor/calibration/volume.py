@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 Limits = Mapping[str, tuple[float, float]]
 
 _FEWEST_DRAWS = 20
+"""Of fewer, the value that 95 % do not exceed would be the largest of all."""
 
 _PART = 2048
 """Poses that are taken through all draws at once: with their offsets they stay in the processor's cache."""

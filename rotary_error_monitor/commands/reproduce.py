@@ -10,6 +10,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import exists, make_folder, write_whole
 
 NOT_KEPT = 10
+"""Exit code where the paper's statements do not hold, as of the other commands that find something wrong."""
 
 PAPERS = {
     "lou2019": "error motion of a rotary stage by four read heads and an autocollimator",

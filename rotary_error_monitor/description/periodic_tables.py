@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -55,7 +56,7 @@ Doubts = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class PeriodicTable(Section):
+class PeriodicTable(Section, ABC):
     """What tables of one value and of two have in common.
 
     Attributes:
@@ -75,9 +76,9 @@ class PeriodicTable(Section):
         return hash((self.angles, self.uncertainties, *self.columns.values()))
 
     @property
+    @abstractmethod
     def columns(self) -> dict[str, tuple[float, ...]]:
         """Values at the angles by what they are called."""
-        raise NotImplementedError
 
     @property
     def is_closed(self) -> bool:

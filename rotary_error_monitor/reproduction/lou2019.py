@@ -22,10 +22,10 @@ from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.notebook.estimates import estimate
 from rotary_error_monitor.notebook.recording import read_bag
 from rotary_error_monitor.report.drawn import Drawn
-from rotary_error_monitor.report.wording import MICRO
 from rotary_error_monitor.reproduction.lou2019_figures import Readings, original_errors, separated_errors, verified
-from rotary_error_monitor.reproduction.lou2019_plant import ARCSEC, LEFT_BY_A_LINE, REFERENCE, LouStage
+from rotary_error_monitor.reproduction.lou2019_plant import LEFT_BY_A_LINE, REFERENCE, LouStage
 from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Row, Step
+from rotary_error_monitor.reproduction.units import ARCSEC, UM
 
 PAPER = (
     "Z.-F. Lou, X.-P. Hao, Y.-D. Cai, T.-F. Lu, X.-D. Wang, K.-C. Fan: An Embedded Sensor System for Real-Time "
@@ -205,7 +205,7 @@ class Lou2019:
             "31,488 lines of 100 counts, rounded in the paper",
             abs(count - 0.412) < 5e-4,
         )
-        radial = ring.disc_radius * math.tan(ring.resolution / 2) * MICRO
+        radial = ring.disc_radius * math.tan(ring.resolution / 2) / UM
         yield Row(
             "resolution of the radial error (Equation 3)",
             "0.10 µm",
@@ -248,11 +248,11 @@ class Lou2019:
     def _original_errors(self) -> Iterator[Row]:
         true, found = self.stage.true, self._calibrated
         off = np.array(found.ring.eccentricity) - np.array(true.ring.eccentricity)
-        x, y = (value * MICRO for value in found.ring.eccentricity)
+        x, y = (value / UM for value in found.ring.eccentricity)
         yield Row(
             "eccentricity of the grid disc (Figure 7)",
             "no value",
-            f"({x:.2f}, {y:.2f}) µm, off by {np.hypot(*off) * MICRO:.2f} µm",
+            f"({x:.2f}, {y:.2f}) µm, off by {np.hypot(*off) / UM:.2f} µm",
             "the paper shows a curve; off by what the centres let the shaft go round",
         )
         off = np.array(found.mirror.tilt) - np.array(true.mirror.tilt)
@@ -272,14 +272,14 @@ class Lou2019:
                 yield Row(
                     f"radial error motion at {what} (Figures 13, 14)",
                     "less than 20 µm",
-                    f"{each.radial * MICRO:.2f} µm",
+                    f"{each.radial / UM:.2f} µm",
                     "error motion is chosen so that the paper's bound holds at 60 mm",
                     each.radial < RADIAL_MOST,
                 )
             yield Row(
                 f"largest residual from the LVDT at {what}",
                 "very consistent" if pushed else "less than 2 µm",
-                f"{each.largest * MICRO:.2f} µm",
+                f"{each.largest / UM:.2f} µm",
                 "the simulated artefact is round and the LVDT stands still: what is left is noise and the calibration",
                 each.largest < RESIDUAL_MOST,
             )

@@ -15,7 +15,7 @@ from rotary_error_monitor.notebook.recording import read_bag
 from rotary_error_monitor.report.drawing import WIDE, drawn, label, new_axes
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import colour
-from rotary_error_monitor.report.wording import MICRO
+from rotary_error_monitor.reproduction.units import ARCSEC, DEGREE, UM
 
 Array = NDArray[np.float64]
 
@@ -23,10 +23,7 @@ _HEIGHT = 2.7
 """Of a picture, inches."""
 
 _CELLS = 360
-"""Angles of a turn over which a figure shows means: a tenth of a degree is no wider than its line."""
-
-_ARCSEC = 648_000 / np.pi
-_DEGREES = 180 / np.pi
+"""Angles of a turn over which a figure shows means: a degree is hardly wider than its line."""
 
 
 class Readings:
@@ -86,9 +83,9 @@ class Readings:
 
 def original_errors(between: Readings) -> tuple[Drawn, ...]:
     """Figures 7 and 8: heads A and B apart and the eccentricity in Y, tilt of the mirror."""
-    apart = {"A - B": between.difference("a", "b") * _ARCSEC}
-    across = {"eccentricity in Y": between.displacement("a", "b") * MICRO}
-    tilts = {f"{'XY'[k]}": between.tilt(k) * _ARCSEC for k in range(2)}
+    apart = {"A - B": between.difference("a", "b") / ARCSEC}
+    across = {"eccentricity in Y": between.displacement("a", "b") / UM}
+    tilts = {f"{'XY'[k]}": between.tilt(k) / ARCSEC for k in range(2)}
     return (
         _over_angle(between.angle, "Figure 7: indications of A less B, between centres", "difference, arcsec", apart),
         _over_angle(between.angle, "Figure 7: eccentricity of the grid disc in Y", "displacement, µm", across),
@@ -106,15 +103,15 @@ def separated_errors(assembled: Readings, found: Estimate) -> tuple[Drawn, ...]:
             angle,
             "Figure 9: indications of opposed heads",
             "difference, arcsec",
-            {name: values * _ARCSEC for name, values in pairs.items()},
+            {name: values / ARCSEC for name, values in pairs.items()},
         )
     ]
     for axis, name in enumerate("XY"):
-        radial = {"grid disc": discs[axis] * MICRO, "shaft": assembled.estimated(found, axis) * MICRO}
+        radial = {"grid disc": discs[axis] / UM, "shaft": assembled.estimated(found, axis) / UM}
         title = f"Figure 10 ({'ab'[axis]}): radial error motion, {name}"
         pictures.append(_over_angle(angle, title, "displacement, µm", radial))
     for axis, name in enumerate("XY"):
-        tilt = {"mirror": assembled.tilt(axis) * _ARCSEC, "shaft": assembled.estimated(found, 3 + axis) * _ARCSEC}
+        tilt = {"mirror": assembled.tilt(axis) / ARCSEC, "shaft": assembled.estimated(found, 3 + axis) / ARCSEC}
         pictures.append(_over_angle(angle, f"Figure 11 ({'ab'[axis]}): tilt, {name}", "tilt, arcsec", tilt))
     return tuple(pictures)
 
@@ -131,7 +128,7 @@ def verified(number: int, comparison: Mapping[str, Any], forward: int = 0) -> tu
     angle, height = np.array(shown["angle"]), comparison["height"] * 1e3
     pictures = []
     for place, axis in enumerate("xy"):
-        predicted, measured = (np.array(shown[f"{who}_{axis}"]) * MICRO for who in ("estimate", "reference"))
+        predicted, measured = (np.array(shown[f"{who}_{axis}"]) / UM for who in ("estimate", "reference"))
         curves = {"predicted": predicted, "measured, LVDT": measured, "residual": measured - predicted}
         title = f"Figure {number} ({'ab'[place]}): radial error motion, {axis.upper()}, h = {height:g} mm"
         pictures.append(_over_angle(angle, title, "displacement, µm", curves))
@@ -142,7 +139,7 @@ def _over_angle(angle: Array, title: str, y: str, curves: Mapping[str, Array]) -
     figure, ax = new_axes(WIDE, _HEIGHT, list(curves) if len(curves) > 1 else ())
     for number, (name, values) in enumerate(curves.items()):
         named = name if len(curves) > 1 else None
-        ax.plot(angle * _DEGREES, values, color=colour(number), lw=1.0, label=named)
+        ax.plot(angle / DEGREE, values, color=colour(number), lw=1.0, label=named)
     ax.set_xlim(0, 360)
     ax.set_xticks(range(0, 361, 60))
     ax.grid(alpha=0.3)

@@ -32,10 +32,11 @@ from rotary_error_monitor.plant.environment import Forces, Temperature, intermit
 from rotary_error_monitor.plant.motion import Motion, Segment
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.plant.stage import StagePlant
+from rotary_error_monitor.reproduction.units import ARCSEC
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
-ARCSEC = math.pi / 648_000
 EPOCH_NS = 1_763_700_000 * NANOSECONDS
+"""When the first recording begins, timestamp (ns): the same each time, so that the bag is."""
 
 SAMPLES = 50_000.0
 """Samples a second (paper, Section 3: NI USB6002)."""
@@ -62,6 +63,7 @@ _CENTRES = (3e-7, 0.3 * ARCSEC)
 """How far the shaft goes round (m) and leans (rad) between ground and lapped centre holes; the paper does not say."""
 
 _BLOCK_NS = NANOSECONDS // 100
+"""Time of the samples of one message, ns: as drivers send them."""
 
 
 @dataclass(frozen=True)

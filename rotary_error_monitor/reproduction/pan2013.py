@@ -23,15 +23,14 @@ from numpy.typing import NDArray
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.reproduction import pan2013_figures, pan2013_rows
 from rotary_error_monitor.reproduction.pan2013_plant import (
-    ARCSEC,
     CYCLES,
-    MICRO,
     POSITIONING,
     STRAIGHTNESS_NOISE,
     TRACKER_NOISE,
     PanMachine,
 )
 from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Row, Step
+from rotary_error_monitor.reproduction.units import ARCSEC, UM
 
 Array = NDArray[np.float64]
 
@@ -121,7 +120,7 @@ class Pan2013:
         self.machine.write_straightness(self._path(source), name)
         command, said = self.bench.run(
             *("calibrate", "straightness", source, "--machine", MACHINE, "--component", name),
-            *("--noise-um", f"{STRAIGHTNESS_NOISE * MICRO:g}"),
+            *("--noise-um", f"{STRAIGHTNESS_NOISE / UM:g}"),
         )
         return Step(
             f"Measure straightness of {name[2]} in {name[1]}",
@@ -136,7 +135,7 @@ class Pan2013:
         self.machine.write_tracker(self._path(TRACKER))
         distance, angle = TRACKER_NOISE
         command, said = self.bench.run(
-            *("calibrate", "squareness", TRACKER, "--machine", MACHINE, "--distance-um", f"{distance * MICRO:g}"),
+            *("calibrate", "squareness", TRACKER, "--machine", MACHINE, "--distance-um", f"{distance / UM:g}"),
             *("--distance-ppm", "0", "--angle-arcsec", f"{angle / ARCSEC:g}", "--figure", "axes.png"),
         )
         picture = Drawn(self._path("axes.png").read_bytes(), "Figure 20: squareness and distances, with their bounds")
@@ -181,7 +180,7 @@ class Pan2013:
         poses = json.loads(self._path("offset.json").read_text(encoding="utf-8"))["poses"]
         predicted = np.array([list(each["exact"].values()) for each in poses])
         unsure = np.array([list(each["standard_uncertainty"].values()) for each in poses])
-        off = predicted - np.array([self._true(each["pose"]) for each in poses]) * MICRO
+        off = predicted - np.array([self._true(each["pose"]) for each in poses]) / UM
         within = float(np.mean(np.abs(off) <= 2 * unsure))
         largest, offset = (np.linalg.norm(each[:, :3], axis=1).max() for each in (off, predicted))
         return Row(

@@ -20,11 +20,10 @@ from scipy.spatial.transform import Rotation
 from rotary_error_monitor.description.machine import Displacement, MachineDescription, load_machine, machine_mapping
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.plant.noise import Noise
+from rotary_error_monitor.reproduction.units import ARCSEC, DEGREE, MM, UM
 
 Array = NDArray[np.float64]
 
-MICRO = 1e6
-ARCSEC = math.pi / 648_000
 CYCLES = 5
 """Of a positioning test, both ways: as ISO 230-2 asks for; the paper does not say."""
 
@@ -106,6 +105,7 @@ TRACKER_NOISE = 1e-6, 0.1 * ARCSEC
 readings of trackers scatter more, and would not tell the 6 µm over 300 mm of Table 2."""
 
 TRACKER_POINTS = 25
+"""Points that the tracker sees along and round each axis; the paper does not say."""
 
 _STATION = np.array([5.0, 3.0, -1.5])
 _TURN = Rotation.from_rotvec([0.1, -0.2, 2.1])
@@ -160,12 +160,12 @@ class PanMachine:
         test, rotary = POSITIONING[letter], self._is_rotary(letter)
         low, high = self.described.axis(letter).travel
         targets, draw = np.linspace(low, high, test.targets), self._draw(f"positioning {letter}")
-        unit, scale, shown = ("arcsec", ARCSEC, 180 / math.pi) if rotary else ("um", 1 / MICRO, 1e3)
+        unit, scale, shown = ("arcsec", ARCSEC, DEGREE) if rotary else ("um", UM, MM)
         rows = [f"target_{'deg' if rotary else 'mm'},direction,cycle,deviation_{unit}"]
         for cycle in range(1, CYCLES + 1):
             for way in (1, -1):
                 error = self.positioning_error(letter, targets, way) + draw.normal(0.0, test.scatter, len(targets))
-                table = zip(targets[::way] * shown, error[::way] / scale, strict=True)
+                table = zip(targets[::way] / shown, error[::way] / scale, strict=True)
                 rows += [f"{round(target, 6):g},{way},{cycle},{value:.3f}" for target, value in table]
         write_whole(path, _lines(rows))
 
@@ -178,7 +178,7 @@ class PanMachine:
         for run in range(1, STRAIGHTNESS_RUNS + 1):
             way = 1 if run % 2 else -1
             error = STRAIGHTNESS[name].error(self._u(name[2], stops)) + beam
-            readings = (error + draw.normal(0.0, STRAIGHTNESS_NOISE, len(stops))) * MICRO
+            readings = (error + draw.normal(0.0, STRAIGHTNESS_NOISE, len(stops))) / UM
             table = zip(stops[::way] * 1e3, readings[::way], strict=True)
             rows += [f"1,{run},{way},{stop:.6g},{reading:.3f}" for stop, reading in table]
         write_whole(path, _lines(rows))

@@ -8,11 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.reproduction.pan2013_plant import ARCSEC
 from rotary_error_monitor.reproduction.procedure import Row
-
-MILLI = 1e3
-DEGREE = 3600 * ARCSEC
+from rotary_error_monitor.reproduction.units import ARCSEC, DEGREE, MM
 
 _CHOSEN = "lost motion and scatter are chosen so that the median over many tests is the paper's"
 
@@ -128,7 +125,7 @@ def positioning_rows(noted: Mapping[str, Any]) -> Iterator[Row]:
         for each in figures:
             value = float(found[each.figure])
             symbol = {"accuracy": "A", "repeatability": "R", "reversal_error": "B"}[each.figure]
-            shown = f"{value / DEGREE:.5f}°" if rotary else f"{value * MILLI:.6f} mm"
+            shown = f"{value / DEGREE:.5f}°" if rotary else f"{value / MM:.6f} mm"
             kept = each.sampling * each.value
             why = f"{_CHOSEN}; 99.9 % of tests lie within {each.sampling * 100:.2g} % of it"
             if each.text:
@@ -145,7 +142,7 @@ def straightness_rows(noted: Mapping[str, Any]) -> Iterator[Row]:
     """Rows of Section 6 and Table 2, from what `calibrate straightness` noted in the machine file."""
     for name, (what, text, table) in STRAIGHTNESS.items():
         figures = noted[name]["figures"]
-        value, unsure = (float(figures[key]) * MILLI for key in ("straightness", "straightness_uncertainty"))
+        value, unsure = (float(figures[key]) / MM for key in ("straightness", "straightness_uncertainty"))
         shown = f"{value:.5f} ± {2 * unsure:.5f} mm"
         # within four standard uncertainties: of four curves in ten thousand runs one is not
         holds = abs(value - float(text.partition(" ")[0])) <= 4 * unsure

@@ -14,6 +14,7 @@ from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.reproduction import zhou2023_figures as figures
 from rotary_error_monitor.reproduction import zhou2023_plant as plant
 from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Step
+from rotary_error_monitor.reproduction.units import UM
 from rotary_error_monitor.reproduction.zhou2023_rows import Results, rows
 
 PAPER = (
@@ -31,7 +32,7 @@ SIMULATED = (
 )
 
 MACHINE = "grinder.yaml"
-_NOISE = f"{plant.SENSOR_NOISE / plant.UM:.3f}"
+_NOISE = f"{plant.SENSOR_NOISE / UM:.3f}"
 _SHORT = ("--mirror-length-mm", "440", "--mirror-flatness-um", "0.08")
 _LONG = ("--mirror-length-mm", "840", "--mirror-flatness-um", "0.12")
 _DIRECT = ("--direct", "z_direct.csv", "--direct-mirror-length-mm", "840", "--direct-flatness-um", "0.12")
@@ -190,7 +191,7 @@ class Zhou2023:
         picture = f"flatness_{how}.png"
         measured = ("--measured", "workpiece_before.csv", "--measured-after", after, "--height-noise-um", _NOISE)
         command, said = self.bench.run(
-            *("calibrate", "flatness", MACHINE, *_WORKPIECE, "--reversal-um", f"{plant.REVERSAL / plant.UM:g}"),
+            *("calibrate", "flatness", MACHINE, *_WORKPIECE, "--reversal-um", f"{plant.REVERSAL / UM:g}"),
             *measured,
             *(("--figure", picture) if how == "with" else ()),
         )

@@ -14,12 +14,11 @@ from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.report.drawing import WIDE, drawn, label, new_axes
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import GREY, colour
-from rotary_error_monitor.report.wording import MICRO
+from rotary_error_monitor.reproduction.units import MM, UM
 
 Array = NDArray[np.float64]
 Line = tuple[Array, Array]
 
-MM = 1e3
 
 _HEIGHT, _MAP = 2.7, 2.9
 """Of a picture of lines and of a map, inches."""
@@ -39,12 +38,12 @@ class Surface:
     def __init__(self, path: Path) -> None:
         """Read it."""
         self._rows = np.genfromtxt(path, delimiter=",", names=True)
-        self.x, self.z = (np.unique(self._rows[f"{letter}_mm"]) / MM for letter in "XZ")
+        self.x, self.z = (np.unique(self._rows[f"{letter}_mm"]) * MM for letter in "XZ")
 
     def values(self, column: str) -> Array:
         """(n, m) of a column in µm, m."""
         order = np.lexsort((self._rows["Z_mm"], self._rows["X_mm"]))
-        return np.asarray(self._rows[column][order].reshape(self.x.size, self.z.size) / MICRO)
+        return np.asarray(self._rows[column][order].reshape(self.x.size, self.z.size) * UM)
 
     def levelled(self, column: str) -> Array:
         """(n, m) the same less the plane of least squares, m."""
@@ -70,7 +69,7 @@ def stated_curve(machine: Path, component: str) -> Line:
 def mirror_form(path: Path) -> Drawn:
     """Figure 4: form of mirror No. 1."""
     rows = np.genfromtxt(path, delimiter=",", names=True)
-    line = rows["distance_mm"] / MM, rows["height_um"] / MICRO
+    line = rows["distance_mm"] * MM, rows["height_um"] * UM
     return _lines("Figure 4: form of mirror No. 1", "distance, mm", "height, µm", {"form": line})
 
 
@@ -83,7 +82,7 @@ def runs(number: int, part: Placed) -> Drawn:
         way = "forward" if run.direction > 0 else "backward"
         count = sum(name.startswith(way) for name in lines) + 1
         lines[f"{way} {count}"] = (run.positions, readings - readings.mean())
-    low, high = (np.round(edge, -1) for edge in part.combined.positions[[0, -1]] * MM)
+    low, high = (np.round(edge, -1) for edge in part.combined.positions[[0, -1]] / MM)
     return _lines(f"Figure {number}: Z at {low:g} to {high + 0.0:g} mm", "position, mm", "straightness, µm", lines)
 
 
@@ -125,14 +124,14 @@ def surface(title: str, of: Surface, values: Array) -> Drawn:
     figure, ax = new_axes(WIDE, _MAP)
     box = ax.get_position()
     ax.set_position((box.x0, box.y0, box.width - _BAR / WIDE, box.height))
-    largest = float(np.abs(values - values.mean()).max()) * MICRO
-    heights = (values - values.mean()).T * MICRO
-    mesh = ax.pcolormesh(of.x * MM, of.z * MM, heights, cmap="RdBu_r", vmin=-largest, vmax=largest, rasterized=True)
+    largest = float(np.abs(values - values.mean()).max()) / UM
+    heights = (values - values.mean()).T / UM
+    mesh = ax.pcolormesh(of.x / MM, of.z / MM, heights, cmap="RdBu_r", vmin=-largest, vmax=largest, rasterized=True)
     bar = figure.add_axes((box.x1 - 0.6 * _BAR / WIDE, box.y0, 0.03, box.height))
     figure.colorbar(mesh, cax=bar)
     bar.tick_params(labelsize=8)
     label(figure, ax, f"{title}, µm", "X, mm", "Z, mm")
-    return drawn(figure, f"{title}, over X and Z; range {np.ptp(values) * MICRO:.3g} µm")
+    return drawn(figure, f"{title}, over X and Z; range {np.ptp(values) / UM:.3g} µm")
 
 
 def _lines(title: str, x: str, y: str, lines: Mapping[str, Line]) -> Drawn:
@@ -142,10 +141,10 @@ def _lines(title: str, x: str, y: str, lines: Mapping[str, Line]) -> Drawn:
     ax.axhline(0.0, color=GREY, lw=0.5)
     width = 1.0 if len(lines) < 4 else 0.5
     for number, (name, (at, values)) in enumerate(lines.items()):
-        ax.plot(at * MM, values * MICRO, color=colour(number), lw=width, label=name if name in named else None)
+        ax.plot(at / MM, values / UM, color=colour(number), lw=width, label=name if name in named else None)
     ax.grid(alpha=0.3)
     label(figure, ax, title, x, y)
     unit = y.rpartition(", ")[2]
-    ranges = [f"{name} {np.ptp(values) * MICRO:.3g}" for name, (_, values) in lines.items()]
+    ranges = [f"{name} {np.ptp(values) / UM:.3g}" for name, (_, values) in lines.items()]
     told = f"ranges {', '.join(ranges)}" if several else f"range {ranges[0].rpartition(' ')[2]}"
     return drawn(figure, f"{title}, over the {x.partition(',')[0]}; {told} {unit}")

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.plant.noise import Noise
+from rotary_error_monitor.reproduction.units import MM, UM
 
 Array = NDArray[np.float64]
 Form = Callable[[Array], Array]
 
-UM, MM = 1e-6, 1e-3
 
 SENSOR = 0.06e-6
 """Accuracy ± of the displacement sensor, m (paper, Section 2.2)."""

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rotary_error_monitor.report.wording import MICRO
 from rotary_error_monitor.reproduction.procedure import Row
+from rotary_error_monitor.reproduction.units import UM
 from rotary_error_monitor.reproduction.zhou2023_figures import Surface
 
 REPEATABILITY, DIFFERENCE = 0.15, 0.3
@@ -131,7 +131,7 @@ def _rotation(found: Results) -> Iterator[Row]:
         (angle,) = found.numbers(figure, r"rotated by {} µrad")
         yield Row(f"rotation of {letter} (Figure 13)", _NONE, f"{angle:+.1f} µrad", "the paper shows the principle")
     wheel = Surface(found.folder / "wheel.csv")
-    added, errors = wheel.values("Y_correction_um") * MICRO, wheel.values("error_um") * MICRO
+    added, errors = wheel.values("Y_correction_um") / UM, wheel.values("error_um") / UM
     # the table has four decimals: neighbours that are alike may differ by the last one
     ways = [np.sign(np.where(np.abs(steps) > 1.5e-4, steps, 0.0)) for steps in (np.diff(added, axis=k) for k in (0, 1))]
     turned = any(each.min() < 0 < each.max() for each in ways)
@@ -199,7 +199,7 @@ def _controller(found: Results) -> Row:
     places = {
         (round(x, 3), round(z, 3)): y for x, z, y in zip(table["X_mm"], table["Z_mm"], table["dY_um"], strict=True)
     }
-    added = wheel.values("Y_correction_um") * MICRO
+    added = wheel.values("Y_correction_um") / UM
     apart = np.array(
         [
             [added[i, k] - places[round(x * 1e3, 3), round(z * 1e3, 3)] for k, z in enumerate(wheel.z)]

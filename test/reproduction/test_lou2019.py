@@ -10,7 +10,8 @@ import pytest
 
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.stage import load_stage
-from rotary_error_monitor.reproduction.lou2019_plant import ARCSEC, LouStage
+from rotary_error_monitor.reproduction.lou2019_plant import LouStage
+from rotary_error_monitor.reproduction.units import ARCSEC
 
 SEED = 4
 
