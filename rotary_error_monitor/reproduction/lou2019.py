@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.notebook.estimates import estimate
 from rotary_error_monitor.notebook.recording import read_bag
-from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.reproduction.lou2019_figures import Readings, original_errors, separated_errors, verified
 from rotary_error_monitor.reproduction.lou2019_plant import LEFT_BY_A_LINE, REFERENCE, LouStage
 from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Row, Step
@@ -101,28 +99,25 @@ class Lou2019:
         Raises:
             InputError: a command failed, or the folder holds results already.
         """
-        self.stage.write_known(self._path(STAGE))
+        self.stage.write_known(self.bench.path(STAGE))
         steps = [self._collimator(), self._assembly(), self._separation()]
         checks = [self._verification(13, "plain_5_mm", 5, 1), self._verification(14, "plain_60_mm", 60, 2)]
         checks += [self._verification(15, f"pushed_{k}", 16, 2 + k, pushed=True) for k in (1, 2)]
         rows = (*self._instruments(), *self._original_errors(), *self._verifications(checks))
         return Reproduction("lou2019", PAPER, SIMULATED, (*steps, *(each.step for each in checks)), rows)
 
-    def _path(self, name: str) -> Path:
-        return self.bench.folder / name
-
     @cached_property
     def _calibrated(self) -> StageDescription:
-        return load_stage(self._path(STAGE))
+        return load_stage(self.bench.path(STAGE))
 
     def _collimator(self) -> Step:
-        self.stage.write_collimator_steps(self._path(STEPS))
+        self.stage.write_collimator_steps(self.bench.path(STEPS))
         reference = f"{REFERENCE / math.sqrt(3):.3f}"
         command, said = self.bench.run(
             *("calibrate", "autocollimator", STEPS, "--stage", STAGE, "--reference-arcsec", reference),
             *("--figure", "autocollimator.png"),
         )
-        picture = Drawn(self._path("autocollimator.png").read_bytes(), "Figure 5: calibration of the autocollimator")
+        picture = self.bench.picture("autocollimator.png", "Figure 5: calibration of the autocollimator")
         return Step(
             "Calibrate the miniature autocollimator",
             "Section 2.2, Figures 4 and 5",
@@ -133,9 +128,9 @@ class Lou2019:
         )
 
     def _assembly(self) -> Step:
-        self.stage.record_between_centres(self._path(BETWEEN))
+        self.stage.record_between_centres(self.bench.path(BETWEEN))
         command, said = self.bench.run("calibrate", "assembly", BETWEEN, "--stage", STAGE, *_CENTRES)
-        figures = original_errors(Readings(self._path(BETWEEN), self._calibrated))
+        figures = original_errors(Readings(self.bench.path(BETWEEN), self._calibrated))
         return Step(
             "Measure the original errors of ring and mirror between centres",
             "Sections 2.1 and 3.1, Equation 3, Figures 3, 7 and 8",
@@ -145,10 +140,10 @@ class Lou2019:
         )
 
     def _separation(self) -> Step:
-        bag = self._path("plain_5_mm")
+        bag = self.bench.path("plain_5_mm")
         self.stage.record(bag, 0.005, 1)
         command, said = self.bench.run("replay", bag.name, "--twin", STAGE, "-o", "plain_5_mm.npz")
-        figures = separated_errors(Readings(bag, self._calibrated), estimate(bag, self._path(STAGE)))
+        figures = separated_errors(Readings(bag, self._calibrated), estimate(bag, self.bench.path(STAGE)))
         return Step(
             "Separate the error motion from the errors of ring and mirror",
             "Section 3.2, Equations 3 to 6, Figures 9 to 11",
@@ -158,7 +153,7 @@ class Lou2019:
         )
 
     def _verification(self, figure: int, name: str, height: int, run: int, *, pushed: bool = False) -> Verified:
-        bag = self._path(name)
+        bag = self.bench.path(name)
         if not bag.exists():
             self.stage.record(bag, height * 1e-3, run, pushed)
         stage = self._at_height(height)
@@ -167,8 +162,8 @@ class Lou2019:
             *("-o", f"{name}.html"),
             accepted=(0, 10),
         )
-        result = json.loads(self._path(f"{name}.json").read_text(encoding="utf-8"))
-        whole = Drawn(self._path(f"{name}.png").read_bytes(), f"Figure {figure}: LVDT and monitor over angle and time")
+        result = json.loads(self.bench.path(f"{name}.json").read_text(encoding="utf-8"))
+        whole = self.bench.picture(f"{name}.png", f"Figure {figure}: LVDT and monitor over angle and time")
         pictures = (whole,) if pushed else verified(figure, result["comparisons"][0])
         what = "while forces push at the shaft" if pushed else "against the LVDT"
         step = Step(
@@ -183,11 +178,11 @@ class Lou2019:
 
     def _at_height(self, height: int) -> str:
         """Name of the calibrated stage file with the LVDT at a height, mm."""
-        text = self._path(STAGE).read_text(encoding="utf-8")
+        text = self.bench.path(STAGE).read_text(encoding="utf-8")
         described = f"height: {self._calibrated_lvdt_height}"
         assert text.count(described) == 1, "the LVDT's is the one height in the file"
         name = f"stage_lvdt_{height}_mm.yaml"
-        write_whole(self._path(name), text.replace(described, f"height: {height * 1e-3:g}").encode())
+        write_whole(self.bench.path(name), text.replace(described, f"height: {height * 1e-3:g}").encode())
         return name
 
     @property
@@ -213,7 +208,7 @@ class Lou2019:
             "with a radius of 100 mm: the 200 mm that the paper prints as the radius is the diameter of that ring",
             abs(radial - 0.10) < 5e-3,
         )
-        command = read_bag(self._path("plain_5_mm"))["command"]
+        command = read_bag(self.bench.path("plain_5_mm"))["command"]
         moved = np.abs(np.diff(command["angle"]))
         interval = float(np.median(moved[moved > 0.9 * moved.max()])) / ARCSEC
         yield Row(
@@ -236,7 +231,7 @@ class Lou2019:
 
     def _residual_of_steps(self, axis: int) -> tuple[float, float]:
         """Largest residual, arcsec, of the steps along an axis: from a straight line, and as calibrated."""
-        rows = np.genfromtxt(self._path(STEPS), delimiter=",", names=True, dtype=None, encoding="utf-8")
+        rows = np.genfromtxt(self.bench.path(STEPS), delimiter=",", names=True, dtype=None, encoding="utf-8")
         reference = np.stack([rows["reference_x_arcsec"], rows["reference_y_arcsec"]], axis=1)
         read = np.stack([rows["tilt_x_arcsec"], rows["tilt_y_arcsec"]], axis=1)
         along = reference[:, 1 - axis] == 0

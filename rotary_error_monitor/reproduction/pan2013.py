@@ -13,14 +13,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.reproduction import pan2013_figures, pan2013_rows
 from rotary_error_monitor.reproduction.pan2013_plant import (
     CYCLES,
@@ -74,7 +72,7 @@ class Pan2013:
         Raises:
             InputError: a command failed, or the folder holds results already.
         """
-        self.machine.write_known(self._path(MACHINE))
+        self.machine.write_known(self.bench.path(MACHINE))
         steps = [self._positioning(letter) for letter in "XYZ"]
         steps += [self._straightness(name) for name in STRAIGHT]
         steps += [self._positioning(letter) for letter in "AC"]
@@ -89,19 +87,16 @@ class Pan2013:
         )
         return Reproduction("pan2013", PAPER, SIMULATED, (*steps, lines, model, offset, costs), rows)
 
-    def _path(self, name: str) -> Path:
-        return self.bench.folder / name
-
     @cached_property
     def _noted(self) -> Mapping[str, Any]:
         """What the calibrations noted in the machine file, by what they measured."""
-        noted: Mapping[str, Any] = yaml.safe_load(self._path(MACHINE).read_text(encoding="utf-8"))["machine"]
+        noted: Mapping[str, Any] = yaml.safe_load(self.bench.path(MACHINE).read_text(encoding="utf-8"))["machine"]
         calibrations: Mapping[str, Any] = noted["calibration"]
         return calibrations
 
     def _positioning(self, letter: str) -> Step:
         source, number, rotary = f"{letter.lower()}_positioning.csv", POSITIONED[letter], letter in "AC"
-        self.machine.write_positioning(self._path(source), letter)
+        self.machine.write_positioning(self.bench.path(source), letter)
         command, said = self.bench.run(
             *("calibrate", "positioning", source, "--machine", MACHINE, "--axis", letter, "--drop-outliers")
         )
@@ -110,14 +105,14 @@ class Pan2013:
             f"Section {'5' if rotary else '4'}, Section 6, Figure {number}",
             command,
             said,
-            (pan2013_figures.positioning(number, letter, self._path(source)),),
+            (pan2013_figures.positioning(number, letter, self.bench.path(source)),),
             f"A laser {'tracker' if rotary else 'interferometer'} at {POSITIONING[letter].targets} targets over the "
             f"whole travel, {CYCLES} times both ways.",
         )
 
     def _straightness(self, name: str) -> Step:
         source, number = f"{name.lower()}.csv", STRAIGHT[name]
-        self.machine.write_straightness(self._path(source), name)
+        self.machine.write_straightness(self.bench.path(source), name)
         command, said = self.bench.run(
             *("calibrate", "straightness", source, "--machine", MACHINE, "--component", name),
             *("--noise-um", f"{STRAIGHTNESS_NOISE / UM:g}"),
@@ -127,18 +122,18 @@ class Pan2013:
             f"Section 6, Figure {number}",
             command,
             said,
-            (pan2013_figures.straightness(number, name, self._path(source)),),
+            (pan2013_figures.straightness(number, name, self.bench.path(source)),),
             "A laser's beam is the reference, not a mirror; it is aligned to some 10 µrad.",
         )
 
     def _lines(self) -> Step:
-        self.machine.write_tracker(self._path(TRACKER))
+        self.machine.write_tracker(self.bench.path(TRACKER))
         distance, angle = TRACKER_NOISE
         command, said = self.bench.run(
             *("calibrate", "squareness", TRACKER, "--machine", MACHINE, "--distance-um", f"{distance / UM:g}"),
             *("--distance-ppm", "0", "--angle-arcsec", f"{angle / ARCSEC:g}", "--figure", "axes.png"),
         )
-        picture = Drawn(self._path("axes.png").read_bytes(), "Figure 20: squareness and distances, with their bounds")
+        picture = self.bench.picture("axes.png", "Figure 20: squareness and distances, with their bounds")
         return Step(
             "Measure how axes and spindle lie beside each other",
             "Section 5, Equation 16, Section 6, Figures 10 and 20, Table 2",
@@ -160,7 +155,7 @@ class Pan2013:
         )
 
     def _offset(self) -> Step:
-        self.machine.write_poses(self._path(POSES), DRAWN_POSES)
+        self.machine.write_poses(self.bench.path(POSES), DRAWN_POSES)
         command, said = self.bench.run("offset", MACHINE, "--program", POSES, "-o", "offset.json")
         return Step(
             "Offset E of tool and workpiece at poses drawn in the working volume",
@@ -172,12 +167,12 @@ class Pan2013:
 
     def _costs(self) -> Step:
         command, said = self.bench.run("calibrate", "errors", MACHINE, "--figure", "errors.png")
-        picture = Drawn(self._path("errors.png").read_bytes(), "Offset over X and Y, and errors by what each costs")
+        picture = self.bench.picture("errors.png", "Offset over X and Y, and errors by what each costs")
         return Step("Which errors cost most", "Section 1: the main errors", command, said, (picture,))
 
     def _prediction(self) -> Row:
         """The measured machine file against the simulated machine."""
-        poses = json.loads(self._path("offset.json").read_text(encoding="utf-8"))["poses"]
+        poses = json.loads(self.bench.path("offset.json").read_text(encoding="utf-8"))["poses"]
         predicted = np.array([list(each["exact"].values()) for each in poses])
         unsure = np.array([list(each["standard_uncertainty"].values()) for each in poses])
         off = predicted - np.array([self._true(each["pose"]) for each in poses]) / UM

@@ -93,6 +93,14 @@ class Bench:
     folder: Path
     tell: Callable[[str], None] = field(default=lambda line: None)
 
+    def path(self, name: str) -> Path:
+        """A file or bag of the folder."""
+        return self.folder / name
+
+    def picture(self, name: str, alt: str) -> Drawn:
+        """A picture that a command drew; `alt` says what it shows."""
+        return Drawn(self.path(name).read_bytes(), alt)
+
     def run(self, *arguments: str, accepted: Sequence[int] = (0,)) -> tuple[str, str]:
         """Run `rotary_error_monitor` with these arguments, as a user does; give what was typed and what it printed.
 

@@ -8,9 +8,7 @@ what the wheel follows (Figure 15), and a workpiece is ground without it and wit
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
-from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.reproduction import zhou2023_figures as figures
 from rotary_error_monitor.reproduction import zhou2023_plant as plant
 from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Step
@@ -59,7 +57,7 @@ class Zhou2023:
         Raises:
             InputError: a command failed, or the folder holds results already.
         """
-        self.grinder.write_machine(self._path(MACHINE))
+        self.grinder.write_machine(self.bench.path(MACHINE))
         steps = [
             self._mirror(),
             self._spliced(),
@@ -75,12 +73,6 @@ class Zhou2023:
         said = Results(self.bench.folder, {step.title: step.said for step in steps})
         return Reproduction("zhou2023", PAPER, SIMULATED, tuple(steps), tuple(rows(said)))
 
-    def _path(self, name: str) -> Path:
-        return self.bench.folder / name
-
-    def _picture(self, name: str, alt: str) -> Drawn:
-        return Drawn(self._path(name).read_bytes(), alt)
-
     def _straightness(self, source: str, component: str, *more: str) -> tuple[str, str]:
         return self.bench.run(
             *("calibrate", "straightness", source, "--machine", MACHINE, "--component", component),
@@ -88,21 +80,21 @@ class Zhou2023:
         )
 
     def _mirror(self) -> Step:
-        self.grinder.write_mirror(self._path("mirror_1.csv"), plant.MIRROR_1)
-        self.grinder.write_mirror(self._path("mirror_2.csv"), plant.MIRROR_2)
+        self.grinder.write_mirror(self.bench.path("mirror_1.csv"), plant.MIRROR_1)
+        self.grinder.write_mirror(self.bench.path("mirror_2.csv"), plant.MIRROR_2)
         return Step(
             "Measure the mirrors by an interferometer",
             "Section 2.2, Figure 4",
-            figures=(figures.mirror_form(self._path("mirror_1.csv")),),
+            figures=(figures.mirror_form(self.bench.path("mirror_1.csv")),),
             about="Simulated only; mirror_1.csv and mirror_2.csv hold what the interferometer shows.",
         )
 
     def _spliced(self) -> Step:
-        source = self._path("z_spliced.csv")
+        source = self.bench.path("z_spliced.csv")
         self.grinder.write_runs(source, plant.Z, plant.MIRROR_1, (-0.8, -0.44))
         command, said = self._straightness(source.name, "EYZ", *_SHORT, "--monotone")
         first, second = figures.placements(source, plant.SENSOR_NOISE)
-        line = figures.stated_curve(self._path(MACHINE), "EYZ")
+        line = figures.stated_curve(self.bench.path(MACHINE), "EYZ")
         return Step(
             "Splice Z from two placements of mirror No. 1",
             "Section 2, Equation 1, Figures 6 to 9",
@@ -118,11 +110,11 @@ class Zhou2023:
         )
 
     def _direct(self) -> Step:
-        source = self._path("z_direct.csv")
+        source = self.bench.path("z_direct.csv")
         # the mirror is 40 mm longer than the travel: 20 mm at either end stay unused
         self.grinder.write_runs(source, plant.Z, plant.MIRROR_2, (-0.82,))
         command, said = self._straightness(source.name, "EYZ", *_LONG, "-o", "direct.yaml")
-        line = figures.stated_curve(self._path("direct.yaml"), "EYZ")
+        line = figures.stated_curve(self.bench.path("direct.yaml"), "EYZ")
         return Step(
             "Measure Z directly along mirror No. 2",
             "Section 2.2, Figure 10",
@@ -135,13 +127,16 @@ class Zhou2023:
         command, said = self._straightness(
             "z_spliced.csv", "EYZ", *_SHORT, *_DIRECT, "-o", "compared.yaml", "--figure", "compared.png"
         )
-        lines = [figures.stated_curve(self._path(name), "EYZ") for name in (MACHINE, "direct.yaml")]
+        lines = [figures.stated_curve(self.bench.path(name), "EYZ") for name in (MACHINE, "direct.yaml")]
         return Step(
             "Compare the two",
             "Section 2.2, Figure 11",
             command,
             said,
-            (figures.difference(*lines), self._picture("compared.png", "What the command draws of the comparison")),
+            (
+                figures.difference(*lines),
+                self.bench.picture("compared.png", "What the command draws of the comparison"),
+            ),
         )
 
     def _known_mirror(self) -> Step:
@@ -158,10 +153,10 @@ class Zhou2023:
         )
 
     def _second_axis(self) -> Step:
-        source = self._path("x_spliced.csv")
+        source = self.bench.path("x_spliced.csv")
         self.grinder.write_runs(source, plant.X, plant.MIRROR_2, (-1.4, -0.84))
         command, said = self._straightness(source.name, "EYX", *_LONG, "--monotone")
-        line = figures.stated_curve(self._path(MACHINE), "EYX")
+        line = figures.stated_curve(self.bench.path(MACHINE), "EYX")
         return Step(
             "Splice X from two placements of mirror No. 2",
             "Section 2.2, Figure 12",
@@ -172,12 +167,12 @@ class Zhou2023:
 
     def _trajectory(self) -> Step:
         command, said = self.bench.run("calibrate", "flatness", MACHINE, *_WORKPIECE, "--trajectory", "wheel.csv")
-        wheel = figures.Surface(self._path("wheel.csv"))
+        wheel = figures.Surface(self.bench.path("wheel.csv"))
         for name, column in (("after", "Y_correction_um"), ("unrotated", "error_um")):
             sign = -1.0 if column == "error_um" else 1.0
-            self.grinder.write_surface(self._path(f"workpiece_{name}.csv"), sign * wheel.values(column))
-        self.grinder.write_surface(self._path("workpiece_before.csv"), None)
-        rotations = [figures.rotated(self._path(MACHINE), name) for name in ("EYX", "EYZ")]
+            self.grinder.write_surface(self.bench.path(f"workpiece_{name}.csv"), sign * wheel.values(column))
+        self.grinder.write_surface(self.bench.path("workpiece_before.csv"), None)
+        rotations = [figures.rotated(self.bench.path(MACHINE), name) for name in ("EYX", "EYZ")]
         shown = figures.surface("Figure 15: trajectory of the wheel", wheel, wheel.values("Y_correction_um"))
         return Step(
             "Rotate both curves, and make the wheel's trajectory of the error matrix",
@@ -201,12 +196,12 @@ class Zhou2023:
             17: "Figure 17: ground with compensation",
             0: "Ground with curves that are not rotated",
         }
-        tables = {number: figures.Surface(self._path(name)) for number, name in names.items()}
+        tables = {number: figures.Surface(self.bench.path(name)) for number, name in names.items()}
         maps = [figures.surface(titles[n], table, table.levelled("height_um")) for n, table in tables.items()]
         if how != "with":
             title, source = "Grind with the curves as measured instead", "Section 3.1 says why not, and shows no result"
             return Step(title, source, command, said, tuple(maps))
-        maps.append(self._picture(picture, "What the command draws of prediction and measurement"))
+        maps.append(self.bench.picture(picture, "What the command draws of prediction and measurement"))
         return Step(
             "Grind a workpiece without and with compensation",
             "Section 3.2, Figures 14, 16 and 17",
