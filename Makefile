@@ -55,8 +55,9 @@ CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/
 	$(addprefix reproduction/test_,lou2019.py pan2013.py zhou2023.py))
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
-	$(addprefix calibration/test_,assembly_contradictions.py assembly_tables.py axis_lines.py collimator_rates.py \
-	identification.py steps.py straightness_bounds.py straightness_contradictions.py straightness_rates.py yaml_text.py) \
+	$(addprefix calibration/test_,assembly_contradictions.py assembly_tables.py axis_lines.py axis_table.py \
+	collimator_rates.py head_comparison.py identification.py steps.py straightness_bounds.py straightness_contradictions.py \
+	straightness_rates.py yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py gross_errors.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py \
