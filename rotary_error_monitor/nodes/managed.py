@@ -345,11 +345,15 @@ class ManagedNode(LifecycleNode):
         self._state_machine.destroy_when_not_in_use()
         self.destroy_node()
 
-    def _close(self) -> None:
+    def put_away(self) -> None:
+        """End what the node does, and put away what is its own; what the middleware keeps for it is left."""
         self.active = False
         self._configured = False
         self._worker.stop()
         self.release()
+
+    def _close(self) -> None:
+        self.put_away()
         for destroy in reversed(self._entities):
             destroy()
         self._entities.clear()

@@ -18,8 +18,9 @@ from nodes.probes import stage_with_probes
 from rotary_error_monitor.cli import main
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import load_wire
+from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison
 from rotary_error_monitor.mock_cell import run as mock_run
-from rotary_error_monitor.mock_cell.figures import Row, table
+from rotary_error_monitor.mock_cell.figures import Row, _maximum, table
 from rotary_error_monitor.mock_cell.run import Recording, _end_together
 from rotary_error_monitor.testing import Cell
 
@@ -174,6 +175,22 @@ def test_a_figure_out_of_its_bound_is_said():
     assert lines[0].endswith("at most 2.000  ok")
     assert lines[1].endswith("OUT OF BOUNDS")
     assert lines[3].rstrip().endswith("9.000")
+
+
+def test_where_the_largest_difference_stands_is_said_if_it_is_too_large():
+    """One tick of two seconds is off along y: the figure alone would leave nothing to look for."""
+    stamps = 1_000_000_000 + 1_000_000 * np.arange(2000)
+    reference = 7e-6 * np.column_stack([np.cos(stamps * 3e-9), np.sin(stamps * 3e-9)])
+    spike = np.zeros((2000, 2))
+    spike[1234, 1] = -1.5e-6
+    std = np.full((2000, 2), 1e-7)
+    told = {
+        size: table([_maximum("h", LvdtComparison(stamps, reference + size * spike, reference, std), 1_000_000_000)])
+        for size in (0.1, 1.0)
+    }
+    assert told[0.1].endswith("0.150  at most 0.500  ok")
+    assert "OUT OF BOUNDS: 1.234 s after the start, stamp 2234000000, along y: estimate [" in told[1.0]
+    assert told[1.0].endswith("standard deviation 0.100 µm; 1 differences are beyond 0.5 µm")
 
 
 @pytest.mark.parametrize(

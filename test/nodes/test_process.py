@@ -30,6 +30,15 @@ def handlers():
         signal.signal(number, handler)
 
 
+@pytest.fixture
+def ends(monkeypatch):
+    """What would end this process and shall not: bounds set at once, and what is left for its exit."""
+    told = []
+    monkeypatch.setattr(node_process.atexit, "register", lambda *call: told.append(call))
+    monkeypatch.setattr(node_process, "end_within", lambda *bound: told.append(("within", *bound)))
+    return told
+
+
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_ends_a_node_with_exit_code_zero(cell, number):
     process = cell.start("encoder_head", "encoder_head_a", source="mock")
@@ -72,33 +81,29 @@ def test_a_signal_is_told_once_whenever_it_came(handlers, number):
     assert told == ["before", "after"]
 
 
-def test_a_signal_during_the_start_ends_the_node(handlers, monkeypatch):
+def test_a_signal_during_the_start_ends_the_node(handlers, ends, monkeypatch):
     class Struck(ManagedNode):
         def open(self) -> None:
             assert get_current_signal_handlers_options() == SignalHandlerOptions.NO
             os.kill(os.getpid(), signal.SIGINT)
 
-    ends = []
-    monkeypatch.setattr(node_process.atexit, "register", lambda *call: ends.append(call))
     with own_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         assert run(lambda: Struck("struck"), []) == 0
-    assert ends == [(node_process._let_go,), (end_within, 3.0, 0)]
+    assert ends == [("within", 5.0, 0), (node_process._let_go,), (node_process.end_within, 5.0, 0)]
 
 
-def test_a_fault_of_the_program_ends_the_process(handlers, monkeypatch):
+def test_a_fault_of_the_program_ends_the_process(handlers, ends, monkeypatch):
     """In this process, as `main` does it; the default context needs a domain of its own like any other."""
 
     class Faulty(ManagedNode):
         def open(self) -> None:
             self.at_each(10_000_000, lambda _: [][0])
 
-    ends = []
-    monkeypatch.setattr(node_process.atexit, "register", lambda *call: ends.append(call))
     with own_domain() as domain, pytest.raises(IndexError):
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         run(lambda: Faulty("faulty"), [])
-    assert ends == [(node_process._let_go,), (end_within, 3.0, 1)]
+    assert ends == [("within", 5.0, 1), (node_process._let_go,), (node_process.end_within, 5.0, 1)]
 
 
 def test_a_node_leaves_its_domain_before_libraries_are_put_away():
@@ -137,7 +142,33 @@ def test_a_process_that_hangs_after_python_ends_with_its_code(code):
     assert subprocess.run([sys.executable, "-c", hang], timeout=30, check=False).returncode == code
 
 
-def test_a_node_keeps_nothing_of_the_callbacks_that_it_has_run(handlers, monkeypatch):
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_node_whose_middleware_hangs_as_it_ends_still_ends_and_says_where(number):
+    """The node's own things are put away by then, and the lock of the interpreter is kept, as the middleware keeps it."""
+    program = (
+        "import ctypes, os\n"
+        "from rotary_error_monitor.nodes.managed import ManagedNode\n"
+        "from rotary_error_monitor.nodes.process import run\n"
+        "class Hanging(ManagedNode):\n"
+        "    def open(self):\n"
+        f"        os.kill(os.getpid(), {int(number)})\n"
+        "    def release(self):\n"
+        "        print('put away', flush=True)\n"
+        "    def destroy_node(self):\n"
+        "        ctypes.PyDLL(None).pause()\n"
+        "raise SystemExit(run(lambda: Hanging('hanging'), []))\n"
+    )
+    with own_domain() as domain:
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60, check=False
+        )
+    assert done.returncode == 0, done.stderr
+    assert "put away" in done.stdout
+    assert "in destroy_node" in done.stderr
+
+
+def test_a_node_keeps_nothing_of_the_callbacks_that_it_has_run(handlers, ends, monkeypatch):
     """A node runs for months: what is kept of each callback must be nothing at all."""
     callbacks = 2000
     kept: list[int] = []
@@ -161,7 +192,6 @@ def test_a_node_keeps_nothing_of_the_callbacks_that_it_has_run(handlers, monkeyp
             if self.count == 1 + callbacks:
                 os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(node_process.atexit, "register", lambda *call: None)
     tracemalloc.start()
     try:
         with own_domain() as domain:
