@@ -73,6 +73,8 @@ SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py 
 	reproduction/test_pan2013_rates.py \
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
+# `make test` takes half of the random stages that these draw (test/draws.py), `make rates` all of them.
+DRAWN := $(addprefix test/faults/test_,begin.py calibrated.py few_heads.py gaps.py late_heads.py)
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
@@ -96,7 +98,7 @@ test-others:
 	$(BESIDE) $(BIN)/python $(call PYTEST,,$(CELL_RATES))
 
 rates: setup ## rates over many seeds that take too long for `make test` (SWEEPS=1 make test-live: all of a newcomer's cases)
-	$(BIN)/python $(call PYTEST,,$(SWEEPS))
+	SWEEPS=1 $(BIN)/python $(call PYTEST,,$(SWEEPS) $(DRAWN))
 
 # What computes without processes, and of these the nodes' life cycle and the installed package.
 PYTHON312 ?= python3.12

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from draws import seeds
 from world import Options, make_recording, random_stage
 
 from faults.judging import judge
@@ -14,13 +15,13 @@ from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import Estimator
 from rotary_error_monitor.signals.blocks import block_from_samples
 
-SEEDS = range(40)
+SEEDS = seeds(40)
 LATE_NS = 20_000
 DURATION = 0.2
 
 
 def test_the_first_tenths_of_a_second_are_as_right_as_any():
-    """Stages that turn already: forty begins, of which one after another had ten wrong ticks before."""
+    """Stages that turn already: begins, of which one in forty had ten wrong ticks before."""
     wrong = []
     for seed in SEEDS:
         options = Options(motion="steady", odd_rates=False, peak_speed=4.0)
@@ -29,7 +30,7 @@ def test_the_first_tenths_of_a_second_are_as_right_as_any():
     assert np.mean(wrong) <= MOST_WRONG, [(seed, part) for seed, part in zip(SEEDS, wrong, strict=True) if part]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", seeds(4))
 @pytest.mark.parametrize(("later", "told"), [(0.0, True), (0.06, True), (0.3, True), (0.9, False)])
 def test_heads_that_are_back_before_the_command_are_still_where_they_were(seed, later, told):
     """After a network was away all come back within some tenths of a second: no turn has to show the zero again."""
@@ -53,7 +54,7 @@ def test_heads_that_are_back_before_the_command_are_still_where_they_were(seed, 
     assert not after.any() if told else after.all()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", seeds(4))
 def test_a_command_that_is_away_for_a_moment_is_as_late_as_before(seed):
     """What is known of the delay still counts in the window after a gap."""
     drawn = (random_stage(number) for number in range(900 * seed, 900 * seed + 900))

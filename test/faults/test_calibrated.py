@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from draws import seeds
 from world import Options, Recording, make_recording, random_stage
 
 from faults.judging import Judgement, judge
@@ -20,7 +21,7 @@ from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage import stage_from_mapping
 
 UNCERTAINTY = {"encoder.eccentricity": 1e-8, "mirror.tilt": 1e-7}
-SEEDS = range(6)
+SEEDS = seeds(6)
 DURATION = 8.0
 
 Stage = dict[str, Any]
@@ -80,7 +81,7 @@ def test_a_calibration_that_does_not_hold_is_not_certain(mistake):
     found = {seed: described(seed, mistake) for seed in SEEDS}
     wrong = {seed: (dict(each.wrong), each.doubted) for seed, each in found.items() if each.worst > MOST_WRONG}
     assert not wrong
-    assert sum(each.available["exc"] > 0.1 for each in found.values()) >= 3
+    assert sum(each.available["exc"] > 0.1 for each in found.values()) >= len(SEEDS) / 2
 
 
 def test_a_calibration_that_holds_stays_as_certain():

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from draws import seeds
 from world import Options, Recording, make_recording, random_stage
 
 from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
 
 MOTIONS = ("both_directions", "s_curves", "steady", "indexing")
-STAGES = 16
+STAGES = seeds(16)
 
 
 def recorded(seed: int, jitter: float) -> Recording:
@@ -23,7 +24,7 @@ def recorded(seed: int, jitter: float) -> Recording:
 
 @pytest.fixture(scope="module", params=[1e-6, 4e-6])
 def judged(request: pytest.FixtureRequest) -> list[Judgement]:
-    recordings = (recorded(seed, request.param) for seed in range(STAGES))
+    recordings = (recorded(seed, request.param) for seed in STAGES)
     return [judge(each, each.stage) for each in recordings]
 
 

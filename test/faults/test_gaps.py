@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from draws import seeds
 from motion_numbers import assert_same_bits
 from world import Options, Recording, make_recording, random_stage
 from world.recording import head_topic
@@ -22,7 +23,7 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 DURATION, BEGIN = 8.0, 5.5
 """Of a recording and of the gap in it, s: whole turns were seen before."""
 
-SEEDS = range(6)
+SEEDS = seeds(6)
 LAYOUTS = ("three heads", "four heads, one dead", "two heads")
 """None of them has a head to spare. Where the one opposed to the missing head is silent, two are left, which tell the
 rotation."""
@@ -108,7 +109,7 @@ def estimates(recording: Recording, decisions: Decisions | None = None) -> Error
 
 
 @pytest.mark.parametrize("gap", [0.04, 0.3])
-@pytest.mark.parametrize("seed", [0, 5])
+@pytest.mark.parametrize("seed", [0, SEEDS[-1]])
 def test_a_replay_of_a_gap_is_what_went_out(seed, gap):
     recording, head = recorded(seed, "three heads")
     off = 0.5 * stage_from_mapping(recording.stage).limits.radial / recording.stage["encoder"]["disc_radius"]
@@ -128,4 +129,4 @@ def test_a_head_that_comes_back_as_it_was_counts_at_once(layout):
         # where one head's stream ends before the others', it may have lost counts at the end
         assert found.estimator.belief.heads.unsettled is before.estimator.belief.heads.unsettled
         assert found.available["eyc"] > before.available["eyc"] - 0.04
-    assert len(told) >= 2
+    assert len(told) >= len(SEEDS) // 3

@@ -1,0 +1,12 @@
+"""How many random stages a rate is taken over: half of them in `make test`, all of them in `make rates`."""
+
+from __future__ import annotations
+
+import os
+
+ALL = bool(os.environ.get("SWEEPS"))
+
+
+def seeds(most: int) -> range:
+    """The first half of so many seeds, or with SWEEPS=1 all of them."""
+    return range(most if ALL else (most + 1) // 2)
