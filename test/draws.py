@@ -7,6 +7,6 @@ import os
 ALL = bool(os.environ.get("SWEEPS"))
 
 
-def seeds(most: int) -> range:
+def seeds(most: int, first: int = 0) -> range:
     """The first half of so many seeds, or with SWEEPS=1 all of them."""
-    return range(most if ALL else (most + 1) // 2)
+    return range(first, first + (most if ALL else (most + 1) // 2))

@@ -4,9 +4,9 @@ Seen with Fast DDS 2.14 where a participant was left to the destructor of a stat
 and spins there (`DomainParticipant::set_listener`), while a discovery callback waits for a lock, presumably the one
 that it takes and releases without a pause. Cells whose processes end together ran into that once in a few hundred ends,
 for each is then told of the others. Python is gone by then, and its signal handlers and threads with it. Nodes let
-their participant go before (`process.run`), and it was not seen since. Seen too, in one of some hundred ends of a cell on a
-busy computer: rcl does not come back from destroying a node while the others of its cell leave. What libraries do stays
-theirs, and this their bound.
+their participant go before (`process.run`), and it was not seen since. Seen too, in one of some hundred ends of a cell
+on a busy computer: rcl does not come back from destroying a node while the others of its cell leave. What libraries do
+stays theirs, and this their bound.
 """
 
 from __future__ import annotations

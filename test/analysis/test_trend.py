@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from draws import seeds
 from scipy.stats import binom, chi2, norm
 from scipy.stats import t as student_t
 
@@ -186,7 +187,7 @@ def test_steps_and_levels_are_as_uncertain_as_their_values_scatter(count):
     assert min(steps, levels) >= least > unwidened
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", seeds(20))
 def test_the_partition_is_the_best_of_all(seed):
     """Every partition of nine values by hand."""
     rng = np.random.default_rng(seed)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from draws import seeds
 from shaft_bags import TRUTH, simulated
 
 from rotary_error_monitor.commands import calibrate
@@ -154,7 +155,7 @@ def test_another_graduation_than_before_is_written_by_force_only(
     assert re.search(r"encoder.graduation, order 2, was \(.*\) ± .* arcsec and now is", capsys.readouterr().out)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", seeds(6))
 def test_the_same_shaft_again_is_no_contradiction(tmp_path: Path, stage: Path, seed: int) -> None:
     """Two recordings whose uncertainty is that of their readings alone."""
     ideal = "--centre-radial-um", 0, "--centre-lean-arcsec", 0

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from calibration import tracked_axes as world
+from draws import seeds
 from numpy.typing import NDArray
 
 from rotary_error_monitor.cli import main
@@ -23,7 +24,7 @@ def shipped() -> MachineDescription:
     return load_machine("pan2013")
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(3))
 def test_rows_are_those_of_the_paper_with_the_values_of_the_machine(
     seed: int, tmp_path: Path, shipped: MachineDescription
 ) -> None:
@@ -46,7 +47,7 @@ def test_rows_are_those_of_the_paper_with_the_values_of_the_machine(
         assert row.relation.value == pytest.approx(lines.value(item, axes), abs=most), (item, axes)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(3))
 def test_the_file_has_the_machine_that_was_seen(seed: int, tmp_path: Path, shipped: MachineDescription) -> None:
     """Rows of the machine that is read again are those of the machine that was seen, but for squares of errors."""
     rng = np.random.default_rng(10 + seed)
@@ -57,7 +58,7 @@ def test_the_file_has_the_machine_that_was_seen(seed: int, tmp_path: Path, shipp
         assert again.value(item, axes) == pytest.approx(seen.value(item, axes), abs=3e-8), (item, axes)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", seeds(2))
 def test_bounds_of_95_percent_hold_the_truth(seed: int, tmp_path: Path, shipped: MachineDescription) -> None:
     """10 calibrations, each of a machine of its own: of ten rows at least 84 of 100 bounds hold it.
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from calibration.simulated_collimator import ARCSEC, Detector, Run, cross, take
+from draws import seeds
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.two_axis_calibration import Instrument, calibrate_two_axes
@@ -102,7 +103,7 @@ def test_a_cubic_term_that_the_steps_do_not_tell_stays_as_unsure_as_its_prior():
     assert calibrated(detector, Run(), np.random.default_rng(5)).fit.told.all()
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", seeds(5))
 def test_steps_at_the_end_of_the_detector_are_left_out_and_named(seed):
     rng = np.random.default_rng([seed, 6])
     end = rng.uniform(85, 115) * ARCSEC

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from draws import seeds
 
 from rotary_error_monitor.commands import calibrate
 from rotary_error_monitor.resources import config
@@ -111,7 +112,7 @@ def test_runs_that_drift_many_times_the_noise(
     check_refused_and_covered(source, machine, "runs of one direction scatter by", capsys)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", seeds(20))
 def test_a_plausible_reversal_and_drift_are_written(tmp_path: Path, machine: Path, seed: int) -> None:
     """A reversal of 2 µm on a bow of 35 µm, drifts of 0.3 µm: what machines do."""
     rng = np.random.default_rng([seed, 1])

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from draws import seeds
 
 from rotary_error_monitor.cases import making as cases
 from rotary_error_monitor.cases.case_faults import AMOUNT, LOUDEST, Kind
@@ -145,7 +146,7 @@ def test_a_fault_drawn_so_large_that_a_head_looks_past_the_ring_is_made_smaller(
 
 
 @pytest.mark.parametrize("rough", [False, True])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(3))
 def test_of_a_loud_pair_one_is_far_louder_and_the_other_well_above_noise(seed: int, rough: bool) -> None:
     machine = draw_machine(load_machine("pan2013"), np.random.default_rng(seed))
     stage = make_stage_case(

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from draws import seeds
 
 from rotary_error_monitor.cases.case_faults import sized
 from rotary_error_monitor.cases.departures import MECHANISMS, SHARES, Departure, Varied, fit_textbook
@@ -99,7 +100,7 @@ def check_off_textbook(told: dict[str, float], distance) -> None:
 
 
 @pytest.mark.parametrize("rough", [False, True], ids=["clean", "rough"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", seeds(4))
 def test_a_varied_stage_departs_by_what_its_truth_says(seed: int, rough: bool) -> None:
     case = make_stage_case(300 + seed, "variant", rough=rough, snr=(300.0, 1000.0))
     (fault,), departure = case.truth.faults, case.truth.departure
@@ -118,7 +119,7 @@ def test_a_varied_stage_departs_by_what_its_truth_says(seed: int, rough: bool) -
 
 
 @pytest.mark.parametrize("rough", [False, True], ids=["clean", "rough"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", seeds(4))
 def test_a_varied_machine_departs_by_what_its_truth_says(seed: int, rough: bool) -> None:
     machine = load_machine("pan2013")
     case = make_machine_case(machine, 400 + seed, "variant", rough=rough)

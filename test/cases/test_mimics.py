@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from draws import seeds
 
 from rotary_error_monitor.cases.draws import machine_faults, stage_faults
 from rotary_error_monitor.cases.faults import VOCABULARY, make_fault
@@ -26,7 +27,7 @@ def correlation(shown: np.ndarray, others: list[np.ndarray]) -> float:
 
 
 @pytest.mark.parametrize("rough", [False, True], ids=["clean", "rough"])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", seeds(5))
 def test_a_mimic_of_a_machine_resembles_what_its_truth_says_by_half(seed: int, rough: bool) -> None:
     machine = load_machine("pan2013")
     case = make_machine_case(machine, 50 + seed, "mimic", rough=rough)
@@ -78,7 +79,7 @@ def one_parameter_each(fault) -> list:
 
 
 @pytest.mark.parametrize("rough", [False, True], ids=["clean", "rough"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", seeds(4))
 def test_a_mimic_of_a_stage_resembles_the_effect_that_it_is_half_of_by_no_more_than_half(
     seed: int, rough: bool
 ) -> None:

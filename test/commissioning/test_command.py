@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from draws import seeds
 from world.newly_built import NewlyBuilt, build, in_unit, mirrored
 from world.recording import COMMAND, Recording, head_topic
 
@@ -89,7 +90,7 @@ def test_the_estimator_is_right_by_the_file_that_is_written(seed: int, tmp_path:
     assert error < np.hypot(noise, 0.1e-6)
 
 
-@pytest.mark.parametrize("number", range(2))
+@pytest.mark.parametrize("number", seeds(2))
 def test_an_azimuth_that_is_found_beyond_a_turn_is_written_within(number: int, tmp_path: Path) -> None:
     drawn = (build(seed, count=3, even=False, swap=False, duration=DURATION) for seed in range(1, 200))
     last = "c"
@@ -221,7 +222,7 @@ def test_a_head_that_comes_and_goes_or_stands_is_named(tmp_path: Path, capsys: p
     assert "head_c: does not follow the rotation" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(3))
 @pytest.mark.parametrize("unit", [1.0, 180 / np.pi])
 def test_heads_that_jump_make_no_file(
     seed: int, unit: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]

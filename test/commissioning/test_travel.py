@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from draws import seeds
 from world.newly_built import COMMAND, build, head_topic, in_unit, wrapped
 from world.recording import Recording
 
@@ -31,7 +32,7 @@ def watched(built, recording: Recording, until: float = np.inf, rest: bool = Tru
     return watch.travel()
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", seeds(6))
 @pytest.mark.parametrize("how", ["as it is", "a head in degrees", "all in degrees", "a wrapped head"])
 def test_it_is_as_far_as_the_stage_turned(seed: int, how: str) -> None:
     built = build(seed, count=4 + seed % 2, even=False, duration=24.0)
@@ -52,7 +53,7 @@ def test_it_is_as_far_as_the_stage_turned(seed: int, how: str) -> None:
     assert not watched(built, recording, rest=False).stands or min(true) < ENOUGH
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(3))
 def test_one_way_alone_and_a_stage_that_stands_are_never_enough(seed: int) -> None:
     built = build(seed, count=4, even=False, duration=24.0, motion="steady")
     found = watched(built, built.recording)

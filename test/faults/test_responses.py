@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from draws import seeds
 from world import random_stage
 from world.responses import answered, draw_responses
 
@@ -12,7 +13,7 @@ from faults.recordings import MOST_WRONG
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", seeds(8))
 def test_what_is_published_is_that_of_ideal_instruments(seed):
     """The same samples behind other readings: what is believed, and all numbers but for their rounding."""
     recording = record(seed, random_stage(seed), 8.0)
@@ -25,7 +26,7 @@ def test_what_is_published_is_that_of_ideal_instruments(seed):
         np.testing.assert_allclose(own.largest.get(name, 0.0), ideal.largest.get(name, 0.0), atol=size, err_msg=name)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", seeds(4))
 def test_readings_that_nothing_describes_are_not_published(seed):
     """As before there were descriptions of it: heads that count both ways contradict one another."""
     recording = record(seed, random_stage(seed), 8.0)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from draws import seeds
 
 from rotary_error_monitor.metrology import spindle_figures
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
@@ -75,7 +76,7 @@ def values_of(found, noise, keeps=False, measured=None, most_waves=MOST_WAVES):
     return estimate_values(turns, 0, SignalNoise(noise), keeps_fundamental=keeps)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", seeds(6))
 def test_without_noise_the_values_are_those_of_the_closed_form(seed):
     found = drawn(seed, turns=12.4, tone=2e-7, once=5e-6)
     values = values_of(found, 0.0)
@@ -97,7 +98,7 @@ def test_values_are_the_same_whether_random_numbers_are_kept_or_drawn_anew(keeps
     assert values_of(found, noise, keeps) == kept
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", seeds(6))
 def test_fundamental_and_residual_of_axial_motion(seed):
     values = values_of(drawn(seed, turns=5.2, once=7e-7), 0.0, keeps=True)
     assert values["fundamental"].value == pytest.approx(1.4e-6, rel=0.01)
@@ -191,7 +192,7 @@ def test_one_turn_has_no_asynchronous_value_and_less_than_one_has_none():
     assert estimate_orders(turns, 0, SignalNoise(0.0)) is None
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", seeds(8))
 def test_a_rotating_direction_sees_no_eccentricity_and_half_of_what_goes_round(seed):
     """A circle of order k about the axis is a wave of order k - 1 or k + 1 along a direction that turns along."""
     rng = np.random.default_rng(seed)

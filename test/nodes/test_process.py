@@ -13,7 +13,6 @@ import pytest
 from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 
 from rotary_error_monitor.nodes import process as node_process
-from rotary_error_monitor.nodes.deadline import end_within
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import EndSignals, run
 from rotary_error_monitor.testing.domains import own_domain
@@ -144,7 +143,7 @@ def test_a_process_that_hangs_after_python_ends_with_its_code(code):
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_node_whose_middleware_hangs_as_it_ends_still_ends_and_says_where(number):
-    """The node's own things are put away by then, and the lock of the interpreter is kept, as the middleware keeps it."""
+    """The node's own things are put away by then; the lock of the interpreter is kept, as the middleware keeps it."""
     program = (
         "import ctypes, os\n"
         "from rotary_error_monitor.nodes.managed import ManagedNode\n"

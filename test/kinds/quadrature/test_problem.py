@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from draws import seeds
 
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.errors import InputError
@@ -37,7 +38,7 @@ def made(seed, distort=lambda cosine, sine: (cosine, sine), count=12000, noise=0
     return np.round(cosine + noise * rng.normal(size=count)) + 1j * np.round(sine + noise * rng.normal(size=count))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", seeds(5))
 def test_a_circle_of_any_size_has_no_gap(seed):
     diagnosis = diagnose(problem_of(made(seed)))
     assert diagnosis.verdict is Verdict.NO_GAP

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from draws import ALL, seeds
 
 from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.cases.making import make_stage_case
@@ -35,7 +36,7 @@ PLACES = {
 def test_a_single_effect_is_named_sized_and_placed(stage_problem):
     wrong, beyond, count = {}, 0, 0
     for number, (name, place) in enumerate(PLACES.items()):
-        for seed in (3 + number, 7922 + number, 15841 + number):
+        for seed in (3 + number, 7922 + number, 15841 + number)[: None if ALL else 2]:
             problem, truth = stage_problem(seed, "single", [name], snr=(150.0, 300.0))
             (fault,) = truth.faults
             diagnosis = diagnose(problem)
@@ -70,14 +71,14 @@ def distances(found, fault):
 def test_what_stands_out_is_named_however_small_for_its_kind(stage_problem):
     """Nanometres of radial error motion, where micrometres are usual: improbable beforehand, but there."""
     right = []
-    for seed in range(521, 527):
+    for seed in seeds(6, 521):
         problem, truth = stage_problem(seed, "single", ["spindle_radial"], snr=(15.0, 25.0), duration=40.0)
         (fault,) = truth.faults
         assert np.linalg.norm([*fault.parameters["x"], *fault.parameters["y"]]) < 2e-8
         diagnosis = diagnose(problem)
         named = [found.cause.key for found in diagnosis.causes]
         right.append(diagnosis.verdict is Verdict.EXPLAINED and named == [("spindle_radial", fault.location)])
-    assert sum(right) >= 5, right
+    assert sum(right) >= len(right) - 1, right
 
 
 def test_a_pair_as_on_a_shop_floor(stage_problem):
@@ -95,7 +96,7 @@ def test_a_pair_as_on_a_shop_floor(stage_problem):
 def test_a_quiet_cause_beside_a_loud_error_of_the_ring_is_named(stage_problem, quiet):
     """What is learnt of the rotor's jitter beside the loud one alone is not kept: it would hide the quiet one."""
     wrong = {}
-    for seed in range(6):
+    for seed in seeds(6):
         effects, sizes = ["graduation_error", quiet], (600.0, 1500.0)
         problem, _ = stage_problem(seed, "pair", effects, sizes, rough=True, loudness=(100.0, 200.0))
         found = diagnose(problem)
@@ -109,7 +110,7 @@ def test_a_quiet_cause_beside_a_loud_error_of_the_ring_is_named(stage_problem, q
 def test_an_error_within_lines_beside_a_ring_off_centre_is_sized(stage_problem):
     """It takes a part of the reading back, and the phase it depends on is all but lost in noise."""
     effects, off = ["disc_eccentricity", "subdivisional_error"], []
-    for seed in range(541, 547):
+    for seed in seeds(6, 541):
         problem, truth = stage_problem(seed, "pair", effects, rough=True, duration=40.0)
         diagnosis = diagnose(problem)
         assert diagnosis.verdict in (Verdict.EXPLAINED, Verdict.PARTLY_EXPLAINED)
@@ -122,18 +123,18 @@ def test_an_error_within_lines_beside_a_ring_off_centre_is_sized(stage_problem):
 def test_a_ring_off_centre_beside_an_error_within_its_lines(stage_problem):
     """A ring off by less than its centre is uncertain may stay unseen, or be told as an order of the graduation."""
     effects, found = {"disc_eccentricity", "subdivisional_error"}, []
-    for seed in range(101, 107):
+    for seed in seeds(6, 101):
         problem, _ = stage_problem(seed, "pair", sorted(effects), rough=True, duration=40.0)
         found.append({cause.cause.effect.name for cause in diagnose(problem).causes})
-    assert sum("subdivisional_error" in names for names in found) >= 5
-    assert sum(names <= effects for names in found) >= 5
-    assert sum(names == effects for names in found) >= 3
+    assert sum("subdivisional_error" in names for names in found) >= len(found) - 1
+    assert sum(names <= effects for names in found) >= len(found) - 1
+    assert sum(names == effects for names in found) >= len(found) // 2
 
 
 def test_what_one_effect_adds_another_distorts(stage_problem):
     """A drift that a strongly curved scale reads: which of the two acts first is found as well."""
     effects, ordered, within = ["autocollimator_drift", "autocollimator_nonlinearity"], [], []
-    for seed in range(561, 567):
+    for seed in seeds(6, 561):
         problem, truth = stage_problem(seed, "pair", effects, rough=True, duration=40.0)
         diagnosis = diagnose(problem)
         assert {found.cause.effect.name for found in diagnosis.causes} == set(effects)
@@ -143,14 +144,14 @@ def test_what_one_effect_adds_another_distorts(stage_problem):
             (name,) = fault.parameters
             off = np.atleast_1d(found.parameters[name].value) - np.atleast_1d(fault.parameters[name])
             within += list(np.abs(off) < 3 * np.atleast_1d(found.parameters[name].std))
-    assert sum(ordered) >= 5, ordered
+    assert sum(ordered) >= len(ordered) - 1, ordered
     assert within.count(False) <= 1, within
 
 
 def test_a_head_in_the_wrong_hole_is_found_and_measured(stage_problem):
     """Also on rings that run so true that even a large angle shows little."""
     right = []
-    for seed in range(581, 587):
+    for seed in seeds(6, 581):
         problem, truth = stage_problem(seed, "single", ["head_misplacement"], rough=True, duration=40.0)
         (fault,) = truth.faults
         found = [
@@ -158,7 +159,7 @@ def test_a_head_in_the_wrong_hole_is_found_and_measured(stage_problem):
         ]
         azimuth = [cause.parameters["azimuth"] for cause in found]
         right.append(any(abs(each.value - fault.azimuth) < 3 * each.std < 0.06 for each in azimuth))
-    assert sum(right) >= 5, right
+    assert sum(right) >= len(right) - 1, right
 
 
 def test_effects_that_look_alike_are_a_group_with_advice(stage_problem):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from draws import seeds
 
 from rotary_error_monitor.blind_check.cases import write_case
 from rotary_error_monitor.cases.making import make_stage_case
@@ -40,7 +41,7 @@ def diagnosed(case):
 def test_effects_that_heads_and_lvdt_see_are_named():
     """At most one in ten is missed: they stand out by 100 standard deviations and more."""
     right, told = 0, []
-    for number, name in enumerate(SEEN_BY_HEADS * 2):
+    for number, name in enumerate(SEEN_BY_HEADS * len(seeds(2))):
         if name not in {effect.name for effect in EFFECTS}:
             continue
         found = diagnosed(blind(make_stage_case(9100 + number, "single", [name], (100.0, 400.0), number % 2 == 1)))
