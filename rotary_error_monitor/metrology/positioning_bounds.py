@@ -108,7 +108,7 @@ def bound_positioning(runs: PositioningRuns, instrument: float = 0.0) -> Positio
     """95 % intervals for the figures that infinitely many runs would give; the same for the same readings.
 
     `instrument` is the standard uncertainty of the instrument's difference between two positions of the travel, m or
-    rad. At least 95 of 100 intervals hold the truth, within some 2, where the scatter of targets comes from one
+    rad. Some 93 of 100 intervals or more hold the truth where the scatter of targets comes from one
     distribution. Of a single target with three times the scatter of all others five runs tell too little: there the
     upper bounds of R hold it less often.
     """
@@ -154,8 +154,8 @@ def _direction(found: dict[str, Interval], way: str) -> DirectionBounds:
 class _Draws:
     """Probable standard deviations (d, m) by direction, and means (d, m): of both ways together, and of each by itself.
 
-    `still` and `still_alone` are such means without the noise of readings at single targets, `mean_reversal` (d,) is the
-    mean reversal error, 0 of one way.
+    `still` and `still_alone` are such means without the noise of readings at single targets, `mean_reversal` (d,) the
+    mean reversal error; 0 of one way.
     """
 
     spread: list[Array]

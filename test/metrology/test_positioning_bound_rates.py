@@ -1,6 +1,6 @@
 """Of 500 simulated positioning tests the 95 % bound of each figure holds the truth in 93 of 100 or more.
 
-In 97 at most, but for extremes over targets that are alike in truth: readings do not tell that they are, and the upper
+In 98 at most, but for extremes over targets that are alike in truth: readings do not tell that they are, and the upper
 bound allows that one is larger.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import pytest
 from metrology.simulated_positioning import AXES, missed
 
-LEAST, MOST, MOST_OF_EXTREMES = 0.93, 0.97, 0.999
+LEAST, MOST, MOST_OF_EXTREMES = 0.93, 0.98, 0.999
 
 
 @pytest.mark.parametrize("kind", AXES)
