@@ -56,20 +56,20 @@ CELL_RATES := $(addprefix test/,fuzz soak world test_lacking_recordings.py bags/
 MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.py trend.py) \
 	$(addprefix benchmark/test_,ablation.py power.py) \
 	$(addprefix calibration/test_,assembly_contradictions.py assembly_tables.py axis_lines.py axis_table.py \
-	collimator_rates.py head_comparison.py identification.py steps.py straightness_bounds.py straightness_contradictions.py \
+	collimator_rates.py head_comparison.py identification.py machine_rates.py steps.py straightness_bounds.py straightness_contradictions.py \
 	straightness_rates.py yaml_text.py) \
 	$(addprefix gap/test_,bounds.py cases.py gross_errors.py) \
 	$(addprefix kinds/,machine/test_diagnosis.py mount/test_departures.py quadrature/test_problem.py) \
 	$(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py motion.py no_gap.py \
 	stretches.py tilt_sensors.py without_autocollimator.py without_heads.py) \
-	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py spindle_figures.py) \
+	$(addprefix metrology/test_,assembly.py axis_fits.py description_check.py positioning_bounds.py spindle_figures.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
 SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py \
-	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py straightness_sweep.py) \
+	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py machine_sweep.py straightness_sweep.py) \
 	$(addprefix faults/test_,common_zero.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
 	without_heads.py) \
-	$(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \
+	metrology/test_positioning_bound_rates.py $(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \
 	reproduction/test_pan2013_rates.py \
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)

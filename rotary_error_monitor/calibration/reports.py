@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -37,21 +37,14 @@ def change_text(change: CompensationChange, before: Path) -> str:
 def positioning_text(result: PositioningResult, output: Path) -> str:
     """ISO 230-2 figures, outliers and departures from the standard test."""
     unit, scale = ("arcsec", ARCSEC) if result.runs.rotary else ("µm", 1e6)
-    figures, both = result.figures, result.figures.bidirectional
-    rows = [("forward", figures.forward)] + ([] if figures.backward is None else [("backward", figures.backward)])
-    lines = [f"positioning ({result.name}), {len(result.runs.targets)} targets, ISO 230-2, {unit}"]
-    for name, way in rows:
-        lines.append(
-            f"  {name:13} repeatability R {way.repeatability * scale:.3f}   systematic deviation E "
-            f"{way.systematic_deviation * scale:.3f}   accuracy A {way.accuracy * scale:.3f}"
-        )
-    if both is not None:
-        lines += [
-            f"  bidirectional repeatability R {both.repeatability * scale:.3f}   systematic deviation E "
-            f"{both.systematic_deviation * scale:.3f}   accuracy A {both.accuracy * scale:.3f}",
-            f"  reversal error B {both.reversal_error * scale:.3f}   mean reversal error "
-            f"{both.mean_reversal_error * scale:.3f}   range of means M {both.mean_deviation_range * scale:.3f}",
-        ]
+    what = "scatter of the runs"
+    if result.instrument:
+        what += f" and an instrument of {result.instrument * scale:.3g} {unit}"
+    lines = [
+        f"positioning ({result.name}), {len(result.runs.targets)} targets, ISO 230-2, {unit}",
+        f"  in brackets 95 % intervals, of the {what}",
+        *_figure_lines(result, scale),
+    ]
     where = 180 / math.pi if result.runs.rotary else 1e3
     fate = "dropped" if result.dropped else "the figures include it"
     for outlier in result.outliers:
@@ -64,6 +57,32 @@ def positioning_text(result: PositioningResult, output: Path) -> str:
     lines += [f"  note: {remark}" for remark in result.remarks]
     last = ending(result.misfits, result.written, output)
     return "\n".join([*lines, f"{last}, standard uncertainty {result.uncertainty * scale:.3f} {unit}"])
+
+
+def _figure_lines(result: PositioningResult, scale: float) -> list[str]:
+    """Figures of ISO 230-2 with their 95 % intervals, a line for each direction and two for both."""
+    figures, bounds = result.figures, result.bounds
+    usual = {"repeatability R": "repeatability", "systematic deviation E": "systematic_deviation"}
+    usual["accuracy A"] = "accuracy"
+    lines = [_figures_of("forward", figures.forward, bounds.forward, usual, scale)]
+    if figures.backward is not None:
+        lines.append(_figures_of("backward", figures.backward, bounds.backward, usual, scale))
+    if figures.bidirectional is not None:
+        further = {"reversal error B": "reversal_error", "mean reversal error": "mean_reversal_error"}
+        further["range of means M"] = "mean_deviation_range"
+        lines += [
+            _figures_of(name, figures.bidirectional, bounds.bidirectional, chosen, scale)
+            for name, chosen in (("bidirectional", usual), ("", further))
+        ]
+    return lines
+
+
+def _figures_of(name: str, figures: object, bounds: object, chosen: Mapping[str, str], scale: float) -> str:
+    parts = []
+    for words, attribute in chosen.items():
+        low, high = (value * scale for value in getattr(bounds, attribute))
+        parts.append(f"{words} {getattr(figures, attribute) * scale:.3f} ({low:.3f} to {high:.3f})")
+    return f"  {f'{name:13} ' if name else ''}{'   '.join(parts)}"
 
 
 def squareness_text(result: SquarenessResult, output: Path) -> str:

@@ -35,6 +35,7 @@ from rotary_error_monitor.metrology.positioning import (
     find_outliers,
     remove_outliers,
 )
+from rotary_error_monitor.metrology.positioning_bounds import PositioningBounds, bound_positioning
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 
 Array = NDArray[np.float64]
@@ -111,9 +112,11 @@ class PositioningResult:
         name: the error component.
         runs: all readings.
         figures: of the readings, without `outliers` where these were `dropped`.
+        bounds: 95 % intervals of the figures.
+        instrument: standard uncertainty of the instrument that they count, m or rad; 0 if none was given.
         outliers: readings that stand off from the others.
         remarks: departures from the standard test, in words.
-        uncertainty: largest standard uncertainty of a mean, m or rad.
+        uncertainty: largest standard uncertainty of a mean, the instrument's with it, m or rad.
         misfits: what does not fit, in words.
         written: whether the file was written.
     """
@@ -121,6 +124,8 @@ class PositioningResult:
     name: str
     runs: PositioningRuns
     figures: PositioningFigures
+    bounds: PositioningBounds
+    instrument: float
     outliers: tuple[Outlier, ...]
     dropped: bool
     remarks: tuple[str, ...]
@@ -129,10 +134,13 @@ class PositioningResult:
     written: bool
 
 
-def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False) -> PositioningResult:
+def calibrate_positioning(
+    job: Job, letter: str, *, drop_outliers: bool = False, instrument: float = 0.0
+) -> PositioningResult:
     """ISO 230-2 test of one axis into the table of its positioning error.
 
     Outliers are told. A test that holds such as clean readings hardly ever do is written without them, or by force.
+    `instrument` is the standard uncertainty of the instrument's difference between two positions, m or rad.
 
     Raises:
         InputError: the machine has no such axis, the table is wrong, or its targets leave the travel.
@@ -144,7 +152,8 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
         runs = read_positioning_poses(job.source, job.file.machine, letter)
     check_travel(axis, runs.targets, job.source)
     outliers = find_outliers(runs)
-    figures = estimate_positioning(remove_outliers(runs, outliers) if drop_outliers else runs)
+    used = remove_outliers(runs, outliers) if drop_outliers else runs
+    figures, bounds = estimate_positioning(used), bound_positioning(used, instrument)
     name, sign = own_component(axis)
     forward = sign * figures.forward.mean
     backward = None if figures.backward is None else sign * figures.backward.mean
@@ -155,31 +164,42 @@ def calibrate_positioning(job: Job, letter: str, *, drop_outliers: bool = False)
         _repeated(positions, runs.targets, forward),
         None if backward is None else _repeated(positions, runs.targets, backward),
     )
-    ways = [figures.forward] if figures.backward is None else [figures.forward, figures.backward]
-    uncertainty = max(float((way.spread / np.sqrt(way.count)).max()) for way in ways)
+    uncertainty = math.hypot(_largest_uncertainty(figures), instrument)
     misfits = () if drop_outliers else _outlying_readings(find_outliers(runs, false_alarm=FALSE_ALARM), runs)
     if misfits:
         uncertainty = math.hypot(uncertainty, _moved_by(outliers, figures))
     share = share_of_travel(axis, positions)
     if share < LEAST_TARGETS and (axis.kind == "linear" or np.ptp(positions) < TURN / 2):
         misfits += (f"the targets cover {share:.2%} of the travel of {letter}: are they in another unit?",)
-    noted = {"repeatability": figures.forward.repeatability, "accuracy": figures.forward.accuracy}
-    if figures.bidirectional is not None:
-        both = figures.bidirectional
-        noted = {
-            "reversal_error": both.reversal_error,
-            "mean_reversal_error": both.mean_reversal_error,
-            "repeatability": both.repeatability,
-            "systematic_deviation": both.systematic_deviation,
-            "accuracy": both.accuracy,
-        }
-    written = job.finish([name], uncertainty, noted, misfits)
+    written = job.finish([name], uncertainty, _noted(figures, bounds), misfits)
     remarks = check_standard_test(runs)
     if share < LEAST_COVERED:
         remarks += (f"the targets cover {share:.0%} of the travel; beyond them the error of the last one holds",)
     if runs.rotary and not job.is_table:
         remarks += ("told from a tool tip: radial error motions and a displaced axis count into the angle",)
-    return PositioningResult(name, runs, figures, outliers, drop_outliers, remarks, uncertainty, misfits, written)
+    return PositioningResult(
+        name, runs, figures, bounds, instrument, outliers, drop_outliers, remarks, uncertainty, misfits, written
+    )
+
+
+def _largest_uncertainty(figures: PositioningFigures) -> float:
+    """Largest standard uncertainty of the mean at a target, by the scatter of the runs, m or rad."""
+    ways = [figures.forward] if figures.backward is None else [figures.forward, figures.backward]
+    return max(float((way.spread / np.sqrt(way.count)).max()) for way in ways)
+
+
+def _noted(figures: PositioningFigures, bounds: PositioningBounds) -> dict[str, float]:
+    """Figures for the machine file with their 95 % intervals; those of one direction where there is but one."""
+    names = ["repeatability", "systematic_deviation", "accuracy"]
+    found: object = figures.forward
+    intervals: object = bounds.forward
+    if figures.bidirectional is not None:
+        names = ["reversal_error", "mean_reversal_error", *names]
+        found, intervals = figures.bidirectional, bounds.bidirectional
+    noted = {name: float(getattr(found, name)) for name in names}
+    for name in names:
+        noted[f"{name}_low"], noted[f"{name}_high"] = getattr(intervals, name)
+    return noted
 
 
 def _outlying_readings(outliers: Sequence[Outlier], runs: PositioningRuns) -> tuple[str, ...]:
@@ -247,7 +267,7 @@ def calibrate_machine(
     held_out = check_held_out(machine, parameters, poses)
     verdict = judge_calibration(identification, held_out, poses, required=required, limits=limits)
     parts = job.file.set_machine(identification.machine)
-    figures = {"held_out_ratio": held_out.ratio, VOLUMETRIC: verdict.uncertainty}
+    figures = {"held_out_ratio": held_out.ratio, VOLUMETRIC: verdict.uncertainty, f"{VOLUMETRIC}_bound": verdict.bound}
     misfits = [] if verdict.good else [verdict.sentence]
     # a model that does not hold all errors misses by what it missed on the poses that were held out
     missed = held_out.error if held_out.ratio > held_out.limit else 0.0

@@ -79,6 +79,13 @@ def _add_positioning(steps: Subparsers[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave flagged readings out of figures and machine file"
     )
+    for unit, kind in (("um", "linear"), ("arcsec", "rotary")):
+        parser.add_argument(
+            f"--instrument-{unit}",
+            type=not_negative,
+            help="standard uncertainty of the instrument's difference between two positions (calibration, alignment, "
+            f"temperature), which repeated runs do not show; of a {kind} axis",
+        )
     add_columns(parser, "target=Pos,mm direction=Dir cycle=Run deviation=Error,um")
     add_figure(parser)
 
@@ -134,7 +141,10 @@ def _add_errors(steps: Subparsers[argparse.ArgumentParser]) -> None:
 
 def _positioning(arguments: argparse.Namespace) -> int:
     with job_of(arguments) as job:
-        result = calibrate_positioning(job, arguments.axis, drop_outliers=arguments.drop_outliers)
+        instrument = _instrument(arguments, job.file.machine)
+        result = calibrate_positioning(
+            job, arguments.axis, drop_outliers=arguments.drop_outliers, instrument=instrument
+        )
     print(reports.positioning_text(result, job.output))
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_positioning
@@ -142,6 +152,21 @@ def _positioning(arguments: argparse.Namespace) -> int:
         with writing(arguments.figure):
             draw_positioning(arguments.figure, result)
     return 0 if result.written else NOT_GOOD
+
+
+def _instrument(arguments: argparse.Namespace, machine: MachineDescription) -> float:
+    """Standard uncertainty of the instrument as given for the axis, m or rad; 0 if none was given.
+
+    Raises:
+        InputError: it was given for another kind of axis.
+    """
+    um, arcsec = arguments.instrument_um, arguments.instrument_arcsec
+    rotary = machine.axis(arguments.axis).kind == "rotary"
+    other, value, right = ("um", um, "arcsec") if rotary else ("arcsec", arcsec, "um")
+    if value is not None:
+        kind = "rotary" if rotary else "linear"
+        raise InputError(f"--instrument-{other} {value:g}: axis {arguments.axis} is {kind}; use --instrument-{right}")
+    return math.radians((arcsec or 0.0) / 3600) if rotary else (um or 0.0) * 1e-6
 
 
 def _squareness(arguments: argparse.Namespace) -> int:

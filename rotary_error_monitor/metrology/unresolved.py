@@ -6,9 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
-ALONE = 3.5
-"""Times what the rest of the profile and the noise show from which a corner stands out alone."""
+FALSE_ALARM = 0.01
+"""Probability with which noise alone shows a corner that stands out, over all intervals of a profile (Bonferroni)."""
+
+LEAST_ALONE = 3.5
+"""Standard deviations from which a corner stands out of few intervals, whose median hardly tells the deviation."""
 
 MEDIAN_OF_SQUARE = 0.455
 """Median of a squared standard normal value."""
@@ -75,5 +79,5 @@ def _largest_corner(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     weights = np.linalg.pinv(design)[:, 4]
     change = (weights * y[at]).sum(axis=1)  # of slope, times the interval
     rest = float(np.median(change**2)) / MEDIAN_OF_SQUARE
-    alone = change**2 > ALONE**2 * rest
+    alone = change**2 > max(LEAST_ALONE, float(ndtri(1 - FALSE_ALARM / (2 * change.size)))) ** 2 * rest
     return CORNER * float(np.abs(change[alone]).max(initial=0.0))

@@ -39,8 +39,25 @@ def draw_positioning(path: Path, result: PositioningResult) -> None:
         )
     ax.set_xlabel(f"target, {'deg' if rotary else 'mm'}")
     ax.set_ylabel(f"deviation, {'arcsec' if rotary else 'µm'}")
-    ax.set_title(f"Positioning {result.name} (ISO 230-2)")
+    ax.set_title(f"Positioning {result.name} (ISO 230-2)\n{_figures_in_words(result, scale)}", fontsize=10)
     _save(figure, ax, path)
+
+
+def _figures_in_words(result: PositioningResult, scale: float) -> str:
+    """The figures that a drawing is read for, with their 95 % intervals."""
+    figures, bounds = result.figures.bidirectional, result.bounds.bidirectional
+    if figures is None or bounds is None:
+        one, own = result.figures.forward, result.bounds.forward
+        rows = [("A", one.accuracy, own.accuracy), ("R", one.repeatability, own.repeatability)]
+    else:
+        rows = [
+            ("A", figures.accuracy, bounds.accuracy),
+            ("R", figures.repeatability, bounds.repeatability),
+            ("B", figures.reversal_error, bounds.reversal_error),
+        ]
+    unit = "arcsec" if result.runs.rotary else "µm"
+    words = [f"{name} {size * scale:.2f} ({low * scale:.2f} to {high * scale:.2f})" for name, size, (low, high) in rows]
+    return f"{', '.join(words)} {unit}; in brackets 95 %"
 
 
 def draw_errors(path: Path, costs: Sequence[ErrorCost], chart: VolumetricMap) -> None:

@@ -1,0 +1,107 @@
+"""How often the 95 % bounds of positioning figures hold the truth: a short look; the sweep has 500 of each axis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from metrology.simulated_positioning import AXES, interval, linear, missed, rotary
+
+from rotary_error_monitor.metrology.positioning import PositioningRuns, estimate_positioning
+from rotary_error_monitor.metrology.positioning_bounds import BidirectionalBounds, bound_positioning
+
+
+@pytest.mark.parametrize("kind", ["small reversal", "scatter grows along the travel", "rotary"])
+def test_bounds_hold_the_truth(kind: str) -> None:
+    """Of 40 draws at 95 %, 31 or fewer come by chance less often than once in a thousand; the sweep has the rate."""
+    found = missed(kind, 40)
+    assert len(found) == 10
+    assert all(sum(each) <= 8 / 40 for each in found.values()), found
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_bounds_have_the_unit_of_the_readings(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    runs = linear(rng, reversal=2.0).measured(rng)
+    small, large = bound_positioning(runs), bound_positioning(_scaled(runs, 1000.0))
+    for name in ("forward.repeatability", "bidirectional.reversal_error", "bidirectional.accuracy"):
+        np.testing.assert_allclose(interval(large, name), np.multiply(1000, interval(small, name)), rtol=1e-6)
+    assert bound_positioning(runs) == small
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_more_runs_tell_more(seed: int) -> None:
+    """Of 400 runs all figures are known to a tenth."""
+    rng = np.random.default_rng(seed)
+    axis = replace(linear(rng, reversal=3.0, wear=1.0), runs=400)
+    bounds = bound_positioning(axis.measured(rng))
+    for name, true in axis.truth().items():
+        low, high = interval(bounds, name)
+        assert 0.88 * true < low < high < 1.12 * true
+
+
+def test_readings_that_never_differ_leave_no_doubt() -> None:
+    targets = np.linspace(0, 1, 6)
+    deviations = np.repeat(1e-6 * np.array([[0.0], [1.0], [3.0], [2.0], [5.0], [4.0]]), 5, axis=1)
+    runs = PositioningRuns(targets, deviations, deviations - 2e-6)
+    both, bounds = estimate_positioning(runs).bidirectional, bound_positioning(runs).bidirectional
+    assert both is not None
+    assert bounds is not None
+    for name in BidirectionalBounds.__dataclass_fields__:
+        np.testing.assert_allclose(getattr(bounds, name), getattr(both, name), rtol=1e-9, atol=1e-15)
+
+
+def test_one_direction_has_bounds_of_its_own() -> None:
+    rng = np.random.default_rng(5)
+    runs = linear(rng).measured(rng)
+    bounds = bound_positioning(PositioningRuns(runs.targets, runs.forward, None))
+    assert bounds.backward is None
+    assert bounds.bidirectional is None
+    assert 0 < bounds.forward.repeatability[0] < bounds.forward.repeatability[1]
+
+
+@pytest.mark.parametrize("make", [linear, rotary])
+def test_missing_readings_widen_the_bounds(make: object) -> None:
+    """Two or three readings of five at each target: intervals of R grow by what their degrees of freedom say."""
+    widths = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        runs = make(rng).measured(rng)  # type: ignore[operator]
+        forward, backward = runs.forward.copy(), runs.backward.copy()
+        forward[:, 3:], backward[:, 2:] = np.nan, np.nan
+        fewer = PositioningRuns(runs.targets, forward, backward, runs.rotary)
+        pair = [np.ptp(bound_positioning(each).forward.repeatability) for each in (runs, fewer)]
+        widths.append(pair[1] / pair[0])
+    assert np.mean(widths) > 1.2
+
+
+@pytest.mark.parametrize("targets", [2, 3, 4, 6, 40])
+def test_any_number_of_targets(targets: int) -> None:
+    rng = np.random.default_rng(targets)
+    readings = 1e-6 * rng.normal(size=(2, targets, 2))
+    bounds = bound_positioning(PositioningRuns(np.linspace(0, 6, targets), readings[0], readings[1], targets > 3))
+    low, high = interval(bounds, "bidirectional.accuracy")
+    assert 0 <= low < high < 1e-2
+
+
+def test_an_instrument_moves_ranges_and_no_repeatability() -> None:
+    """By 1.96 times its uncertainty where that is most of it (ISO 230-2:2014, Annex A: not of B and R)."""
+    rng = np.random.default_rng(2)
+    runs = linear(rng, span=60.0).measured(rng)
+    without, with_it = bound_positioning(runs), bound_positioning(runs, 20e-6)
+    for name in ("forward.repeatability", "bidirectional.reversal_error", "bidirectional.repeatability"):
+        assert interval(with_it, name) == interval(without, name)
+    low, high = interval(with_it, "bidirectional.mean_deviation_range")
+    assert high - low == pytest.approx((1.96 + 2.05) * 20e-6, rel=0.1)
+
+
+def test_every_axis_of_the_sweep_can_be_measured() -> None:
+    for make in AXES.values():
+        rng = np.random.default_rng(0)
+        assert np.isfinite(make(rng).measured(rng).forward).all()
+
+
+def _scaled(runs: PositioningRuns, factor: float) -> PositioningRuns:
+    assert runs.backward is not None
+    return replace(runs, forward=factor * runs.forward, backward=factor * runs.backward)
