@@ -45,7 +45,7 @@ _MOST_VALUES = 1 << 20
 """Values of profiles that are drawn at once: 8 MB."""
 
 _MOST_KEPT = 1 << 19
-"""Random numbers that are kept for the next signal: 8 MB, which 30 turns of usual orders take, so that memory does not grow
+"""Random numbers that are kept for the next signal: 8 MB, as for 30 turns of usual orders, so that memory does not grow
 with the recording."""
 
 _FROM_TWICE = 1 / (math.sqrt(2) - 1)
