@@ -98,6 +98,7 @@ class HeadBelief:
         self._layouts: dict[tuple[str, ...], HeadLayout] = {}
         self._untried = TRIES
         self._size = self._step = 0.0
+        self._since = 0  # windows since one was beyond anything
         self.settled = frozenset(heads)
         self._courses: dict[tuple[str, ...], Course] = {}
         self._scatter = RingScatter(timing)
@@ -345,7 +346,7 @@ class HeadBelief:
         """
         self._scatter.forget_last()
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
-        self._since = 0  # windows since one was beyond anything
+        self._since = 0
         self._history: deque[tuple[tuple[float, ...], NDArray[np.float64]]] = deque(maxlen=MEMORY)
         self._step = 0.0
         self._untried = TRIES
