@@ -44,8 +44,9 @@ REPEATS = 10
 _MOST_VALUES = 1 << 20
 """Values of profiles that are drawn at once: 8 MB."""
 
-_MOST_KEPT = 1 << 17
-"""Random numbers that are kept for the next signal: 2 MB, so that memory does not grow with the recording."""
+_MOST_KEPT = 1 << 19
+"""Random numbers that are kept for the next signal: 8 MB, as for 30 turns of usual orders, so that memory does not grow
+with the recording."""
 
 _FROM_TWICE = 1 / (math.sqrt(2) - 1)
 """Growth of a value from a noise to its double variance, times this: from no noise to that noise."""
@@ -334,8 +335,7 @@ class _Normals:
 
 
 def _normals(generator: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.complex128]:
-    parts = generator.standard_normal((*shape, 2))
-    return np.asarray(parts[..., 0] + 1j * parts[..., 1])
+    return np.asarray(generator.standard_normal((*shape, 2)).view(np.complex128)[..., 0])
 
 
 @lru_cache(maxsize=2)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
@@ -12,11 +11,10 @@ from rotary_error_monitor.metrology.description_check import FigureCheck
 from rotary_error_monitor.metrology.periodic_curves import steepest
 from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Evidence, Reach, Window, WindowGrid
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, PERSISTENT, SHORT, HeadBelief
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, HeadBelief
 from rotary_error_monitor.pipeline.ring_belief import ABSENT, CommandBelief, RingBelief
+from rotary_error_monitor.pipeline.stream_belief import StreamBelief
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
-from rotary_error_monitor.signals.admission import LATE
-from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.streams import SampleStream
 
 DOUBTS = ("heads", "ring", "autocollimator", "command", "redundancy", "unverified", "unverified_tilt")
@@ -30,9 +28,6 @@ _LONG_AGO = -(2**62)
 """Number of a window before all others."""
 
 _ROOT = math.sqrt(2.0)
-
-REFUSED = 0.1
-"""Part of the samples in a window whose refusal counts against their stream."""
 
 
 class Verdict(NamedTuple):
@@ -69,55 +64,6 @@ class Verdict(NamedTuple):
     def has(self, doubt: str) -> bool:
         """Whether there is that doubt."""
         return bool(self.doubts >> DOUBTS.index(doubt) & 1)
-
-
-class StreamBelief:
-    """Judges each stream by how much of it had to be refused: what does not hold together is not believed in parts.
-
-    Attributes:
-        doubted: why a stream is not used, by its name.
-    """
-
-    def __init__(self, streams: Mapping[str, SampleStream]) -> None:
-        """Judge of `streams` by name."""
-        self._streams = dict(streams)
-        self.reset()
-
-    def reset(self) -> None:
-        """Believe all of them again."""
-        self.doubted: dict[str, str] = {}
-        # of the latest windows, if anything was refused in one of them: mostly there is nothing to remember
-        self._parts = {name: deque[float](maxlen=SHORT) for name in self._streams}
-        self._agreeing = dict.fromkeys(self._streams, 0.0)
-
-    def distrust(self, name: str, why: str) -> None:
-        """Do not use a stream of which something is known that its samples do not tell."""
-        self.doubted[name] = why
-        self._agreeing[name] = 0.0
-
-    def refuses_all(self, names: Sequence[str]) -> bool:
-        """Whether something of each of these streams was refused in the window that was judged last."""
-        return all(self._parts[name] and self._parts[name][-1] > 0.0 for name in names)
-
-    def judge(self, window: Window, begin_ns: int) -> None:
-        """Take in a window that begins at `begin_ns`, timestamp (ns)."""
-        end_ns = begin_ns + round(window.duration * NANOSECONDS)
-        for name, stream in self._streams.items():
-            parts, part = self._parts[name], stream.refused_between(begin_ns, end_ns)
-            if part or parts:
-                parts.append(part)
-                if not any(parts):
-                    parts.clear()
-            if parts and sum(each > REFUSED for each in parts) >= PERSISTENT:
-                reasons = stream.admission.refused
-                worst = max(reasons, key=lambda reason: reasons[reason])
-                hint = "; do two publishers share its topic?" if worst == LATE else ""
-                self.doubted.setdefault(name, f"{part:.0%} of its samples are refused: {worst}{hint}")
-                self._agreeing[name] = 0.0
-            elif name in self.doubted:
-                self._agreeing[name] += window.duration
-                if self._agreeing[name] >= AGREEMENT:
-                    del self.doubted[name]
 
 
 class Belief:
@@ -173,6 +119,7 @@ class Belief:
         self._began: dict[str, int] = {}
         self._heard: int | None = None
         self._zero_open, self._uncommanded = False, 0.0
+        self._quiet = False
         self.turns = 0
         self.verdict = self._conclude()
 
@@ -253,6 +200,7 @@ class Belief:
         skipped = int(-evidence.ticks[0] % size)  # of a window whose begin was not seen
         whole = max(0, (count - skipped) // size)
         windows = self._grid.summarise(evidence.part(slice(skipped, skipped + whole * size)))
+        self._quiet = self.streams.quiet
         parts: list[tuple[slice, Verdict]] = []
         begin = 0
         for number, window in enumerate(windows):
@@ -260,7 +208,7 @@ class Belief:
             parts.append((slice(max(begin - before, 0), end - before), self.verdict))
             begin, chosen = end, self.left_out
             self._judge(window)
-            self.turns = int(window["turns"]) if window["turns"].is_integer() else 0
+            self.turns = int(window.mean.turns) if window.mean.turns.is_integer() else 0
             if self.turns or self.left_out != chosen:
                 return parts, end - before
         if begin < count:
@@ -300,10 +248,11 @@ class Belief:
 
     def _judge(self, window: Window) -> None:
         self._note_silence(window.number)
-        if window["heads"] > 0.0:
+        if window.mean.heads > 0.0:
             self._heard = window.number
         before = self._heads_left_out()
-        self.streams.judge(window, window.number * window.ticks * self._period_ns)
+        if not self._quiet:
+            self.streams.judge(window, window.number * window.ticks * self._period_ns)
         explained = self.streams.doubted.keys() & {*self._head_names} if self.streams.doubted else set()
         if self.heads.contradiction and self._explained != explained:
             self.heads.reset()  # a stream that is left out for a reason of its own may be the one that is wrong
@@ -352,40 +301,42 @@ class Belief:
             self.tilt.figure.forget()
 
     def _conclude(self) -> Verdict:
-        excluded = self.left_out
+        excluded, heads, ring, tilt, command = self.left_out, self.heads, self.ring, self.tilt, self.command
         # A ring that does not fit and heads that are apart from the command: their zero is wrong, and with it all that
         # is taken off at an angle.
-        no_zero = bool(self.ring.doubt and self.command.doubt)
-        excluded |= self._bits["autocollimator"] * bool(self.tilt.doubt or no_zero)
+        if tilt.doubt or (ring.doubt and command.doubt):
+            excluded |= self._bits["autocollimator"]
         # A motion that the stage cannot make may be a fault of one head: without redundancy it may be in the rotation.
-        one_of_few = self.ring.beyond and not self.heads.redundant
-        excluded |= self._bits["command"] * bool(self.command.doubt or one_of_few)
+        if command.doubt or (ring.beyond and not heads.redundant):
+            excluded |= self._bits["command"]
+        unverified = not self._commanded and self.verified < 1.0
         doubts = (  # in the order of `DOUBTS`
-            self.heads.contradiction,
-            self.ring.doubt,
+            heads.contradiction,
+            ring.doubt,
             excluded & self._bits["autocollimator"],
             excluded & self._bits["command"],
-            self.heads.lost,
-            self._zero_open or self.heads.unsettled or (not self._commanded and self.verified < 1.0),
-            self._has_tilt and (self._zero_open or self._part(self.tilt.figure.covered) < 1.0),
+            heads.lost,
+            self._zero_open or heads.unsettled or unverified,
+            self._has_tilt and (self._zero_open or self._part(tilt.figure.covered) < 1.0),
         )
-        if self.heads.settled not in self._mask_of:
-            self._mask_of[self.heads.settled] = sum(self._bits[name] for name in self.heads.settled)
-        return Verdict(
+        if heads.settled not in self._mask_of:
+            self._mask_of[heads.settled] = sum(self._bits[name] for name in heads.settled)
+        values = (  # in the order of `Verdict`
             excluded,
             sum([1 << bit for bit, doubted in enumerate(doubts) if doubted]),
-            self.heads.scale,
-            self.tilt.scale,
-            math.hypot(self.command.lag, self.ring.late / self._radius),
+            heads.scale,
+            tilt.scale,
+            math.hypot(command.lag, ring.late / self._radius),
             # a component may have all of what is late, but only half the square of what turns with the rotor
-            math.hypot(self._unresolved(self.ring.figure), _ROOT * self.ring.late),
-            math.hypot(self._unresolved(self.tilt.figure), _ROOT * self._figure_slope * self.command.lag),
-            self.heads.most,
-            self._mask_of[self.heads.settled],
-            self.tilt.reach,
-            self.command.reach,
-            self.heads.reach,
+            math.hypot(self._unresolved(ring.figure), _ROOT * ring.late),
+            math.hypot(self._unresolved(tilt.figure), _ROOT * self._figure_slope * command.lag),
+            heads.most,
+            self._mask_of[heads.settled],
+            tilt.reach,
+            command.reach,
+            heads.reach,
         )
+        return Verdict._make(values)
 
 
 def _slope_of(mirror: Mirror) -> float:

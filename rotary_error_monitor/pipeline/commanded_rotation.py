@@ -56,7 +56,7 @@ class CommandedRotation(CommandBelief):
         last, self._last = self._last, window
         self._hold_against_itself(window, last)
         if window.tells_rotation and not self.doubt:
-            self._least, self._most = min(self._least, window["theta"]), max(self._most, window["theta"])
+            self._least, self._most = min(self._least, window.mean.theta), max(self._most, window.mean.theta)
         speed = abs(self._speed_of(window, last))
         before = speed if self._speed_before is None else self._speed_before
         self._speed_before = speed
@@ -68,8 +68,8 @@ class CommandedRotation(CommandBelief):
         if last is None or window.number != last.number + 1 or not (window.tells_rotation and last.tells_rotation):
             self._short = self._stood = self._agreeing = 0.0
             return
-        turned = window["theta"] - last["theta"]
-        way = 0.5 * (window["velocity"] + last["velocity"]) * window.duration
+        turned = window.mean.theta - last.mean.theta
+        way = 0.5 * (window.mean.velocity + last.mean.velocity) * window.duration
         if turned != 0.0 and abs(turned) > STANDS * abs(way):
             self._short = self._stood = 0.0
             self._rotor.move(turned / window.duration)
@@ -84,17 +84,17 @@ class CommandedRotation(CommandBelief):
 
     def _stuck_by_velocity(self, window: Window) -> str:
         """It stands for longer than following error and latency explain at the velocity that it says."""
-        speed = abs(window["velocity"])
+        speed = abs(window.mean.velocity)
         if abs(self._short) <= self._limits.following_error + self._limits.latency * speed:
             return ""
         return (
-            f"stuck: its angle stands while its velocity of {window['velocity']:.3g} rad/s would have moved it by "
+            f"stuck: its angle stands while its velocity of {window.mean.velocity:.3g} rad/s would have moved it by "
             f"{abs(self._short) * 1e6:.3g} µrad"
         )
 
     def _stuck_by_rotor(self, window: Window) -> str:
         """It stands, and what is seen of the rotor goes on turning as fast as the command did before."""
-        if not self._rotor.goes_on(self._stood, window["theta"], window.readings):
+        if not self._rotor.goes_on(self._stood, window.mean.theta, window.readings):
             return ""
         return f"stuck: it has stood for {self._stood * 1e3:.0f} ms, and what turns with the rotor goes on"
 

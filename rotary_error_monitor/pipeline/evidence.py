@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,40 +15,55 @@ Array = NDArray[np.float64]
 WINDOW_NS = 10_000_000
 """Length of a window, ns: a tenth of the time after which what is published has to be right again."""
 
-COLUMNS = (
-    "theta",  # rad
-    "heads",  # whether the heads tell the rotation
-    "radial",  # whether both radial components are seen
-    "head_samples",  # independent samples of a head behind one tick, at most 1
-    "agreement",  # chi-square of the heads that are there over its degrees of freedom
-    "believed_agreement",  # the same of those that are believed
-    "command",  # whether there is a command
-    "turns",  # whole turns between rotation and command
-    "ecc",  # rotation minus command, rad, within half a turn
-    "centre_x",  # of the ring, m
-    "centre_y",
-    "surplus_x",  # centre less all that the description predicts of it, m, as far as the heads see it
-    "surplus_y",
-    "described_x",  # error motion that the description predicts, m, as far as the heads see it
-    "described_y",
-    "radial_variance",  # m²
-    "tilt",  # whether there is a tilt
-    "tilt_samples",  # independent samples behind one tick, at most 1
-    "tilt_x",  # of the mirror, rad
-    "tilt_y",
-    "tilt_surplus_x",  # tilt less all that the description predicts of it, rad
-    "tilt_surplus_y",
-    "tilt_variance",  # rad²
-    "commanded",  # whether the command alone tells the rotation, of a stage without heads
-    "velocity",  # of the command that does, rad/s
-)
+
+class Means(NamedTuple):
+    """Means over a window of what its ticks say; its fields are the columns of `Evidence`."""
+
+    theta: float  # rad
+    heads: float  # whether the heads tell the rotation
+    radial: float  # whether both radial components are seen
+    head_samples: float  # independent samples of a head behind one tick, at most 1
+    agreement: float  # chi-square of the heads that are there over its degrees of freedom
+    believed_agreement: float  # the same of those that are believed
+    command: float  # whether there is a command
+    turns: float  # whole turns between rotation and command
+    ecc: float  # rotation minus command, rad, within half a turn
+    centre_x: float  # of the ring, m
+    centre_y: float
+    surplus_x: float  # centre less all that the description predicts of it, m, as far as the heads see it
+    surplus_y: float
+    described_x: float  # error motion that the description predicts, m, as far as the heads see it
+    described_y: float
+    radial_variance: float  # m²
+    tilt: float  # whether there is a tilt
+    tilt_samples: float  # independent samples behind one tick, at most 1
+    tilt_x: float  # of the mirror, rad
+    tilt_y: float
+    tilt_surplus_x: float  # tilt less all that the description predicts of it, rad
+    tilt_surplus_y: float
+    tilt_variance: float  # rad²
+    commanded: float  # whether the command alone tells the rotation, of a stage without heads
+    velocity: float  # of the command that does, rad/s
+
+
+COLUMNS = Means._fields
 INDEX = {name: place for place, name in enumerate(COLUMNS)}
-_PAIRS = {name.removesuffix("_x"): slice(at, at + 2) for name, at in INDEX.items() if name.endswith("_x")}
-_ALL = 1.0 - 1e-9
+_PLACES = {name.removesuffix("_x"): at for name, at in INDEX.items() if name.endswith("_x")}
+
+ALWAYS = 1.0 - 1e-9
 """Mean of a column of zeros and ones from which all of them were ones."""
 
-SCATTERING = ("ecc", "tilt_surplus_x", "tilt_surplus_y")
-"""Columns whose scatter within a window is told: a ripple in step with the windows does not show in their means."""
+
+class Scatter(NamedTuple):
+    """Standard deviations of ticks about a straight line: a ripple in step with the windows does not show in means."""
+
+    ecc: float
+    tilt_surplus_x: float
+    tilt_surplus_y: float
+
+
+SCATTERING = Scatter._fields
+_SCATTERING = [INDEX[name] for name in SCATTERING]
 
 
 class Reach(NamedTuple):
@@ -91,8 +107,7 @@ class Evidence:
         return tuple(vars(self).values())
 
 
-@dataclass(frozen=True)
-class Window:
+class Window(NamedTuple):
     """Means of the evidence over one window.
 
     Attributes:
@@ -110,33 +125,26 @@ class Window:
     number: int
     duration: float
     ticks: int
-    mean: tuple[float, ...]
-    scatter: tuple[float, ...]
+    mean: Means
+    scatter: Scatter
     parity: Array
     available: int
     steady: bool
-    readings: Array = field(default_factory=lambda: np.empty(0))
-
-    def __getitem__(self, name: str) -> float:
-        return self.mean[INDEX[name]]
-
-    def scattering(self, name: str) -> float:
-        """Standard deviation of one of the columns in `SCATTERING` over the ticks."""
-        return self.scatter[SCATTERING.index(name)]
+    readings: Array = np.empty(0)
 
     def pair(self, name: str) -> tuple[float, float]:
         """Both components of a vector in the plane."""
-        x, y = self.mean[_PAIRS[name]]
-        return x, y
+        place = _PLACES[name]
+        return self.mean[place], self.mean[place + 1]
 
     def has(self, what: str) -> bool:
         """Whether `what` (heads, commanded, radial, command, tilt) was there at every tick."""
-        return self.mean[INDEX[what]] > _ALL
+        return self.mean[INDEX[what]] > ALWAYS
 
     @property
     def tells_rotation(self) -> bool:
         """Whether the rotation was known at every tick."""
-        return self.has("heads") or self.has("commanded")
+        return self.mean.heads > ALWAYS or self.mean.commanded > ALWAYS
 
 
 class WindowGrid:
@@ -157,28 +165,24 @@ class WindowGrid:
         # over the middle axis numpy adds one after another: the same bits however many windows there are
         values = evidence.values.reshape(count, self.ticks, len(COLUMNS))
         means = (values.sum(axis=1) / self.ticks).tolist()
-        scatter = self._scatter(values[:, :, [INDEX[name] for name in SCATTERING]]).tolist()
+        scatter = self._scatter(values[:, :, _SCATTERING]).tolist()
         parity, readings = (
             each.reshape(count, self.ticks, each.shape[1]).sum(axis=1) / self.ticks
             for each in (evidence.parity, evidence.readings)
         )
         masks = evidence.available.reshape(count, self.ticks)
-        steady = (masks == masks[:, :1]).all(axis=1).tolist()
-        always = np.bitwise_and.reduce(masks, axis=1).tolist()
-        return [
-            Window(
-                self.number(int(evidence.ticks[i * self.ticks])),
-                self.duration,
-                self.ticks,
-                tuple(means[i]),
-                tuple(scatter[i]),
-                parity[i],
-                always[i],
-                steady[i],
-                readings[i],
-            )
-            for i in range(count)
-        ]
+        columns = (
+            (evidence.ticks[:: self.ticks] // self.ticks).tolist(),
+            repeat(self.duration),
+            repeat(self.ticks),
+            map(Means._make, means),
+            map(Scatter._make, scatter),
+            parity,
+            np.bitwise_and.reduce(masks, axis=1).tolist(),
+            (masks == masks[:, :1]).all(axis=1).tolist(),
+            readings,
+        )
+        return list(map(Window._make, zip(*columns, strict=False)))
 
     def _scatter(self, values: Array) -> Array:
         """(w, k) standard deviation of values (w, t, k) of the t ticks of each window about a straight line."""

@@ -92,11 +92,13 @@ class HeadBelief:
         self.contradicting = False
         self._agreeing = 0.0
         self._agreement: deque[float] = deque(maxlen=LONG)
+        self._bounds_of, self._bounds = (0.0, (0, 0, 0)), [0.0]  # of `_excesses`, and for what degrees of freedom
         self._lasting = 1.0
         self._believed: tuple[str, ...] = ()
         self._layouts: dict[tuple[str, ...], HeadLayout] = {}
         self._untried = TRIES
         self._size = self._step = 0.0
+        self._since = 0  # windows since one was beyond anything
         self.settled = frozenset(heads)
         self._courses: dict[tuple[str, ...], Course] = {}
         self._scatter = RingScatter(timing)
@@ -135,7 +137,7 @@ class HeadBelief:
     def judge(self, window: Window, available: Sequence[str]) -> None:
         """Take in a window in which the heads `available` were there all the time, whether believed or not."""
         self.reach, self.contradicting = EVERYWHERE, False
-        if self._believed:  # before, none has begun
+        if self._believed and len(self.settled.intersection(available)) < len(self.settled):  # before, none has begun
             self.settled &= frozenset(available)
         if not window.has("heads") or not window.steady:
             self._agreeing = 0.0
@@ -157,22 +159,27 @@ class HeadBelief:
             self._judge_steps(window, abs(speed) / reading)
 
     def _judge_redundant(self, window: Window, layout: HeadLayout) -> None:
-        found, most = window["believed_agreement"], self.most**2
+        found, most = window.mean.believed_agreement, self.most**2
         self._agreement.append(min(found, most))
-        freedom = max(1.0, window.ticks * window["head_samples"]) * layout.redundancy
-        excesses = self._excesses(freedom)
-        self.contradicted, self._lasting = math.sqrt(max(1.0, *excesses)), math.sqrt(max(1.0, excesses[-1]))
+        of_last, of_some, of_all = self._excesses(max(1.0, window.ticks * window.mean.head_samples) * layout.redundancy)
+        self.contradicted = math.sqrt(max(1.0, of_last, of_some, of_all))
+        self._lasting = math.sqrt(max(1.0, of_all))
         self.scale = max(self.contradicted, self._tolerance)
         # what is borne changes with the speed: each window has its own
         self.contradicting = found >= most
-        self._beyond.append((self.contradicting, found >= (WEAK * self._tolerance) ** 2, found))
-        persistent = sum([beyond for beyond, _, _ in self._beyond]) >= PERSISTENT
-        lasting = sum([beyond for _, beyond, _ in self._beyond]) >= PERSISTENT
+        weakly = found >= (WEAK * self._tolerance) ** 2
+        self._beyond.append((self.contradicting, weakly, found))
+        self._since = 0 if self.contradicting or weakly else self._since + 1
         if not self.contradicting and not self.contradiction:
-            self.settled |= frozenset(self._believed)
-            course, theta, place = self._course(window), window["theta"], window.pair("surplus")
+            if not self.settled.issuperset(self._believed):
+                self.settled |= frozenset(self._believed)
+            course, theta, place = self._course(window), window.mean.theta, window.pair("surplus")
             course.turn.put(theta, course.moved(window.number, theta), place)
             course.follow(window.number, theta, place, sure=True)
+        if self._since >= SHORT and not self.contradiction:  # none of the last ones is beyond anything
+            return
+        persistent = sum([beyond for beyond, _, _ in self._beyond]) >= PERSISTENT
+        lasting = sum([beyond for _, beyond, _ in self._beyond]) >= PERSISTENT
         if not (self.contradiction or persistent or lasting):
             return
         self._untried += 1
@@ -193,7 +200,10 @@ class HeadBelief:
         """Mean contradiction over what chance allows, for the last window and the longer spans."""
         values = list(self._agreement)
         parts = values[-1:], values[-SHORT:], values
-        return [sum(part) / len(part) / chi_square_bound(freedom * len(part)) for part in parts]
+        counts = 1, len(parts[1]), len(values)
+        if (freedom, counts) != self._bounds_of:
+            self._bounds_of, self._bounds = (freedom, counts), [chi_square_bound(freedom * each) for each in counts]
+        return [sum(part) / count / bound for part, count, bound in zip(parts, counts, self._bounds, strict=True)]
 
     def _leave_out_the_wrong(self, layout: HeadLayout) -> bool:
         """Leave out the head that causes the contradiction; give whether its course tells which that is."""
@@ -240,11 +250,11 @@ class HeadBelief:
 
     def _motion(self, window: Window) -> tuple[float, float]:
         """Speed, and the noise of a head's reading, rad/s and rad: stamps that are off show as one over the other."""
-        reading = math.sqrt(2.0 * window["radial_variance"]) / self._radius
-        last, self._last = self._last, (window.number, window["theta"])
+        reading = math.sqrt(2.0 * window.mean.radial_variance) / self._radius
+        last, self._last = self._last, (window.number, window.mean.theta)
         if last is None or window.number == last[0] or reading == 0.0:
             return 0.0, 1.0
-        return (window["theta"] - last[1]) / ((window.number - last[0]) * window.duration), reading
+        return (window.mean.theta - last[1]) / ((window.number - last[0]) * window.duration), reading
 
     def _judge_steps(self, window: Window, rate: float) -> None:
         """Without redundancy: a step that no bearing makes, and that noise and stamps do not at such a rate.
@@ -255,10 +265,10 @@ class HeadBelief:
         """
         self.contradicted = self._lasting
         self.scale = max(self.contradicted, self._tolerance)
-        course, place, theta = self._course(window), window.pair("surplus"), window["theta"]
+        course, place, theta = self._course(window), window.pair("surplus"), window.mean.theta
         moved = course.moved(window.number, theta)
         passed = math.inf if course.number is None else (window.number - course.number) * window.duration
-        variance = window["radial_variance"] / max(1.0, window.ticks * window["head_samples"])
+        variance = window.mean.radial_variance / max(1.0, window.ticks * window.mean.head_samples)
         noise = math.sqrt(variance) * self._scatter.scale(rate)
         allowed = self._limits.radial_rate * window.duration + 6.0 * math.sqrt(2.0) * noise
         before, last, sure = course.turn.get(theta, moved), course.place, course.sure
@@ -307,11 +317,11 @@ class HeadBelief:
             return
         whole = self._layout(tuple(available))
         back = all(name in available for name in self.doubted) and whole.redundancy > 0
-        freedom = max(1.0, window.ticks * window["head_samples"]) * max(whole.redundancy, 1)
+        freedom = max(1.0, window.ticks * window.mean.head_samples) * max(whole.redundancy, 1)
         bound = chi_square_bound(freedom)
         # what the uncertainty of stamps explains at a speed is no return of a head that was off before
         most = min(bound * self._tolerance**2, max(bound, RETURNED * self._size))
-        fine = back and window["agreement"] <= most
+        fine = back and window.mean.agreement <= most
         self._agreeing = self._agreeing + window.duration if fine else 0.0
         if self._agreeing >= AGREEMENT:
             self.doubted.clear()
@@ -320,9 +330,9 @@ class HeadBelief:
     def _course_of(self, window: Window) -> tuple[float, float, float, float]:
         """Rotation, distance from the command, and the two radial components over the radius, rad."""
         x, y = window.pair("surplus")
-        ecc = window["ecc"] if window.has("command") else math.nan
+        ecc = window.mean.ecc if window.has("command") else math.nan
         # the angle by which the readings differ, also where it is large (Lou et al. 2019, Equation 3)
-        return window["theta"], ecc, math.atan(x / self._radius), math.atan(y / self._radius)
+        return window.mean.theta, ecc, math.atan(x / self._radius), math.atan(y / self._radius)
 
     def _settle(self) -> None:
         """What the heads contradicted one another by so far is accounted for."""
@@ -336,6 +346,7 @@ class HeadBelief:
         """
         self._scatter.forget_last()
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
+        self._since = 0
         self._history: deque[tuple[tuple[float, ...], NDArray[np.float64]]] = deque(maxlen=MEMORY)
         self._step = 0.0
         self._untried = TRIES

@@ -106,9 +106,8 @@ class RingBelief:
                 self.doubt = ""
 
     def _beyond(self, window: Window) -> str:
-        x, y = window.pair("surplus")
-        described_x, described_y = window.pair("described")
-        motion = math.hypot(x + described_x, y + described_y)
+        mean = window.mean
+        motion = math.hypot(mean.surplus_x + mean.described_x, mean.surplus_y + mean.described_y)
         if motion <= self._limit:
             return ""
         return (
@@ -121,31 +120,33 @@ class RingBelief:
         last, self._last = self._last, window
         if last is None or last.number != window.number - 1:
             return
-        speed = (window["theta"] - last["theta"]) / window.duration
-        self._slope.add(window.number, window["theta"], *window.pair("surplus"))
+        speed = (window.mean.theta - last.mean.theta) / window.duration
+        self._slope.add(window.number, window.mean.theta, *window.pair("surplus"))
         if window.number % SHORT == 0 and len(self._slope) >= SHORT:
             self._slope.measure(window.duration)
         self.late = abs(speed) * self._slope.length
 
     def _misread(self, window: Window) -> str:
-        x, y = window.pair("centre")
-        off_x, off_y = window.pair("surplus")
-        if not self.figure.add(window["theta"], (x, y), (x - off_x, y - off_y)) and window.number % SHORT:
+        mean = window.mean
+        x, y = mean.centre_x, mean.centre_y
+        described = x - mean.surplus_x, y - mean.surplus_y
+        if not self.figure.add(mean.theta, (x, y), described) and window.number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
-        found = self.figure.judge(math.sqrt(window["radial_variance"]))
+        found = self.figure.judge(math.sqrt(mean.radial_variance))
         if found is None:
             return ""
         return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µm that is unexplained)"
 
     def _too_quiet(self, window: Window) -> str:
         """Heads that move and yet scatter far less than the described noise."""
-        if window["believed_agreement"] == 0.0:  # no redundancy to see it by
+        agreement, theta = window.mean.believed_agreement, window.mean.theta
+        if agreement == 0.0:  # no redundancy to see it by
             self._agreement.clear()
             self._turned.clear()
             return ""
-        self._agreement.append(window["believed_agreement"])
-        self._turned.append(window["theta"])
-        if len(self._agreement) < LONG or abs(self._turned[-1] - self._turned[0]) < math.pi / 8:
+        self._agreement.append(agreement)
+        self._turned.append(theta)
+        if len(self._agreement) < LONG or abs(theta - self._turned[0]) < math.pi / 8:
             return ""
         seen = math.sqrt(sum(self._agreement) / LONG)
         if seen > CONFIDENT:
@@ -238,12 +239,12 @@ class CommandBelief:
             self._measure(window)
             wrong = self._late()
         if wrong and not self.doubt:
-            self._before = (window["ecc"] - self._zero.latest if self._zero.open else last["ecc"]) if step else None
+            self._before = (window.mean.ecc - self._zero.latest if self._zero.open else last.mean.ecc) if step else None
         if wrong:
             self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
         elif self.doubt:
             # after a step only the return to what was before it tells that it is over
-            back = self._before is None or abs(window["ecc"] - self._before) <= 0.3 * self._size
+            back = self._before is None or abs(window.mean.ecc - self._before) <= 0.3 * self._size
             self._agreeing = self._agreeing + window.duration if back else 0.0
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
@@ -252,13 +253,13 @@ class CommandBelief:
         self.lag = self._lag_at(speed, window)
         faster = ACCELERATION * window.duration * self._limits.latency
         reach = STEADY * self._limits.following_error + faster + 6.0 * self.lag
-        self.reach = Reach(window["ecc"], 0.0, reach)
+        self.reach = Reach(window.mean.ecc, 0.0, reach)
 
     def _speed_of(self, window: Window, last: Window | None) -> float:
         """Speed in a window by that before it, rad/s; where it is not told the largest that it can be."""
         if last is None or window.number != last.number + 1 or not (window.tells_rotation and last.tells_rotation):
             return self._largest_speed(window.number)
-        speed = (window["theta"] - last["theta"]) / window.duration
+        speed = (window.mean.theta - last.mean.theta) / window.duration
         self._told = window, speed
         return speed
 
@@ -274,16 +275,16 @@ class CommandBelief:
 
     def _beyond(self, window: Window, speed: float) -> str:
         allowed = self._limits.following_error + self._limits.latency * abs(speed)
-        if abs(window["ecc"]) <= allowed:
+        if abs(window.mean.ecc) <= allowed:
             return ""
         return (
-            f"rotation and command are {window['ecc'] * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error and "
-            f"latency explain {allowed * 1e6:.3g}. Command, its stamps, or the zero of the heads are wrong"
+            f"rotation and command are {window.mean.ecc * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error "
+            f"and latency explain {allowed * 1e6:.3g}. Command, its stamps, or the zero of the heads are wrong"
         )
 
     def _step(self, window: Window, last: Window, speed: float, scatter: float) -> str:
         """A step of the distance that neither the drive nor a change of speed makes."""
-        step = abs(window["ecc"] - last["ecc"])
+        step = abs(window.mean.ecc - last.mean.ecc)
         accelerated = self._limits.latency * abs(speed - self._speed)
         if step <= STEADY * self._limits.following_error + accelerated + 6.0 * scatter:
             return ""
@@ -292,9 +293,9 @@ class CommandBelief:
 
     def _moved_in_silence(self, window: Window, last: Window, speed: float, scatter: float) -> str:
         """The same over a silence of the heads: what is less than a step counts as uncertainty."""
-        distance = window["ecc"] + self.delay * speed  # the delay's part goes with the speed
-        moved = window["theta"] - last["theta"]
-        self.shift = self._zero.judge(window["theta"], moved, distance, self._noise) if not self.doubt else 0.0
+        distance = window.mean.ecc + self.delay * speed  # the delay's part goes with the speed
+        moved = window.mean.theta - last.mean.theta
+        self.shift = self._zero.judge(window.mean.theta, moved, distance, self._noise) if not self.doubt else 0.0
         if self.shift <= STEADY * self._limits.following_error + 6.0 * scatter:
             return ""
         self._size = abs(self._zero.latest)
@@ -311,13 +312,13 @@ class CommandBelief:
             latest = list(self._within)[-SHORT:]
             within = max(sum(self._within) / len(self._within), sum(latest) / len(latest))
             self._variances = sum(self._squares) / len(self._squares) / 1.5, within
-        samples = max(1.0, window.ticks * window["head_samples"])
+        samples = max(1.0, window.ticks * window.mean.head_samples)
         return math.sqrt(max(self._variances[0] * samples, self._variances[1]))
 
     def _stuck(self, window: Window, last: Window) -> str:
         """A command that stands while the rotor turns."""
-        command = (window["theta"] - window["ecc"]) - (last["theta"] - last["ecc"])
-        turned = window["theta"] - last["theta"]
+        command = (window.mean.theta - window.mean.ecc) - (last.mean.theta - last.mean.ecc)
+        turned = window.mean.theta - last.mean.theta
         if abs(command) > STANDS * abs(turned) or abs(turned) < 6.0 * self._noise:
             self._still = 0.0
             return ""
@@ -330,12 +331,12 @@ class CommandBelief:
         """Scatter of the distance, and its slope over the speed, where that stands out from the scatter."""
         before = self._distances
         if len(before) >= 2:
-            self._squares.append((before[-1] - 0.5 * (before[-2] + window["ecc"])) ** 2)
-            self._within.append(window.scattering("ecc") ** 2)
+            self._squares.append((before[-1] - 0.5 * (before[-2] + window.mean.ecc)) ** 2)
+            self._within.append(window.scatter.ecc**2)
             self._variances = None
-        before.append(window["ecc"])
+        before.append(window.mean.ecc)
         # the command's speed: at its rest a drive that settles goes as its distance does, late or not
-        self._slope.add(window.number, window["theta"] - window["ecc"], window["ecc"])
+        self._slope.add(window.number, window.mean.theta - window.mean.ecc, window.mean.ecc)
         if window.number % SHORT == 0 and len(self._slope) >= SHORT:
             self._slope.measure(window.duration)
             self.delay = -float(self._slope.value[0])

@@ -77,15 +77,15 @@ class SpeedSlope:
         """
         self._make_room()
         room = self._room[:, self._begin : self._end]
-        inner = np.flatnonzero(room[0, 2:] - room[0, :-2] == 2.0)
         speed, among = (room[1, 2:] - room[1, :-2]) / (2.0 * duration), room[:, 1:-1]
-        if len(inner) < among.shape[1]:
+        if room[0, -1] - room[0, 0] != room.shape[1] - 1:  # some windows are missing
+            inner = np.flatnonzero(room[0, 2:] - room[0, :-2] == 2.0)
             speed, among = speed[inner], among[:, inner]
         if among.shape[1] < 2 * self._unknown:
             return
         powers, trend = _trend(among[0])
         rows = np.vstack([among[self._waves], speed, among[self._shown]])
-        if len(among[self._waves]) and not self.value.any() and self._shows_none(rows, trend):
+        if not self.length and self._shows_none(rows, trend):
             return
         slope, margin = self._regress(rows, powers, trend)
         unseen = np.where(np.abs(slope - self.value) > margin, 0.0, self.value)
@@ -122,20 +122,35 @@ class SpeedSlope:
         """Whether for sure no slope stands out, told by normal equations: a third of the time, but digits are lost."""
         fitted = len(rows) - 1 - len(self.value)
         free = rows - (rows @ trend) @ trend.T
-        waves, others = free[:fitted], free[fitted:]
-        products = free @ waves.T
-        squares = products[:fitted]
-        try:
-            pivots = np.square(np.linalg.cholesky(squares).diagonal())
-        except np.linalg.LinAlgError:
+        others = free[fitted:]
+        if fitted:
+            waves = free[:fitted]
+            products = free @ waves.T
+            squares = products[:fitted]
+            try:
+                pivots = np.square(np.linalg.cholesky(squares).diagonal())
+            except np.linalg.LinAlgError:
+                return False
+            if (pivots < LEAST_PART * squares.diagonal()).any():
+                return False
+            others = others - np.linalg.solve(squares, products[fitted:].T).T @ waves
+        # of speed and values with one another, and with what is one window later
+        same, later = (others @ others.T).tolist(), (others[:, 1:] @ others[:, :-1].T).tolist()
+        if any(same[k][k] <= ROUNDING**2 * float(row @ row) for k, row in enumerate(rows[fitted:])):
             return False
-        if (pivots < LEAST_PART * squares.diagonal()).any():
+        return all(self._is_chance(same, later, k, rows.shape[1]) for k in range(1, len(same)))
+
+    def _is_chance(self, same: list[list[float]], later: list[list[float]], place: int, count: int) -> bool:
+        """Whether for sure a slope is none: by products of `count` speeds (0) and values, as `_slope_of`."""
+        slope = same[0][place] / same[0][0]
+        square = same[place][place] - slope * same[0][place]
+        if square <= ROUNDING * same[place][place]:
             return False
-        free = others - np.linalg.solve(squares, products[fitted:].T).T @ waves
-        if (np.square(free).sum(axis=1) <= ROUNDING**2 * np.square(rows[fitted:]).sum(axis=1)).any():
-            return False
-        slope, margin = self._slope_of(free.T)
-        return bool((np.abs(slope) < SURELY * margin).all())
+        alike = later[place][place] - slope * (later[0][place] + later[place][0] - slope * later[0][0])
+        alike = max(alike, 0.0)
+        freedom = max(count * (square - alike) / (square + alike) - self._unknown - 1.0, 1.0)
+        margin = float(self._quantile(freedom, 1.0 - CHANCE)) * math.sqrt(square / same[0][0] / freedom)
+        return abs(slope) < SURELY * margin
 
     def _slope_of(self, free: Array) -> tuple[Array, Array]:
         """Slope (k,), and how large it can be by chance, from speed and values (n, 1 + k) free of all else."""

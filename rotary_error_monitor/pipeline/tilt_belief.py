@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 from rotary_error_monitor.description.stage import Autocollimator, StageDescription
 from rotary_error_monitor.metrology.agreement import chi_square_bound
@@ -74,6 +75,8 @@ class TiltBelief:
         self._agreeing = self._size = self._near = self._farthest = 0.0
         self._squares: deque[float] = deque(maxlen=LONG)
         self._within: deque[float] = deque(maxlen=LONG)
+        self._bounds_of: tuple[tuple[int, ...], float] | None = None  # counts of squares that `_bounds` hold for
+        self._bounds: list[float] = []
         self._recent: deque[tuple[float, float]] = deque(maxlen=SHORT)
         self._before: tuple[float, float] | None = None
         self._last: Window | None = None
@@ -99,7 +102,7 @@ class TiltBelief:
             self._still = self._repeated = self._calm = None
             self._agreeing = self._gone = 0.0
             return
-        samples = max(1.0, window.ticks * window["tilt_samples"])
+        samples = max(1.0, window.ticks * window.mean.tilt_samples)
         self._reading, self._surplus = window.pair("tilt"), window.pair("tilt_surplus")
         self._stated, self._drifted = self._noise / math.sqrt(samples), self._drift(window.duration)
         stuck = self._is_stuck(window) or self._stands(window)
@@ -111,7 +114,7 @@ class TiltBelief:
         if not self.doubt:
             self._recent.append(self._surplus)
         self._last, self._last_reading, self._last_surplus = window, self._reading, self._surplus
-        deviation = math.sqrt(window["tilt_variance"] or math.inf)
+        deviation = math.sqrt(window.mean.tilt_variance or math.inf)
         self.scale = math.hypot(self._noise_scale, self._unseen(window) / deviation)
         # one tick is less sure than the mean of a window, and may be a window and a half away
         noise = math.hypot(self._deviation * math.sqrt(1.0 + samples), self._drifted)
@@ -146,7 +149,7 @@ class TiltBelief:
             earlier = list(self._recent)[: SHORT // 2] or [self._still.pair("tilt_surplus")]
             self._repeated = _mean(earlier)
         run = window.number - self._still.number + 1
-        readings = run * window.ticks * window["tilt_samples"]
+        readings = run * window.ticks * window.mean.tilt_samples
         moved = self._moved()
         floor = self._instrument.resolution + SIGMAS * self._instrument.noise
         if readings > self._equal_run or moved > floor:
@@ -168,7 +171,7 @@ class TiltBelief:
         self._most_gone = max(self._most_gone, self._gone)
         passed = (window.number - self._calm.number) * window.duration
         far = STANDING * near + SIGMAS * _ROOT * self._drift(passed)
-        if self._most_gone <= far or abs(window["theta"] - self._calm["theta"]) < 2 * math.pi:
+        if self._most_gone <= far or abs(window.mean.theta - self._calm.mean.theta) < 2 * math.pi:
             return ""
         return f"stuck: it stays where it is while what is described of it goes {self._most_gone * 1e6:.3g} µrad"
 
@@ -210,9 +213,9 @@ class TiltBelief:
 
     def _misread(self, window: Window) -> str:
         (x, y), (off_x, off_y) = self._reading, self._surplus
-        if not self.figure.add(window["theta"], (x, y), (x - off_x, y - off_y)) and window.number % SHORT:
+        if not self.figure.add(window.mean.theta, (x, y), (x - off_x, y - off_y)) and window.number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
-        found = self.figure.judge(math.sqrt(window["tilt_variance"]))
+        found = self.figure.judge(math.sqrt(window.mean.tilt_variance))
         if found is None:
             return ""
         return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µrad that is unexplained)"
@@ -224,18 +227,18 @@ class TiltBelief:
             variance = 1.5 * self._stated**2 + self._drifted**2
             for first, middle, last in zip(recent[-2], recent[-1], self._surplus, strict=True):
                 self._squares.append(min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6))
-            variance = window["tilt_variance"] or math.inf
-            for name in ("tilt_surplus_x", "tilt_surplus_y"):
-                self._within.append(min(window.scattering(name) ** 2 / variance, 1e6))
+            variance = window.mean.tilt_variance or math.inf
+            for scatter in (window.scatter.tilt_surplus_x, window.scatter.tilt_surplus_y):
+                self._within.append(min(scatter**2 / variance, 1e6))
         if len(self._squares) >= SHORT:
             among, within = list(self._squares), list(self._within)
-            # neighbours share windows, which leaves about half of them independent
-            parts = [(part, 0.5 * len(part)) for part in (among[-2:], among[-SHORT:], among)]
-            # as many independent ones as there are samples, of which a straight line takes two
-            each = (window.ticks - 2) * window["tilt_samples"]
-            parts += [(part, max(1, round(each * len(part)))) for part in (within[-2 * SHORT :], within)]
-            excess = [sum(part) / len(part) / chi_square_bound(freedom) for part, freedom in parts]
-            self._noise_scale = math.sqrt(max(1.0, *excess))
+            parts = among[-2:], among[-SHORT:], among, within[-2 * SHORT :], within
+            counts = tuple(map(len, parts))
+            each = (window.ticks - 2) * window.mean.tilt_samples
+            if (counts, each) != self._bounds_of:
+                self._bounds_of, self._bounds = (counts, each), _bounds(counts, each)
+            of_parts = zip(map(sum, parts), counts, self._bounds, strict=True)
+            self._noise_scale = math.sqrt(max(1.0, *[total / count / bound for total, count, bound in of_parts]))
 
     @property
     def _deviation(self) -> float:
@@ -256,6 +259,14 @@ class TiltBelief:
         """Whether the tilt is near where it was before it was doubted; the description where nothing was before."""
         near = self._near + SIGMAS * math.hypot(self._deviation, self._drifted)
         return _distance(self._surplus, self._before or (0.0, 0.0)) <= near
+
+
+def _bounds(counts: Sequence[int], each: float) -> list[float]:
+    """Bounds on the mean of so many squares: three times among windows, then within them, with `each` independent."""
+    # neighbours share windows, which leaves about half of them independent
+    among = [0.5 * count for count in counts[:3]]
+    # as many independent ones as there are samples, of which a straight line takes two
+    return [chi_square_bound(freedom) for freedom in (*among, *(max(1, round(each * count)) for count in counts[3:]))]
 
 
 def _mean(pairs: list[tuple[float, float]]) -> tuple[float, float]:

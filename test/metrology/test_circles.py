@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import linprog, minimize
 
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.circles import CENTRES, find_centre
@@ -56,6 +56,38 @@ def test_the_minimum_zone_is_the_smallest(seed):
     profile = profile_of(seed)
     values = {method: find_centre(ANGLES, profile, method).value for method in CENTRES}
     assert min(values.values()) == values["MZC"]
+
+
+def least_by_general_solver(angles, profile, method):
+    """Least cost of the centre as a linear programme in shift, outer and inner radius."""
+    waves, one, none = np.stack([np.cos(angles), np.sin(angles)], axis=1), np.ones((len(angles), 1)), 0.0
+    outer, inner = np.hstack([-waves, -one, none * one]), np.hstack([waves, none * one, one])
+    rows, edges = {
+        "MZC": (np.vstack([outer, inner]), np.concatenate([-profile, profile])),
+        "MCC": (outer, -profile),
+        "MIC": (inner, profile),
+    }[method]
+    cost = np.array([0.0, 0.0, method != "MIC", -float(method != "MCC")])
+    return linprog(cost, rows, edges, bounds=(None, None)).fun
+
+
+@pytest.mark.parametrize("count", [3, 4, 5, 17, 90, 180, 361])
+@pytest.mark.parametrize("method", ["MZC", "MCC", "MIC"])
+def test_no_centre_is_better_whatever_the_angles_and_the_digits(count, method):
+    """Also of profiles with equal values, and of angles that are apart by chance."""
+    rng = np.random.default_rng(count)
+    for draw in range(12):
+        angles = np.arange(count) * (2 * np.pi / count)
+        if draw % 3 == 0 and count > 3:
+            angles = angles + rng.uniform(-0.4, 0.4, count) * (2 * np.pi / count)
+        profile = rng.normal(size=count) + 3.0 * np.cos(angles - rng.uniform(0.0, 6.3))
+        if draw % 4 == 0:
+            profile = np.round(profile, 1)
+        found = find_centre(angles, profile, method)
+        left = profile - np.stack([np.cos(angles), np.sin(angles)], axis=1) @ found.shift
+        cost = {"MZC": np.ptp(left), "MCC": left.max(), "MIC": -left.min()}[method]
+        assert cost == pytest.approx(least_by_general_solver(angles, profile, method), abs=1e-9)
+        assert found.value == pytest.approx(np.ptp(left), abs=1e-12)
 
 
 @pytest.mark.parametrize("method", CENTRES)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pipeline.test_estimation import AZIMUTHS, SPEED, STAGE, START, in_order, run, streams, true_motion
 
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
-from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, SCATTERING, Window
+from rotary_error_monitor.pipeline.evidence import COLUMNS, INDEX, Means, Scatter, Window
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -50,7 +50,7 @@ def window(number, reading, *, there=True, described=0.0, theta=0.0):
     mean[INDEX["tilt"]] = float(there)
     mean[INDEX["tilt_x"]], mean[INDEX["tilt_surplus_x"]] = reading, reading - described
     mean[INDEX["tilt_variance"]] = STAGE.autocollimator.noise**2
-    return Window(number, 0.01, 10, tuple(mean), (0.0,) * len(SCATTERING), np.zeros(2), 63, True)
+    return Window(number, 0.01, 10, Means(*mean), Scatter(0.0, 0.0, 0.0), np.zeros(2), 63, True)
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 2), st.integers(1, 3)), max_size=60))

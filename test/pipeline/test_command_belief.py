@@ -7,7 +7,7 @@ import pytest
 from world import random_stage
 
 from rotary_error_monitor.description.stage import StageDescription, stage_from_mapping
-from rotary_error_monitor.pipeline.evidence import COLUMNS, SCATTERING, Window
+from rotary_error_monitor.pipeline.evidence import COLUMNS, Means, Scatter, Window
 from rotary_error_monitor.pipeline.ring_belief import CommandBelief
 
 PERIOD, TICKS = 0.01, 10
@@ -26,8 +26,8 @@ def windows(theta: np.ndarray, command: np.ndarray) -> list[Window]:
             number,
             PERIOD,
             TICKS,
-            tuple(float((shown | {"theta": angle, "ecc": angle - commanded}).get(name, 0.0)) for name in COLUMNS),
-            (1e-7,) * len(SCATTERING),
+            Means._make(float((shown | {"theta": angle, "ecc": angle - commanded}).get(name, 0.0)) for name in COLUMNS),
+            Scatter(1e-7, 1e-7, 1e-7),
             np.zeros(1),
             0,
             True,

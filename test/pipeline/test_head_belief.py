@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pipeline.test_estimation import AZIMUTHS, STAGE
 
-from rotary_error_monitor.pipeline.evidence import COLUMNS, SCATTERING, Window
+from rotary_error_monitor.pipeline.evidence import COLUMNS, Means, Scatter, Window
 from rotary_error_monitor.pipeline.head_belief import HeadBelief
 
 HEADS = {name: AZIMUTHS[name] for name in "abc"}
@@ -24,8 +24,8 @@ def judged(sets: list[str], seed: int) -> HeadBelief:
         shown["radial"] = float(len(heads) > 2)
         shown["surplus_x"], shown["surplus_y"] = np.sqrt(variance / 10) * generator.normal(size=2)
         shown["surplus_x"] += ECCENTRICITY * shown["radial"]
-        mean = tuple(float(shown.get(name, 0.0)) for name in COLUMNS)
-        belief.judge(Window(number, 0.01, 10, mean, (0.0,) * len(SCATTERING), np.zeros(1), 0, True), tuple(heads))
+        mean = Means._make(float(shown.get(name, 0.0)) for name in COLUMNS)
+        belief.judge(Window(number, 0.01, 10, mean, Scatter(0.0, 0.0, 0.0), np.zeros(1), 0, True), tuple(heads))
     return belief
 
 
