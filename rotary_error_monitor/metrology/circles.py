@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from rotary_error_monitor.errors import InputError
 
@@ -86,6 +85,8 @@ def _programme(waves: Array, profile: Array, method: str) -> Array:
         edges, cost = np.concatenate([-scaled, scaled]), np.array([0.0, 0.0, 1.0, -1.0])
     found = _exchanged(rows, edges, cost, _spread(len(profile), method))
     if found is None:
+        from scipy.optimize import linprog  # loads for a third of a second, and is rarely needed
+
         solution = linprog(cost, rows, edges, bounds=(None, None), method="highs")
         assert solution.x is not None, solution.message  # such a programme always has a solution
         found = solution.x

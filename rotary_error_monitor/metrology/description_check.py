@@ -38,6 +38,9 @@ BINS = 16
 ODDS = math.log(1e3)
 """Logarithm of the odds from which a mistake is taken for one, against the description."""
 
+IMPOSSIBLE = -40.0
+"""Logarithm of odds below which a double has no probability left beside one."""
+
 LEAST_PART = 0.25
 """A mistake is one only where it explains as much of what the description leaves, in sum of squares, and a scale only
 where it is wrong by as much."""
@@ -110,6 +113,7 @@ Reading = Callable[[Array], Array]
 class _Rival(NamedTuple):
     """An explanation beside the description: sum of squares, angles left to tell it, the difference that it makes."""
 
+    name: str
     square: float
     freedom: int
     difference: float
@@ -197,37 +201,39 @@ class FigureCheck:
         if self._claim is not None:
             rest = _size(left - vector * turned)
             self.unresolved *= math.sqrt(self._claim.doubt(abs(vector), rest, deviation))
-        best, highest = None, ODDS
-        for name, rival in self._rivals(seen, described, vector * turned).items():
-            explained = 1.0 - max(rival.square, least) / total
-            paid = (angles - rival.freedom) * math.log(angles)  # what was fitted pays for its freedom (Schwarz 1978)
-            odds = -rival.freedom * math.log1p(-explained) - paid
-            self.unresolved = max(self.unresolved, rival.difference * math.sqrt(_probability(odds)))
-            if odds >= highest and explained >= LEAST_PART and rival.difference > self._fixed:
+        best, highest, penalty = None, ODDS, math.log(angles)
+        for name, square, freedom, difference in self._rivals(seen, described, vector * turned):
+            explained = 1.0 - max(square, least) / total
+            # what was fitted pays for its freedom (Schwarz 1978)
+            odds = -freedom * math.log1p(-explained) - (angles - freedom) * penalty
+            if odds < IMPOSSIBLE:
+                continue
+            self.unresolved = max(self.unresolved, difference * math.sqrt(_probability(odds)))
+            if odds >= highest and explained >= LEAST_PART and difference > self._fixed:
                 best, highest = Finding(name, math.sqrt(total / angles), explained), odds
         return None if best is None or best.left < FINDING * self._noise else best
 
-    def _rivals(self, seen: Array, described: Array, turning: Array) -> dict[str, _Rival]:
+    def _rivals(self, seen: Array, described: Array, turning: Array) -> list[_Rival]:
         """Mistakes, and what was fitted: the vector that turns with the rotor, a scale and a turn."""
         angles = len(seen)
         shown = np.array([reading(described) for reading in self._mistakes.values()]).reshape(-1, angles)
         squares = _squares(np.concatenate([seen - shown, shown - described]))
-        found = {
-            name: _Rival(squares[k], angles, math.sqrt(squares[k + len(shown)] / angles))
+        found = [
+            _Rival(name, squares[k], angles, math.sqrt(squares[k + len(shown)] / angles))
             for k, name in enumerate(self._mistakes)
-        }
+        ]
         if angles < FEWEST:
             return found
         differs = abs(complex(turning[0]))
         if differs > self._fixed:
             name = f"{self._fixed_name} differs by {differs:.3g}"
-            found[name] = _Rival(_square(seen - described - turning), angles - 1, differs)
+            found.append(_Rival(name, _square(seen - described - turning), angles - 1, differs))
         size = _square(described)
         scale = complex((seen * described.conj()).sum()) / size if size > 0.0 else 1.0 + 0j
         if abs(scale - 1.0) > LEAST_PART:
             name = f"what is read is {abs(scale):.3g} times what is described, turned by {_degrees(scale):.3g}°"
             difference = _size((scale - 1.0) * described)
-            found[name] = _Rival(_square(seen - scale * described), angles - 1, difference)
+            found.append(_Rival(name, _square(seen - scale * described), angles - 1, difference))
         return found
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from rotary_error_monitor.description.stage import (
     AngularHarmonic,
@@ -22,6 +22,9 @@ from rotary_error_monitor.description.stage import (
 )
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, HeadLayout, seen_part
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 Array = NDArray[np.float64]
 
@@ -43,6 +46,8 @@ _SAMPLES = 8192
 @lru_cache(maxsize=64)
 def curve(table: PeriodicTable) -> CubicSpline:
     """The periodic cubic spline through a table, of the angle in rad; its values have the table's columns."""
+    from scipy.interpolate import CubicSpline  # loads for a third of a second, and most stages have no measured curve
+
     angles, values = table.knots
     return CubicSpline(angles, values, bc_type="periodic")
 

@@ -20,6 +20,7 @@ from rotary_error_monitor.metrology.error_motion import (
     tilt_variance,
 )
 from rotary_error_monitor.metrology.harmonics import planar_sum
+from rotary_error_monitor.metrology.periodic_curves import curve
 from rotary_error_monitor.pipeline import evidence
 from rotary_error_monitor.pipeline.standing_rotor import RotorReadings
 from rotary_error_monitor.signals.resampling import Resampled
@@ -59,6 +60,9 @@ class TickMaker:
         self._period = period
         self._readings = None if self._heads else RotorReadings(stage)
         self._layouts: dict[tuple[float, ...], HeadLayout] = {}
+        for table in (stage.encoder and stage.encoder.graduation_table, stage.mirror.flatness_table):
+            if table is not None:
+                curve(table)  # now, not when a sample waits
 
     @property
     def readings(self) -> int:
