@@ -118,7 +118,7 @@ def _exchanged(rows: Array, edges: Array, cost: Array, basis: list[int]) -> Arra
         if pulls.min() < ROUNDING:
             return None
         if excess[worst] <= ROUNDING:
-            return x
+            return np.asarray(x, np.float64)
         places = np.flatnonzero(change > ROUNDING)
         if len(places) == 0:
             return None
