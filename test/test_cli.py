@@ -48,6 +48,16 @@ def test_commands_that_need_no_ros_load_none():
     assert subprocess.run([sys.executable, "-c", check], capture_output=True).returncode == 0
 
 
+def test_an_analysis_loads_neither_splines_nor_general_solvers():
+    """Both load for a third of a second, and only measured curves and centres that are no single ones need them."""
+    code = (
+        "import sys, rotary_error_monitor.recordings.analysis, rotary_error_monitor.report.analysis_figure\n"
+        "print([name for name in ('scipy.interpolate', 'scipy.optimize', 'scipy.stats') if name in sys.modules])"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "[]"
+
+
 @pytest.mark.parametrize(("given", "used"), [(None, "1"), ("2", "2")])
 def test_linear_algebra_has_one_thread_unless_told_otherwise(given, used):
     """It is told before numpy is loaded, which asks once."""

@@ -199,8 +199,9 @@ class Belief:
         size, count = self._grid.ticks, len(evidence.ticks)
         skipped = int(-evidence.ticks[0] % size)  # of a window whose begin was not seen
         whole = max(0, (count - skipped) // size)
-        windows = self._grid.summarise(evidence.part(slice(skipped, skipped + whole * size)))
-        self._quiet = self.streams.quiet
+        # live, most blocks complete no window
+        windows = self._grid.summarise(evidence.part(slice(skipped, skipped + whole * size))) if whole else []
+        self._quiet = whole > 0 and self.streams.quiet
         parts: list[tuple[slice, Verdict]] = []
         begin = 0
         for number, window in enumerate(windows):

@@ -10,9 +10,11 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 import yaml
+from mock_bags import write_stage_bag
 from world.newly_built import build
 
 from rotary_error_monitor import files
@@ -146,6 +148,45 @@ def test_a_disk_that_is_full_leaves_the_old_diagnosis(
     told = capsys.readouterr().err
     assert "diagnosis." in told and "cannot be written (File too large)" in told and "Traceback" not in told
     assert {path: path.read_text(encoding="utf-8") for path in out.iterdir()} == old
+
+
+@pytest.mark.parametrize("form", ["html", "html,json"])
+def test_a_disk_that_is_full_leaves_the_old_analysis(
+    form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, out = write_stage_bag(tmp_path / "recording", 4), _folder(tmp_path / "out")
+    old = {out / f"page.{each}": OLD for each in form.split(",")}
+    for path, text in old.items():
+        path.write_text(text, encoding="utf-8")
+    with full_disk(20_000):
+        assert main(["analyse", str(bag), "--format", form, "-o", str(out / "page.html")]) == 2
+    told = capsys.readouterr().err
+    assert "page." in told and "cannot be written (File too large)" in told and "Traceback" not in told
+    assert {path: path.read_text(encoding="utf-8") for path in out.iterdir()} == old
+
+
+@pytest.mark.parametrize("place", ["recording", "recording/*.mcap"])
+def test_a_bag_that_may_not_be_read_is_told(place: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also where the tests are run by root: it is tried as somebody else, in a folder that everybody may enter."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        bag, page = write_stage_bag(folder / "recording", 1), _folder(folder / "out") / "page.html"
+        page.write_text(OLD, encoding="utf-8")
+        page.parent.chmod(0o777)
+        for path in folder.glob(place):
+            path.chmod(0)
+        is_root = os.geteuid() == 0
+        if is_root:
+            os.seteuid(65534)
+        try:
+            assert main(["analyse", str(bag), "-o", str(page)]) == 2
+        finally:
+            if is_root:
+                os.seteuid(0)
+            bag.chmod(0o755)
+        assert re.search(r"recording.*Permission denied", capsys.readouterr().err)
+        assert [each.read_text(encoding="utf-8") for each in page.parent.iterdir()] == [OLD]
 
 
 def test_ctrl_c_while_a_page_is_written_leaves_the_old_one(
