@@ -26,6 +26,7 @@ from rotary_error_monitor.description.stage_section import (
     Head,
     StageSection,
     angle_rows,
+    command_rows,
 )
 from rotary_error_monitor.description.stage_section import Encoder as Encoder
 from rotary_error_monitor.description.stage_section import Mirror as Mirror
@@ -187,7 +188,7 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
         sensors=sensors_section(stage.listed, {name: stage.response(name).latency for name in stage.listed}),
         environment=Environment(stage.reference_temperature),
         limits=stage.stated_limits,
-        command=CommandSection(**angle_rows(stage.response("command"))),
+        command=CommandSection(**command_rows(stage.response("command"))),
         uncertainty=stage.uncertainty,
     )
     content: dict[str, Any] = write(section)

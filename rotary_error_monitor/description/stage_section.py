@@ -28,7 +28,7 @@ from rotary_error_monitor.description.quantities import (
 )
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.sections import Place, Section, WrongError, stated
-from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SensorSection
+from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SensorSection, check_unit
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.description.two_axis_section import (
     DISTORTIONS,
@@ -141,12 +141,17 @@ class CommandSection(AngleSection):
 
     zero: Annotated[Angle | None, Expected("command at rotation 0 in rad; whole turns do not count")] = None
     sign: Annotated[Sign | None, Expected("1, or -1 for a controller that counts the other way")] = None
+    gain: Annotated[
+        float | None,
+        Expected("angle that is told per rotation, such as the ratio of a gear before the stage", 1e-6, 1e6),
+    ] = None
 
     @property
     def response(self) -> Response:
-        """Of an angle and its speed, which has the sign, but no zero."""
+        """Of an angle and its speed, which has sign and gain, but no zero."""
         of_angle = super().response
-        return replace(of_angle, zero=(*of_angle.zero, 0.0))
+        gain = 1.0 if self.gain is None else self.gain
+        return replace(of_angle, zero=(*of_angle.zero, 0.0), gain=of_angle.gain * gain)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +194,7 @@ def own_places(listed: object) -> dict[Place, Place]:
     """Where a file's list `sensors` has what has a section of its own, by the place in that section.
 
     Raises:
-        WrongError: the list has more than one autocollimator or LVDT.
+        WrongError: the list has more than one autocollimator, LVDT or command.
     """
     found: dict[Place, Place] = {}
     for name, row in listed.items() if isinstance(listed, Mapping) else ():
@@ -237,7 +242,7 @@ class StageSection(Section):
 
     @classmethod
     def arranged(cls, content: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[Place, Place]]:
-        """Read heads, autocollimator and LVDT in sections of their own, also those that the file lists as sensors."""
+        """Heads, autocollimator, LVDT and command in sections of their own, also those that the file lists."""
         moved = own_places(content.get("sensors"))
         if not moved:
             return content, moved
@@ -247,7 +252,11 @@ class StageSection(Section):
             "sensors": {name: row for name, row in content["sensors"].items() if name not in own},
         }
         for place, stands in moved.items():
-            row = {key: value for key, value in content["sensors"][stands[1]].items() if key != "kind"}
+            try:
+                check_unit(content["sensors"][stands[1]])
+            except WrongError as error:
+                raise error.at((*stands, *error.place)) from None
+            row = {name: value for name, value in content["sensors"][stands[1]].items() if name not in ("kind", "unit")}
             above, (*outer, name) = arranged, map(str, place)
             for step in outer:
                 above[step] = dict(above.get(step) or {})
@@ -266,7 +275,14 @@ def angle_rows(response: Response) -> dict[str, Any]:
     """Fields of `AngleSection`; none of an ideal response."""
     if response.is_ideal:
         return {}
-    return {"zero": response.zero[0], "sign": round(response.gain), "latency": response.latency}
+    zero, sign = response.zero[0], round(math.copysign(1.0, response.gain))
+    return {"zero": zero, "sign": sign, "latency": response.latency}
+
+
+def command_rows(response: Response) -> dict[str, Any]:
+    """Fields of `CommandSection`; none of an ideal response."""
+    gain = abs(response.gain)
+    return angle_rows(response) | ({} if gain == 1.0 else {"gain": gain})
 
 
 def _names(part: type[Any], *more: str, without: Sequence[str] = ()) -> tuple[str, ...]:
