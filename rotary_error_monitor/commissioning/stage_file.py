@@ -71,10 +71,10 @@ def check_commissionable(stage: StageDescription, stage_file: Path) -> None:
                 "account; take it out, commission, and measure the curve anew with `calibrate assembly --as table`"
             )
     if abs(stage.response("command").gain) != 1.0:
-        place = ("stage", *in_file(YamlDocument(stage_file, "stage"), ("command", "gain")))
+        gain = in_file(YamlDocument(stage_file, "stage"), ("command", "gain"))
         raise InputError(
-            f"{locate(stage_file, place)}: a gain of the command, which commissioning does not take into account; "
-            "expected a command in rad of the stage: have its node turn it into that, and leave the gain out"
+            f"{locate(stage_file, ('stage', *gain))}: a gain of the command, which commissioning does not take into "
+            "account; expected a command in rad of the stage: have its node turn it into that, and leave the gain out"
         )
 
 

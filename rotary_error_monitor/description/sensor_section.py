@@ -54,12 +54,14 @@ class SensorSection(Section):
         fields: of a sample.
         unit: SI unit of the fields, or °C.
         is_input: whether the kind measures what acts on the stage, and nothing of how the rotor stands.
+        is_slow: whether it samples about once a second, as thermometers do.
         kind: of sensor: name of its file in `sensor_kinds/`.
     """
 
     fields: ClassVar[tuple[str, ...]] = ("displacement",)
     unit: ClassVar[str] = "m"
     is_input: ClassVar[bool] = False
+    is_slow: ClassVar[bool] = False
 
     kind: str
     noise: Annotated[Noise, Expected("standard deviation of one reading in m")]

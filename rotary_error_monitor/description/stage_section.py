@@ -44,6 +44,8 @@ MOST_STREAMS = 51
 """Heads and listed sensors but inputs: with autocollimator and command as many bits as a float64, in which masks
 travel, holds."""
 
+FORCE = "force"
+
 Count = Annotated[int, Expected("a whole number from 1", 1, 100_000_000)]
 Compliance = Annotated[float, Expected("a compliance in m/N or rad/N", -0.001, 0.001)]
 
@@ -170,9 +172,13 @@ class EncoderSection(Encoder):
 
 @dataclass(frozen=True)
 class Environment:
-    """Where the stage stands."""
+    """Where the stage stands, and what acts on it."""
 
     reference_temperature: Temperature
+    force: Annotated[
+        tuple[Short, ...] | None,
+        Expected("names of the sensors of kind force that show the force on the shaft", count=(1, 4), unique=True),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -322,7 +328,24 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
                 yield ("sensors", name, limit), f"{said} is beyond the range of {read.range} {read.unit}"
     if section.autocollimator is not None:
         yield from folded(section.autocollimator)
+    yield from _doubtful_force(section)
     yield from _unknown(section, poses)
+
+
+def _doubtful_force(section: StageSection) -> Iterator[tuple[Place, str]]:
+    """Where it is not clear which of the listed forces is that on the shaft."""
+    forces = [name for name, sensor in section.sensors.items() if sensor.kind == FORCE]
+    named = () if section.environment is None else section.environment.force or ()
+    for number, name in enumerate(named):
+        if name not in forces:
+            listed = f"one of {', '.join(forces)}" if forces else "a sensor of kind force in 'sensors'"
+            yield ("environment", "force", number), f"no force of the name '{name}' is listed; expected {listed}"
+    if len(forces) > 1 and not named:
+        yield (
+            ("sensors", forces[1]),
+            f"a force beside '{forces[0]}'; name the one on the shaft, or several that show it together, as "
+            f"environment.force: [{forces[0]}]",
+        )
 
 
 def _unknown(section: StageSection, poses: Sequence[str]) -> Iterator[tuple[Place, str]]:
