@@ -23,17 +23,22 @@ EPOCH_NS = 1_763_700_000_000_000_000
 STREAMS = (*(f"head_{head}" for head in "abcd"), "autocollimator", "command", "lvdt", "temperature")
 
 
-def write_stage_bag(folder, seconds, streams=STREAMS, stage=None, seed=5, begin_ns=EPOCH_NS):
-    """Record a stage alone that turns at 4 rad/s; what the mock cell draws is by the seed."""
-    plant = mock_stage(stage or load_stage(), MockSettings(seed, begin_ns, (4.0,), forces=False, rate=500.0))
+def record(folder, plant, streams, seconds):
+    """Record streams of the true stage from its epoch on, four blocks a second."""
     contents = {}
     for stream in streams:
-        edges = [plant.index_at(stream, begin_ns + k * 250_000_000) for k in range(int(4 * seconds) + 1)]
+        edges = [plant.index_at(stream, plant.epoch_ns + k * 250_000_000) for k in range(int(4 * seconds) + 1)]
         contents[samples_topic(stream)] = [
             plant.samples(stream, first, last - first) for first, last in itertools.pairwise(edges) if last > first
         ]
     write_messages(folder, contents)
     return folder
+
+
+def write_stage_bag(folder, seconds, streams=STREAMS, stage=None, seed=5, begin_ns=EPOCH_NS):
+    """Record a stage alone that turns at 4 rad/s; what the mock cell draws is by the seed."""
+    plant = mock_stage(stage or load_stage(), MockSettings(seed, begin_ns, (4.0,), forces=False, rate=500.0))
+    return record(folder, plant, streams, seconds)
 
 
 def leaning(amplitude):

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from rotary_error_monitor.commissioning.stage_file import check_without_tables
+from rotary_error_monitor.commissioning.stage_file import check_commissionable
 from rotary_error_monitor.commissioning.travel import ENOUGH, Travel, TravelWatch
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.errors import InputError, one_line
@@ -66,7 +66,7 @@ def record_live(arguments: argparse.Namespace) -> Path:
     stage = load_stage(arguments.stage)
     if stage.encoder is None:
         raise InputError(f"{arguments.stage}: the stage has no section 'encoder'; expected read heads")
-    check_without_tables(stage, arguments.stage)
+    check_commissionable(stage, arguments.stage)
     folder: Path = arguments.record or Path(f"commission_{datetime.now(UTC):%Y%m%d_%H%M%S}")
     try:
         from rotary_error_monitor.nodes.stream_recorder import live_cell

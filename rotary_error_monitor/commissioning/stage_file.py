@@ -44,7 +44,7 @@ def commission_stage(
     stage = load_stage(stage_file)
     if stage.encoder is None:
         raise InputError(f"{stage_file}: the stage has no section 'encoder'; expected read heads to be commissioned")
-    check_without_tables(stage, stage_file)
+    check_commissionable(stage, stage_file)
     recorded = read_streams(bag, stage, naming)
     try:
         return stage, commission(stage, stated_in(stage_file, stage.azimuths), recorded)
@@ -55,11 +55,13 @@ def commission_stage(
         raise InputError(f"{bag}: {error}") from error
 
 
-def check_without_tables(stage: StageDescription, stage_file: Path) -> None:
-    """Refuse a stage whose ring or mirror is described by measured curves: what is found here are orders.
+def check_commissionable(stage: StageDescription, stage_file: Path) -> None:
+    """Refuse what commissioning does not take into account.
+
+    Those are measured curves of ring or mirror, for what is found here are orders, and a gain of the command.
 
     Raises:
-        InputError: it has one; the message names file and line.
+        InputError: the stage has one; the message names file and line.
     """
     ring = None if stage.encoder is None else stage.encoder.graduation_table
     for place, table in ((GRADUATION, ring), (FLATNESS, stage.mirror.flatness_table)):
@@ -68,6 +70,12 @@ def check_without_tables(stage: StageDescription, stage_file: Path) -> None:
                 f"{locate(stage_file, ('stage', *place))}: a measured curve, which commissioning does not take into "
                 "account; take it out, commission, and measure the curve anew with `calibrate assembly --as table`"
             )
+    if abs(stage.response("command").gain) != 1.0:
+        gain = in_file(YamlDocument(stage_file, "stage"), ("command", "gain"))
+        raise InputError(
+            f"{locate(stage_file, ('stage', *gain))}: a gain of the command, which commissioning does not take into "
+            "account; expected a command in rad of the stage: have its node turn it into that, and leave the gain out"
+        )
 
 
 def stated_in(stage_file: Path, letters: Iterable[str]) -> Stated:
@@ -75,7 +83,7 @@ def stated_in(stage_file: Path, letters: Iterable[str]) -> Stated:
     document = YamlDocument(stage_file, "stage")
     places = {f"head_{letter}": in_file(document, ("encoder", "heads", letter)) for letter in letters}
     rows = {name: document.get(*place) for name, place in places.items()}
-    rows["command"] = document.get("command") or {}
+    rows["command"] = document.get(*in_file(document, ("command",))) or {}
     return Stated(
         frozenset(name for name, row in rows.items() if "sign" in row),
         frozenset(name for name, row in rows.items() if "zero" in row),

@@ -20,7 +20,7 @@ class ListedSensor:
     """One sensor of the list: it reads `zero + gain * (what the error motion moves its target by + form)`.
 
     It has a field or several, all with the same noise, resolution, range, uncertainty and gain. One that is an input
-    reads `zero +` what acts on the stage, such as a temperature; it has neither gain nor form.
+    reads `zero + gain *` what acts on the stage, such as a temperature; it has no form.
 
     Attributes:
         kind: of sensor, one file in `description/sensor_kinds/` and one class in `sensors/`.
@@ -34,7 +34,7 @@ class ListedSensor:
         form: what its target shows of itself over a turn, in `unit`: of one field by orders of the place on the
             target, `azimuth - theta`; of two by orders of the rotation, x and y along the axes of the stage.
         fields: of a sample, as its kind names them.
-        unit: SI unit of the fields, m or rad, or °C, as its kind names it.
+        unit: SI unit of the fields, m, rad or N, or °C, as its kind names it.
     """
 
     kind: str
@@ -53,6 +53,11 @@ class ListedSensor:
     def is_input(self) -> bool:
         """Whether it measures what acts on the stage, and nothing of how the rotor stands."""
         return is_input(self.kind)
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether it samples about once a second."""
+        return self.kind in sensor_kinds() and sensor_kinds()[self.kind].is_slow
 
     @property
     def zeros(self) -> tuple[float, ...]:
@@ -76,7 +81,7 @@ def listed_sensors(section: Mapping[str, SensorSection]) -> dict[str, ListedSens
 
     They are in the order of these names, which is that of their bits in masks, however the file lists them.
     """
-    found = {stream_of(name, row): listed_sensor(row) for name, row in section.items()}
+    found = {stream_of(name, row.kind): listed_sensor(row) for name, row in section.items()}
     return {stream: found[stream] for stream in sorted(found)}
 
 
@@ -90,9 +95,9 @@ def sensors_section(sensors: Mapping[str, ListedSensor], latency: Mapping[str, f
     }
 
 
-def stream_of(name: str, row: SensorSection) -> str:
-    """Name of the stream of a sensor, by its name in the list."""
-    return f"{row.kind}_{name}"
+def stream_of(name: str, kind: str) -> str:
+    """Name of the stream of a sensor, by its name in the list and its kind."""
+    return f"{kind}_{name}"
 
 
 def name_of(stream: str, sensor: ListedSensor) -> str:
@@ -128,6 +133,8 @@ def listed_sensor(row: SensorSection) -> ListedSensor:
     found, common = stated(row), {each.name for each in entries(ListedSensor)}
     place = {name: value for name, value in found.items() if name not in (*common, _ELSEWHERE)}
     own = {name: value for name, value in found.items() if name in common}
+    if len(row.fields) > 1:  # a file states one for each
+        own.setdefault("zero", (0.0,) * len(row.fields))
     return ListedSensor(**own, place=place, fields=row.fields, unit=row.unit)
 
 

@@ -12,14 +12,36 @@ import rotary_error_monitor.description.sensor_kinds as folder
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.harmonics import Waves
 from rotary_error_monitor.description.quantities import Latency, Noise, Range, Reading, Resolution
-from rotary_error_monitor.description.sections import Section, WrongError
+from rotary_error_monitor.description.sections import Place, Section, WrongError
 from rotary_error_monitor.plugins import classes_in, modules_in
 
 READ_HEAD = "read_head"
-OWN_KINDS = {READ_HEAD: ("encoder", "heads"), "autocollimator": ("autocollimator",), "lvdt": ("lvdt",)}
+OWN_KINDS = {
+    READ_HEAD: ("encoder", "heads"),
+    "autocollimator": ("autocollimator",),
+    "lvdt": ("lvdt",),
+    "command": ("command",),
+}
 """Section of a stage's file for kinds that a file may list as well; heads stand there by their names."""
 
+_OWN_UNITS = {READ_HEAD: "rad", "autocollimator": "rad", "lvdt": "m", "command": "rad"}
+
 Uncertainty = Annotated[float, Expected("standard uncertainty of zero and form in m or rad", 1e-10, 0.001)]
+
+
+def check_unit(row: Mapping[str, Any]) -> None:
+    """Hold the unit that a row of the list states, if it does, against that of its kind.
+
+    Samples travel in SI units: the node of a driver that tells others turns them into these.
+
+    Raises:
+        WrongError: it is another one.
+    """
+    kind, unit = row["kind"], row.get("unit")
+    known = _OWN_UNITS.get(kind) or sensor_kinds()[kind].unit
+    if "unit" in row and unit != known:
+        driver = "where a driver tells another one, the parameters of its node say so"
+        raise WrongError(("unit",), f"{unit!r} is no unit of kind {kind}", f"{known}; {driver}", unit)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,12 +54,14 @@ class SensorSection(Section):
         fields: of a sample.
         unit: SI unit of the fields, or °C.
         is_input: whether the kind measures what acts on the stage, and nothing of how the rotor stands.
+        is_slow: whether it samples about once a second, as thermometers do.
         kind: of sensor: name of its file in `sensor_kinds/`.
     """
 
     fields: ClassVar[tuple[str, ...]] = ("displacement",)
     unit: ClassVar[str] = "m"
     is_input: ClassVar[bool] = False
+    is_slow: ClassVar[bool] = False
 
     kind: str
     noise: Annotated[Noise, Expected("standard deviation of one reading in m")]
@@ -49,6 +73,12 @@ class SensorSection(Section):
     def __init_subclass__(cls) -> None:
         """Call a kind by its file."""
         cls.names_as = f"of kind {cls.__module__.rpartition('.')[2]}:"
+
+    @classmethod
+    def arranged(cls, content: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[Place, Place]]:
+        """Without the unit, which is that of the kind."""
+        check_unit(content)
+        return {name: value for name, value in content.items() if name != "unit"}, {}
 
     @classmethod
     def variant(cls, content: Mapping[str, Any]) -> type[Any]:

@@ -26,6 +26,7 @@ from rotary_error_monitor.description.stage_section import (
     Head,
     StageSection,
     angle_rows,
+    command_rows,
 )
 from rotary_error_monitor.description.stage_section import Encoder as Encoder
 from rotary_error_monitor.description.stage_section import Mirror as Mirror
@@ -47,6 +48,9 @@ from rotary_error_monitor.resources import config
 
 THERMOMETER = "thermometer"
 """Kind of the listed sensors that measure the temperature of a place."""
+
+FORCE = "force"
+"""Kind of the listed sensors that measure a force, and stream of the load cell that has a topic of its own."""
 
 TIMING = 2e-6
 """Standard uncertainty of the stamps of one stream against another, s, where the description states none: each of both
@@ -72,6 +76,7 @@ class StageDescription:
         responses: of instruments by stream, such as `head_a`; one that is not named reads what the package means.
         inputs: further sensors that measure what acts on the stage, by the name of their stream, such as
             `thermometer_bearing`.
+        force: names of the listed forces that the file names as those on the shaft; empty where it names none.
     """
 
     encoder: Encoder | None = None
@@ -85,6 +90,7 @@ class StageDescription:
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     responses: Mapping[str, Response] = field(default_factory=dict)
     inputs: Mapping[str, ListedSensor] = field(default_factory=dict)
+    force: tuple[str, ...] = ()
 
     @property
     def listed(self) -> Mapping[str, ListedSensor]:
@@ -96,6 +102,16 @@ class StageDescription:
     def thermometers(self) -> Mapping[str, str]:
         """Streams of the listed thermometers by their names, which are those of their places."""
         return {name_of(s, sensor): s for s, sensor in self.inputs.items() if sensor.kind == THERMOMETER}
+
+    @property
+    def forces(self) -> Mapping[str, str]:
+        """Streams of the listed load cells by their names."""
+        return {name_of(s, sensor): s for s, sensor in self.inputs.items() if sensor.kind == FORCE}
+
+    @property
+    def shaft_forces(self) -> tuple[str, ...]:
+        """Streams of the listed load cells that show the force on the shaft: those that are named, or the only one."""
+        return tuple(stream_of(name, FORCE) for name in self.force) or tuple(self.forces.values())
 
     @property
     def ring(self) -> Encoder:
@@ -185,9 +201,9 @@ def stage_mapping(stage: StageDescription) -> dict[str, Any]:
         spindle=stage.spindle,
         lvdt=None if lvdt is None else extended(LvdtSection, lvdt, **two_axis_rows(stage.response("lvdt"))),
         sensors=sensors_section(stage.listed, {name: stage.response(name).latency for name in stage.listed}),
-        environment=Environment(stage.reference_temperature),
+        environment=Environment(stage.reference_temperature, stage.force or None),
         limits=stage.stated_limits,
-        command=CommandSection(**angle_rows(stage.response("command"))),
+        command=CommandSection(**command_rows(stage.response("command"))),
         uncertainty=stage.uncertainty,
     )
     content: dict[str, Any] = write(section)
@@ -217,6 +233,7 @@ def _description(section: StageSection) -> StageDescription:
         uncertainty={**_calibrated(section), **section.uncertainty},
         responses=_responses(section),
         inputs={stream: sensor for stream, sensor in listed.items() if sensor.is_input},
+        force=() if place is None else place.force or (),
     )
 
 
@@ -231,7 +248,7 @@ def _responses(section: StageSection) -> dict[str, Response]:
     found |= {name: each.response for name, each in two_axes.items() if each is not None}
     found["command"] = section.command.response
     for name, sensor in section.sensors.items():
-        found[stream_of(name, sensor)] = Response(latency=sensor.latency or 0.0)
+        found[stream_of(name, sensor.kind)] = Response(latency=sensor.latency or 0.0)
     return {stream: response for stream, response in found.items() if not response.is_ideal}
 
 

@@ -28,7 +28,7 @@ from rotary_error_monitor.description.quantities import (
 )
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.sections import Place, Section, WrongError, stated
-from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SensorSection
+from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SensorSection, check_unit
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.description.two_axis_section import (
     DISTORTIONS,
@@ -43,6 +43,8 @@ from rotary_error_monitor.description.two_axis_section import (
 MOST_STREAMS = 51
 """Heads and listed sensors but inputs: with autocollimator and command as many bits as a float64, in which masks
 travel, holds."""
+
+FORCE = "force"
 
 Count = Annotated[int, Expected("a whole number from 1", 1, 100_000_000)]
 Compliance = Annotated[float, Expected("a compliance in m/N or rad/N", -0.001, 0.001)]
@@ -141,12 +143,17 @@ class CommandSection(AngleSection):
 
     zero: Annotated[Angle | None, Expected("command at rotation 0 in rad; whole turns do not count")] = None
     sign: Annotated[Sign | None, Expected("1, or -1 for a controller that counts the other way")] = None
+    gain: Annotated[
+        float | None,
+        Expected("angle that is told per rotation, such as the ratio of a gear before the stage", 1e-6, 1e6),
+    ] = None
 
     @property
     def response(self) -> Response:
-        """Of an angle and its speed, which has the sign, but no zero."""
+        """Of an angle and its speed, which has sign and gain, but no zero."""
         of_angle = super().response
-        return replace(of_angle, zero=(*of_angle.zero, 0.0))
+        gain = 1.0 if self.gain is None else self.gain
+        return replace(of_angle, zero=(*of_angle.zero, 0.0), gain=of_angle.gain * gain)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,9 +172,13 @@ class EncoderSection(Encoder):
 
 @dataclass(frozen=True)
 class Environment:
-    """Where the stage stands."""
+    """Where the stage stands, and what acts on it."""
 
     reference_temperature: Temperature
+    force: Annotated[
+        tuple[Short, ...] | None,
+        Expected("names of the sensors of kind force that show the force on the shaft", count=(1, 4), unique=True),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +200,7 @@ def own_places(listed: object) -> dict[Place, Place]:
     """Where a file's list `sensors` has what has a section of its own, by the place in that section.
 
     Raises:
-        WrongError: the list has more than one autocollimator or LVDT.
+        WrongError: the list has more than one autocollimator, LVDT or command.
     """
     found: dict[Place, Place] = {}
     for name, row in listed.items() if isinstance(listed, Mapping) else ():
@@ -237,7 +248,7 @@ class StageSection(Section):
 
     @classmethod
     def arranged(cls, content: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[Place, Place]]:
-        """Read heads, autocollimator and LVDT in sections of their own, also those that the file lists as sensors."""
+        """Heads, autocollimator, LVDT and command in sections of their own, also those that the file lists."""
         moved = own_places(content.get("sensors"))
         if not moved:
             return content, moved
@@ -247,7 +258,11 @@ class StageSection(Section):
             "sensors": {name: row for name, row in content["sensors"].items() if name not in own},
         }
         for place, stands in moved.items():
-            row = {key: value for key, value in content["sensors"][stands[1]].items() if key != "kind"}
+            try:
+                check_unit(content["sensors"][stands[1]])
+            except WrongError as error:
+                raise error.at((*stands, *error.place)) from None
+            row = {name: value for name, value in content["sensors"][stands[1]].items() if name not in ("kind", "unit")}
             above, (*outer, name) = arranged, map(str, place)
             for step in outer:
                 above[step] = dict(above.get(step) or {})
@@ -266,7 +281,14 @@ def angle_rows(response: Response) -> dict[str, Any]:
     """Fields of `AngleSection`; none of an ideal response."""
     if response.is_ideal:
         return {}
-    return {"zero": response.zero[0], "sign": round(response.gain), "latency": response.latency}
+    zero, sign = response.zero[0], round(math.copysign(1.0, response.gain))
+    return {"zero": zero, "sign": sign, "latency": response.latency}
+
+
+def command_rows(response: Response) -> dict[str, Any]:
+    """Fields of `CommandSection`; none of an ideal response."""
+    gain = abs(response.gain)
+    return angle_rows(response) | ({} if gain == 1.0 else {"gain": gain})
 
 
 def _names(part: type[Any], *more: str, without: Sequence[str] = ()) -> tuple[str, ...]:
@@ -306,7 +328,24 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
                 yield ("sensors", name, limit), f"{said} is beyond the range of {read.range} {read.unit}"
     if section.autocollimator is not None:
         yield from folded(section.autocollimator)
+    yield from _doubtful_force(section)
     yield from _unknown(section, poses)
+
+
+def _doubtful_force(section: StageSection) -> Iterator[tuple[Place, str]]:
+    """Where it is not clear which of the listed forces is that on the shaft."""
+    forces = [name for name, sensor in section.sensors.items() if sensor.kind == FORCE]
+    named = () if section.environment is None else section.environment.force or ()
+    for number, name in enumerate(named):
+        if name not in forces:
+            listed = f"one of {', '.join(forces)}" if forces else "a sensor of kind force in 'sensors'"
+            yield ("environment", "force", number), f"no force of the name '{name}' is listed; expected {listed}"
+    if len(forces) > 1 and not named:
+        yield (
+            ("sensors", forces[1]),
+            f"a force beside '{forces[0]}'; name the one on the shaft, or several that show it together, as "
+            f"environment.force: [{forces[0]}]",
+        )
 
 
 def _unknown(section: StageSection, poses: Sequence[str]) -> Iterator[tuple[Place, str]]:

@@ -150,7 +150,7 @@ class GapMonitor(ManagedNode):
         self._max_age_ns = round(self.setting("max_age") * NANOSECONDS)
         late_after, now_ns = self.setting("max_age"), self.now_ns()
         self._needed = {t.name: StreamWatch(t.name, late_after, _STALE_AFTER, now_ns) for t in needed}
-        slow = {self.wire.of_stream(stream).key: _SLOW for stream in self.stage.inputs}
+        slow = {self.wire.of_stream(stream).key: _SLOW for stream, each in self.stage.inputs.items() if each.is_slow}
         stale_after = {topic.name: (_HELPFUL | slow).get(topic.key, _STALE_AFTER) for topic in helpful}
         self._helpful = {name: StreamWatch(name, late_after, after, now_ns) for name, after in stale_after.items()}
         self._due = time.monotonic()

@@ -17,8 +17,11 @@ from rotary_error_monitor.nodes.process import run
 from rotary_error_monitor.nodes.sensor import THERMOMETER, SensorNode
 
 NAME = "listed_sensor"
-_INPUT_PERIOD = 1.0
+_SLOW_PERIOD = 1.0
 """Time between blocks of a thermometer, s, as of the stage's temperature."""
+
+_INPUT_PERIOD = 0.05
+"""Time between blocks of a faster input such as a force, s, which no estimate waits for."""
 
 
 class ListedSensorNode(SensorNode):
@@ -41,13 +44,13 @@ class ListedSensorNode(SensorNode):
         return self.wire.of_stream(stream), people
 
     def block_period(self, stream: str) -> float:
-        """The parameter; of inputs, which are slow, a second where that is longer."""
-        usual = super().block_period(stream)
-        return max(_INPUT_PERIOD, usual) if stream in self.stage.inputs else usual
+        """The parameter; of inputs what is enough for them where that is longer."""
+        usual, sensor = super().block_period(stream), self.stage.inputs.get(stream)
+        return usual if sensor is None else max(_SLOW_PERIOD if sensor.is_slow else _INPUT_PERIOD, usual)
 
     def slowest(self, stream: str) -> float:
-        """Of inputs that of thermometers, s."""
-        return THERMOMETER if stream in self.stage.inputs else super().slowest(stream)
+        """Of slow inputs that of thermometers, s."""
+        return THERMOMETER if self.stage.listed[stream].is_slow else super().slowest(stream)
 
     def sensor(self) -> str:
         """Stream of this sensor, by the parameter or by the name of the node.

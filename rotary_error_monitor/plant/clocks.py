@@ -28,6 +28,9 @@ LISTED_RATE = 1000.0
 INPUT_RATE = 1.0
 """Rate of listed thermometers, Hz: what loggers of machine tools' temperatures have."""
 
+FORCE_RATE = 100.0
+"""Rate of load cells, Hz."""
+
 
 def fields_of(stream: str, sensors: Mapping[str, ListedSensor]) -> tuple[str, ...]:
     """Fields of a sample of a stream of a stage that lists these sensors."""
@@ -68,7 +71,7 @@ def stage_clocks(
     heads: Sequence[str] = "abcd",
     rate: float | None = None,
     sensors: Sequence[str] = (),
-    inputs: Sequence[str] = (),
+    inputs: Mapping[str, ListedSensor] | None = None,
 ) -> dict[str, Clock]:
     """Clocks of all streams by name; none coincides with another.
 
@@ -77,7 +80,7 @@ def stage_clocks(
         rate: rate of heads, autocollimator, command and listed sensors, Hz; None takes 250, 400, 250 and 1000 Hz as
             usual recordings do.
         sensors: streams of the listed sensors, such as `axial_probe_top`.
-        inputs: streams of the listed sensors that are inputs, such as `thermometer_bearing`, which are slow.
+        inputs: listed sensors that are inputs by their streams, such as `thermometer_bearing`.
     """
     head_rate, collimator_rate, command_rate, listed_rate = (
         (250.0, 400.0, 250.0, LISTED_RATE) if rate is None else (rate,) * 4
@@ -87,9 +90,12 @@ def stage_clocks(
         "autocollimator": Clock(collimator_rate, 0.4 / collimator_rate),
         "lvdt": Clock(250.0, 0.0028),
         "command": Clock(command_rate),
-        "force": Clock(100.0, 0.001),
+        "force": Clock(FORCE_RATE, 0.001),
         "temperature": Clock(5.0),
     }
     listed = {name: Clock(listed_rate, (0.33 + 0.013 * i) / listed_rate) for i, name in enumerate(sensors)}
-    slow = {name: Clock(INPUT_RATE, 0.1 + 0.013 * i) for i, name in enumerate(inputs)}
-    return fast | fixed | listed | slow
+    acting = {
+        name: Clock(INPUT_RATE, 0.1 + 0.013 * i) if sensor.is_slow else Clock(FORCE_RATE, 0.0013 + 0.0002 * i)
+        for i, (name, sensor) in enumerate((inputs or {}).items())
+    }
+    return fast | fixed | listed | acting

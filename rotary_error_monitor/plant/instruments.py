@@ -65,6 +65,14 @@ def read_off(shown: Reals, response: Response | None) -> Reals:
     return as_columns(complex(*zero) + response.gain * bent)
 
 
+def pushed(sensor: ListedSensor, force: Plane) -> Reals:
+    """(n, 2) what a listed load cell shows of a force (n,) on the shaft, `x + 1j * y` in N."""
+    own = force * np.exp(-1j * sensor.place["azimuth"])
+    if sensor.place.get("axes") == 1:
+        own = own.real + 0j
+    return as_columns(complex(*sensor.zeros) + sensor.gain * own)
+
+
 def planar(rows: Sequence[PlanarHarmonic], turns: Turns) -> Plane:
     """(n,) sum over the rows of the ellipses that their coefficients of cos and sin in x and y describe."""
     total = np.zeros_like(turns.once)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.listed_sensors import name_of
-from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.description.stage import FORCE, StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.clocks import FIELDS as FIELDS
 from rotary_error_monitor.plant.clocks import HEAD as HEAD
@@ -19,7 +19,7 @@ from rotary_error_monitor.plant.clocks import fields_of as fields_of
 from rotary_error_monitor.plant.clocks import stage_clocks as stage_clocks
 from rotary_error_monitor.plant.environment import Forces, Temperature, place_temperature
 from rotary_error_monitor.plant.geometry import Turns, as_columns
-from rotary_error_monitor.plant.instruments import planar, read_off, seen, waves
+from rotary_error_monitor.plant.instruments import planar, pushed, read_off, seen, waves
 from rotary_error_monitor.plant.motion import Course, reversing_motion
 from rotary_error_monitor.plant.noise import Noise, Turbulence
 from rotary_error_monitor.plant.noise_forms import NoiseForm
@@ -127,6 +127,8 @@ class StagePlant:
             return self.temperature.at(time)[:, None]
         if stream in self.stage.inputs:
             sensor = self.stage.inputs[stream]
+            if sensor.kind == FORCE:
+                return pushed(sensor, self.forces.at(time))
             return sensor.zeros[0] + self.place_temperatures[name_of(stream, sensor)].at(time)[:, None]
         return read_off(seen(stream, self.scene(time), self.faults), response)
 

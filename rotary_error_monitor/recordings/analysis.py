@@ -223,7 +223,7 @@ def analyse_bag(
         acting,
         replay.span_ns,
         estimates.period_ns * 1e-9,
-        (*_remarks(streams), *_too_short(estimates, segments), *replay.remarks),
+        (*_remarks(streams, stage), *_too_short(estimates, segments), *replay.remarks),
     )
 
 
@@ -243,10 +243,11 @@ def _too_short(estimates: ReplayedEstimates, segments: Sequence[SegmentFigures])
     return [] if segments else [f"the rotor turned {turned:.2g} turns: no whole one, so no error motion value is told"]
 
 
-def _remarks(streams: RecordedStreams) -> list[str]:
-    if streams.most_force < PUSHED:
+def _remarks(streams: RecordedStreams, stage: StageDescription) -> list[str]:
+    most = streams.most_force(stage)
+    if most < PUSHED:
         return []
     return [
-        f"a force of up to {streams.most_force:.3g} N acted on the shaft: what it did is part of the error motion, and "
+        f"a force of up to {most:.3g} N acted on the shaft: what it did is part of the error motion, and "
         "of its total and asynchronous values most of all; record without it to judge the stage alone"
     ]

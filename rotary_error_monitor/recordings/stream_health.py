@@ -13,6 +13,7 @@ from rotary_error_monitor.analysis.course import Samples
 from rotary_error_monitor.analysis.health import StreamHealth
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import Content
+from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Topic, Wire
 from rotary_error_monitor.errors import InputError
@@ -22,6 +23,7 @@ from rotary_error_monitor.recordings.progress import Passed, Progress, silent
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans
 from rotary_error_monitor.signals.rows import Keep
+from rotary_error_monitor.twin.recording import measured
 
 _AT_ONCE = 4_096
 """Samples from which they are looked at together."""
@@ -36,7 +38,7 @@ class RecordedStreams:
     Attributes:
         health: of each.
         rates: samples a second, Hz.
-        courses: force and temperatures over time, of long recordings with fewer points than samples.
+        courses: forces and temperatures over time, of long recordings with fewer points than samples.
         kept: all samples of the streams that were asked for, where there are any.
     """
 
@@ -50,21 +52,16 @@ class RecordedStreams:
         """Samples of the LVDT; None where it has none."""
         return self.kept.get(LVDT)
 
-    @property
-    def most_force(self) -> float:
-        """Largest force on the shaft, N."""
-        return float(self.courses[FORCE].values.max()) if FORCE in self.courses else 0.0
+    def most_force(self, stage: StageDescription) -> float:
+        """Largest force on the shaft, N, by whichever load cell of it shows most."""
+        there = [self.courses[name] for name in (FORCE, *stage.shaft_forces) if name in self.courses]
+        return max((float(each.values.max()) for each in there), default=0.0)
 
     def acting(self, stage: StageDescription) -> Mapping[str, Samples]:
-        """Force and temperatures, by name and unit."""
-        found = {}
-        if FORCE in self.courses:
-            found["force, N"] = self.courses[FORCE]
-        names = {TEMPERATURE: TEMPERATURE, **{stream: name for name, stream in stage.thermometers.items()}}
-        for stream_name, name in names.items():
-            if stream_name in self.courses:
-                found[f"{name}, °C"] = self.courses[stream_name]
-        return found
+        """Forces and temperatures, by name and unit."""
+        names = {FORCE: "force, N", TEMPERATURE: f"{TEMPERATURE}, °C"}
+        names |= {stream: f"{name_of(stream, each)}, {each.unit}" for stream, each in stage.inputs.items()}
+        return {words: self.courses[stream] for stream, words in names.items() if stream in self.courses}
 
 
 def contents_within(
@@ -141,9 +138,10 @@ class _StreamReader:
         self._last: int | None = None  # that was in order and finite
         self._spans, self._late, self._distances = MessageSpans(), array("d"), Distances()
         self.course: KeptCourse | None = None
-        if topic.frame == FORCE:
+        self._input = stage.inputs.get(topic.frame)
+        if topic.frame in (FORCE, *stage.forces.values()):
             self.course = KeptCourse(largest_of)
-        elif topic.frame in (TEMPERATURE, *stage.thermometers.values()):
+        elif topic.frame == TEMPERATURE or self._input is not None:
             self.course = KeptCourse(mean_of)
         self.kept = None if keep is None else KeptSamples(keep, len(topic.columns))
         self._is_readable = True
@@ -182,7 +180,8 @@ class _StreamReader:
             self._last = int(times[-1])
             self.samples += len(times)
         if self.course is not None:
-            self.course.add(times, np.hypot(*values[:, :2].T) if self.topic.frame == FORCE else values[:, 0])
+            acting = values if self._input is None else measured(self.topic.frame, self._input, values)
+            self.course.add(times, np.linalg.norm(acting, axis=1) if acting.shape[1] > 1 else acting[:, 0])
         if self.kept is not None:
             self.kept.add(times, values)
 

@@ -32,4 +32,8 @@ class ListedInput(ABC):
 
     @abstractmethod
     def measured(self, sensor: ListedSensor, reading: Array) -> Array:
-        """(n,) what acts on the stage, in `unit`, by readings (n, fields)."""
+        """(n,) or (n, k) what acts on the stage, in `unit`, by readings (n, fields)."""
+
+    def looked_at(self, sensor: ListedSensor) -> int:
+        """Number of its fields that tell something, from the first: all, if its kind does not say otherwise."""
+        return len(self.fields)

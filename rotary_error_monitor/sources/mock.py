@@ -83,7 +83,7 @@ def mock_stage(stage: StageDescription, settings: MockSettings) -> StagePlant:
         epoch_ns=settings.epoch_ns,
         motion=reversing_motion(settings.speeds),
         forces=intermittent_forces(settings.seed, settings.force_cycle) if settings.forces else Forces(),
-        clocks=stage_clocks(tuple(stage.azimuths), settings.rate, tuple(stage.sensors), tuple(stage.inputs)),
+        clocks=stage_clocks(tuple(stage.azimuths), settings.rate, tuple(stage.sensors), stage.inputs),
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.rotor import HEAD
@@ -81,6 +82,13 @@ def fields_of(stream: str) -> tuple[str, ...]:
     """Fields of a stream's samples, those of what drives the stage included."""
     sensor = sensor_kinds().get(kind_of(stream)) or input_of(stream)
     return _INPUTS[stream] if sensor is None else sensor.fields
+
+
+def measured(stream: str, sensor: ListedSensor, readings: Array) -> Array:
+    """(n, k) what acts on the stage by readings (n, fields) of a listed sensor that is an input."""
+    kind = input_of(stream)
+    assert kind is not None  # only such sensors are among a stage's inputs
+    return kind.measured(sensor, readings).reshape(len(readings), -1)
 
 
 def streams_with(

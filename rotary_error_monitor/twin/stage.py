@@ -21,9 +21,9 @@ from rotary_error_monitor.description.stage import THERMOMETER, ListedSensor, St
 from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
 from rotary_error_monitor.metrology.harmonics import angular_sum
-from rotary_error_monitor.sensors.library import input_of, sensor_of
+from rotary_error_monitor.sensors.library import sensor_of
 from rotary_error_monitor.twin.finite import check_finite
-from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.recording import StageRecording, Stream, measured
 
 Signals = dict[str, Array]
 """Arrays (n, k) by stream."""
@@ -93,9 +93,7 @@ def _warming(temperature: Stream, reference: float) -> Callable[[Array], Array]:
 
 def _measured(stream: Stream, name: str, sensor: ListedSensor) -> Stream:
     """What a listed input measures by its readings."""
-    kind = input_of(name)
-    assert kind is not None  # only such sensors are among a stage's inputs
-    return Stream(stream.time, kind.measured(sensor, stream.values)[:, None])
+    return Stream(stream.time, measured(name, sensor, stream.values))
 
 
 def _smooth(stream: Stream) -> Callable[[Array], Array]:

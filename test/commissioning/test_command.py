@@ -12,8 +12,11 @@ from world.newly_built import NewlyBuilt, build, in_unit, mirrored
 from world.recording import COMMAND, Recording, head_topic
 
 from commissioning.bags import run, written
+from rotary_error_monitor.commissioning.stage_file import commission_stage
 from rotary_error_monitor.description.stage import StageDescription, load_stage, stage_from_mapping
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.recordings.replay import replay_bag
+from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 DURATION = 24.0
@@ -72,11 +75,13 @@ def test_instruments_that_the_file_lists_as_sensors_are_commissioned_there(tmp_p
     stage = yaml.safe_load(nominal.read_text(encoding="utf-8"))["stage"]
     heads = {name: {"kind": "read_head", **row} for name, row in stage["encoder"].pop("heads").items()}
     listed = {**heads, "level": {"kind": "autocollimator", **stage.pop("autocollimator")}}
+    listed["drive"] = {"kind": "command", **stage.pop("command", {})}
     (tmp_path / "listed_nominal.yaml").write_text(yaml.safe_dump({"stage": {**stage, "sensors": listed}}))
     assert run(bag, tmp_path / "listed_nominal.yaml", tmp_path / "listed.yaml") == 0
     assert load_stage(tmp_path / "listed.yaml") == load_stage(tmp_path / "sections.yaml") != load_stage(nominal)
     left = yaml.safe_load((tmp_path / "listed.yaml").read_text(encoding="utf-8"))["stage"]
-    assert "heads" not in left["encoder"] and "autocollimator" not in left
+    assert "heads" not in left["encoder"] and "autocollimator" not in left and "command" not in left
+    assert left["sensors"]["drive"] != listed["drive"], "its zero and latency were found"
 
 
 @pytest.mark.parametrize("seed", [3, 7, 12])
@@ -264,3 +269,12 @@ def test_a_stage_without_heads_is_refused(tmp_path: Path, capsys: pytest.Capture
     nominal.write_text(yaml.safe_dump({"stage": built.nominal}), encoding="utf-8")
     assert run(bag, nominal, tmp_path / "stage.yaml") == 2
     assert "no section 'encoder'" in capsys.readouterr().err
+
+
+def test_a_gain_of_the_command_is_not_commissioned(tmp_path: Path) -> None:
+    stage = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))["stage"]
+    path = tmp_path / "list.yaml"
+    path.write_text(yaml.safe_dump({"stage": {**stage, "sensors": {"drive": {"kind": "command", "gain": 2.0}}}}))
+    told = r"list\.yaml:\d+: stage\.sensors\.drive\.gain: a gain of the command, which commissioning does not"
+    with pytest.raises(InputError, match=told):
+        commission_stage(tmp_path / "no_bag", path)

@@ -97,6 +97,11 @@ def stages(draw: st.DrawFn) -> Any:
         collimator["cubic"][axis] = max(cubic, -0.1 / max(most, 1e-5) ** 2)
     poses = [name for name, row in section.get("sensors", {}).items() if not is_input(row["kind"])]
     assume("encoder" in section or "autocollimator" in section or poses)
+    forces = [name for name, row in section.get("sensors", {}).items() if row["kind"] == "force"]
+    section.get("environment", {}).pop("force", None)
+    if len(forces) > 1:  # then the file has to name one, or up to four
+        named = draw(st.lists(st.sampled_from(forces), min_size=1, max_size=4, unique=True))
+        section["environment"] = {"reference_temperature": 20.0, **section.get("environment", {}), "force": named}
     if "encoder" not in section:
         section.get("calibration", {}).pop("encoder", None)
     there = [part for part in PARAMETERS if part != "encoder" or part in section]

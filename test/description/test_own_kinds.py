@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from rotary_error_monitor.description.stage import load_stage, stage_mapping
+from rotary_error_monitor.description.stage import Response, load_stage, stage_from_mapping, stage_mapping
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 
@@ -19,6 +19,7 @@ stage:
     c: {{kind: read_head, azimuth: 1.5707963267948966}}
     tilt: {{kind: autocollimator, range: 4.8e-04, resolution: 4.8e-07, noise: 4.8e-07, gain: 1.02}}
     artefact: {{kind: lvdt, height: 0.016, noise: 5.0e-08}}
+    drive: {{kind: command, zero: 0.3, sign: -1, gain: 2.5, latency: 1.0e-04, unit: rad}}
     top: {{kind: axial_probe, radius: 0.0, noise: 1.0e-08, resolution: 1.0e-09, range: 0.0001, uncertainty: 1.0e-09}}
 """
 
@@ -32,11 +33,14 @@ def load_text(folder, text):
 def test_a_list_is_the_stage_that_sections_are(tmp_path):
     content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
     stage = content["stage"]
+    stage["command"] = {"zero": 0.3, "sign": -1, "latency": 1e-4}
+    (tmp_path / "sections.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    sections = load_stage(tmp_path / "sections.yaml")
     heads = {name: {"kind": "read_head", **row} for name, row in stage["encoder"].pop("heads").items()}
-    others = {name: {"kind": name, **stage.pop(name)} for name in ("autocollimator", "lvdt")}
+    others = {name: {"kind": name, **stage.pop(name)} for name in ("autocollimator", "lvdt", "command")}
     stage["sensors"] = {**heads, **others}
     found = load_text(tmp_path, yaml.safe_dump(content))
-    assert found == load_stage()
+    assert found == sections and sections != load_stage()
     assert load_text(tmp_path, yaml.safe_dump({"stage": stage_mapping(found)})) == found
 
 
@@ -45,6 +49,8 @@ def test_heads_may_stand_in_both(tmp_path):
     assert [*whole.azimuths] == ["a", "b", "c"] and [*whole.sensors] == ["axial_probe_top"]
     assert (whole.response("head_a").zero, whole.response("head_b").gain) == ((2.7,), -1.0)
     assert whole.response("autocollimator").gain == 1.02 and whole.lvdt.height == 0.016
+    assert whole.response("command") == Response((0.3, 0.0), -2.5, latency=1e-4)
+    assert stage_from_mapping(stage_mapping(whole)) == whole, "sign and gain are written apart"
     mixed = LISTED.replace(RING, RING + ", heads: {d: {azimuth: 4.7}}")
     assert {*load_text(tmp_path, mixed).azimuths} == {"a", "b", "c", "d"}
 
@@ -58,7 +64,19 @@ def test_heads_may_stand_in_both(tmp_path):
         ("noise: 4.8e-07, gain", "noise: 0.5, gain", 7, "stage.sensors.tilt.noise: 0.5 is greater"),
         (RING, RING + ", heads: {a: {azimuth: 4.7}}", 4, "stage.sensors.a: there is one in 'encoder.heads.a' already"),
         ("kind: lvdt, height: 0.016, noise: 5.0e-08", "kind: autocollimator", 8, "'tilt' is of kind autocollimator al"),
-        ("kind: axial_probe", "kind: axial", 9, "'axial' is no kind of sensor; expected: one of read_head, autocoll"),
+        ("sign: -1, gain: 2.5", "azimuth: 1.0", 9, "stage.sensors.drive: 'azimuth' was unexpected"),
+        ("gain: 2.5", "gain: 0.0", 9, "stage.sensors.drive.gain: 0.0 is less than the minimum of 1e-06"),
+        ("unit: rad", "unit: mm", 9, "stage.sensors.drive.unit: 'mm' is no unit of kind command; expected: rad; where"),
+        ("height: 0.016", "unit: rad", 8, "stage.sensors.artefact.unit: 'rad' is no unit of kind lvdt; expected: m;"),
+        (
+            "kind: lvdt, height: 0.016, noise: 5.0e-08",
+            "kind: command",
+            9,
+            "'artefact' is of kind command already; a stage has one at most",
+        ),
+        (RING, RING + "}\n  command: {sign: 1", 10, "stage.sensors.drive: there is one in 'command' already; keep one"),
+        ("kind: axial_probe", "unit: N, kind: axial_probe", 10, "sensors.top.unit: 'N' is no unit of kind axial_probe"),
+        ("kind: axial_probe", "kind: axial", 10, "'axial' is no kind of sensor; expected: one of read_head, autocoll"),
         (f"  encoder: {{{RING}}}\n", "", 1, "stage.encoder: 'disc_radius' is a required property"),
     ],
 )

@@ -156,7 +156,8 @@ def test_a_file_says_how_its_instruments_answer_and_is_written_back(tmp_path):
         ("autocollimator", {"roll": 12}, r"autocollimator\.roll: .*expected: angle about \+z in rad"),
         ("lvdt", {"latency": -0.1}, r"lvdt\.latency: .*expected: how long after .* in s, from 0 to 1"),
         ("command", {"sign": 0}, r"command\.sign: .*expected: 1, or -1 for a controller that counts the other way"),
-        ("command", {"gain": 2.0}, r"command: .*'gain' was unexpected"),
+        ("command", {"gain": -2.0}, r"command\.gain: -2\.0 is less than .*expected: angle that is told per rotation"),
+        ("command", {"roll": 2.0}, r"command: .*'roll' was unexpected"),
         ("top", {"latency": 2}, r"sensors\.top\.latency: .*expected: how long after"),
     ],
 )

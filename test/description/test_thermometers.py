@@ -54,7 +54,7 @@ def test_thermometers_are_inputs_and_probes_are_sensors(tmp_path):
             "'form' was unexpected.*of kind thermometer: kind, n",
         ),
         ({"gain": 2.0}, "bearing:", "'gain' was unexpected"),
-        ({"unit": "K"}, "bearing:", "'unit' was unexpected"),
+        ({"unit": "K"}, "unit: K", "unit: 'K' is no unit of kind thermometer; expected: °C; where a driver"),
         ({"noise": -1.0}, "noise: -1.0", r"noise: -1\.0 is less than .*standard deviation of one reading in K"),
         ({"range": 0.0}, "range: 0.0", r"range: 0\.0 is less than .*largest reading"),
         ({"zero": 80.0, "range": 50.0}, "zero: 80.0", r"zero: 80\.0 is beyond the range of 50\.0 °C"),

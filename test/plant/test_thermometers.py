@@ -19,7 +19,7 @@ TIME = np.linspace(0.0, 60.0, 200)
 
 
 def plant(seed, **changes):
-    return StagePlant(STAGE, seed, clocks=stage_clocks(inputs=NAMES), **changes)
+    return StagePlant(STAGE, seed, clocks=stage_clocks(inputs=STAGE.inputs), **changes)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -62,7 +62,7 @@ def install_mine(install, tmp_path):
         ("encoder_head", ["counter", "joint_state", "mock"]),
         ("autocollimator", ["iio", "vector3", "mock"]),
         ("lvdt", ["vector3", "mock"]),
-        ("listed_sensor", ["iio", "temperature", "vector3", "mock"]),
+        ("listed_sensor", ["iio", "temperature", "vector3", "wrench", "mock"]),
         ("hygrometer", []),
     ],
 )

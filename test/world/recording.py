@@ -20,7 +20,7 @@ LVDT = "/stage/lvdt/samples"
 COMMAND = "/stage/command/samples"
 FORCE = "/stage/force/samples"
 TEMPERATURE = "/stage/temperature/samples"
-THERMOMETER = "thermometer"  # kind of a listed sensor that is no probe
+THERMOMETER, LOAD_CELL = "thermometer", "force"  # kinds of listed sensors that are no probes
 
 
 def head_topic(head: str) -> str:
@@ -64,7 +64,9 @@ class Recording:
     def probes(self) -> dict[str, Mapping[str, Any]]:
         """What the description says of each probe, by its topic, in the order of the description."""
         sensors = self.stage.get("sensors", {})
-        return {probe_topic(name, row): row for name, row in sensors.items() if row["kind"] != THERMOMETER}
+        return {
+            probe_topic(name, row): row for name, row in sensors.items() if row["kind"] not in (THERMOMETER, LOAD_CELL)
+        }
 
     @property
     def count(self) -> float:

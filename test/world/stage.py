@@ -18,6 +18,7 @@ from .recording import (
     AUTOCOLLIMATOR,
     COMMAND,
     FORCE,
+    LOAD_CELL,
     LVDT,
     TEMPERATURE,
     THERMOMETER,
@@ -91,6 +92,10 @@ class _Maker:
             if section["kind"] == THERMOMETER:
                 topic = probe_topic(name, section)
                 made[topic] = self._stream(topic, rates["thermometer"], ("temperature",), self._place(name, section))
+                continue
+            if section["kind"] == LOAD_CELL:
+                topic = probe_topic(name, section)
+                made[topic] = self._stream(topic, rates["force"], ("force_x", "force_y"), self._pushed(name, section))
                 continue
             probe = Probe(self.seeds, name, section, self.options)
             made[probe.topic] = self._stream(probe.topic, probe.rate, probe.fields, self._seen_by(probe))
@@ -185,6 +190,23 @@ class _Maker:
             warm = self.rotor.environment.reference + self.rotor.environment.warmth_of(name, times)
             noisy = zero + warm + self._noise(f"{name}/temperature", len(times), section["noise"])
             return self._steps(noisy, section["resolution"])[:, None]
+
+        return signal
+
+    def _pushed(self, name: str, section: Mapping[str, Any]) -> Callable[[Array], Array]:
+        """Signal of a listed load cell, whose zeros are as uncertain as stated; it looks along its own directions."""
+        rng = self.seeds.generator(f"{name}/zeros")
+        zeros = np.array(section.get("zero", (0.0, 0.0))) + section["uncertainty"] * rng.standard_normal(2)
+        turned = section["azimuth"] + np.array([0.0, np.pi / 2])
+        seen = np.array([1.0, 1.0 if section.get("axes", 2) == 2 else 0.0])
+
+        def signal(times: Array) -> Array:
+            force = self.rotor.environment.force(times - section.get("latency", 0.0))
+            along = np.outer(force[:, 0], np.cos(turned)) + np.outer(force[:, 1], np.sin(turned))
+            reading = zeros + section.get("gain", 1.0) * along * seen
+            for i, axis in enumerate("xy"):
+                reading[:, i] += self._noise(f"{name} {axis}", len(times), section["noise"])
+            return self._steps(np.clip(reading, -section["range"], section["range"]), section["resolution"])
 
         return signal
 

@@ -16,6 +16,7 @@ class Thermometer(SensorSection):
     fields = ("temperature",)
     unit = "°C"
     is_input = True
+    is_slow = True
 
     noise: Annotated[float, Expected("standard deviation of one reading in K", 0, 10)]
     resolution: Annotated[float, Expected("step of a reading in K", 0, 10)]

@@ -40,7 +40,7 @@ from rotary_error_monitor.kinds.stage.play import Play, stays
 from rotary_error_monitor.kinds.stage.predictions import KEPT, KeptPredictions
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
-from rotary_error_monitor.kinds.stage.warming import uncertain_warmings
+from rotary_error_monitor.kinds.stage.warming import uncertain_forces, uncertain_warmings
 from rotary_error_monitor.kinds.stage.where import stage_where
 from rotary_error_monitor.noise.stage_noise import StageNoise, noise_std
 from rotary_error_monitor.noise.whitening import side_by_side
@@ -85,8 +85,8 @@ class StageProblem:
         self.effects = effects_of(stage, effects)
         self.twin: StageTwin = twin_of(stage, recording, tuple(known), inputs)
         self._predictions = KeptPredictions(self.twin, KEPT if self.keeps_signatures else 1)
-        warmings = uncertain_warmings(self.twin, recording)
-        self._nuisances = Nuisances(self.twin, uncertain_parameters(stage), warmings, self._white)
+        inputs_off = (*uncertain_warmings(self.twin, recording), *uncertain_forces(self.twin))
+        self._nuisances = Nuisances(self.twin, uncertain_parameters(stage), inputs_off, self._white)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
         raw = self._raw_residual(())
         omega = {name: self.twin.state(name).omega for name in recording.heads}

@@ -26,6 +26,7 @@ from rotary_error_monitor.gap.problem import (
     StretchedConditions,
 )
 from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS, stage_conditions
+from rotary_error_monitor.kinds.stage.forces import with_shaft_force
 from rotary_error_monitor.kinds.stage.problem import StageProblem
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.stuck import without_stuck
@@ -47,7 +48,7 @@ def stage_problem(
     known: Sequence[Cause] = (),
 ) -> StageProblem:
     """The problem of a recording of any length, without what is stuck or of no use; arguments as `StageProblem`."""
-    stage, recording = with_useful_inputs(stage, without_stuck(stage, recording))
+    stage, recording = with_shaft_force(*with_useful_inputs(stage, without_stuck(stage, recording)))
     kind = LongStageProblem if recording.duration > LONGEST else StageProblem
     return kind(stage, recording, effects, known)
 

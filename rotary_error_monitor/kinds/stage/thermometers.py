@@ -1,32 +1,46 @@
-"""Which of the thermometers that a stage lists are of use in a recording."""
+"""Which of the thermometers and load cells that a stage lists are of use in a recording."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from rotary_error_monitor.description.stage import ListedSensor, StageDescription
 from rotary_error_monitor.metrology.repeated_readings import longest_run, run_by_chance
+from rotary_error_monitor.sensors.library import input_of
 from rotary_error_monitor.twin.recording import StageRecording, Stream
+from rotary_error_monitor.twin.stage import MEDIAN_OF_DIFFERENCES
+
+LOUD = 3.0
+"""Times the stated scatter from which it is said: what data sheets state is met within a factor of two."""
+
+_JUDGED = 100
+"""Readings from which a scatter is known within a sixth, at four standard deviations of it."""
 
 
 def with_useful_inputs(stage: StageDescription, recording: StageRecording) -> tuple[StageDescription, StageRecording]:
     """Stage and recording without the listed inputs that tell nothing; remarks say so.
 
     Those are the ones that were not recorded, read beyond their range, or are stuck. Nothing can be known of what goes
-    with the warming of such a place.
+    with the warming of such a place. One that scatters more than it should is used, and that is said.
     """
     streams, remarks, inputs = dict(recording.streams), list(recording.remarks), dict(stage.inputs)
     for name, sensor in stage.inputs.items():
         if name in streams:
-            told = _beyond(streams[name], sensor) or _stuck(streams[name], sensor)
+            kind = input_of(name)
+            assert kind is not None  # only such sensors are among a stage's inputs
+            readings = streams[name].values[:, : kind.looked_at(sensor)]
+            read = Stream(streams[name].time, readings)
+            told = _beyond(read, sensor) or _stuck(read, sensor)
             if not told:
+                remarks += _loud(name, read, sensor)
                 continue
             remarks.append(f"{name}: {told}; left out")
             del streams[name]
         del inputs[name]
-    if len(inputs) == len(stage.inputs):
+    if len(remarks) == len(recording.remarks) and len(inputs) == len(stage.inputs):
         return stage, recording
     return replace(stage, inputs=inputs), StageRecording(recording.start_ns, streams, tuple(remarks))
 
@@ -54,3 +68,15 @@ def _stuck(stream: Stream, sensor: ListedSensor) -> str:
                 f"where noise ({sensor.noise:.4g}) and resolution ({sensor.resolution:.4g}) leave {most:.0f} at most"
             )
     return ""
+
+
+def _loud(name: str, stream: Stream, sensor: ListedSensor) -> list[str]:
+    """A remark where readings differ from one to the next by far more than noise and resolution make them."""
+    stated = math.hypot(sensor.noise, sensor.resolution / math.sqrt(12))
+    if sensor.is_slow or len(stream.time) < _JUDGED:  # what is slow may change between two readings
+        return []
+    apart = np.median(np.abs(np.diff(stream.values, axis=0)), axis=0)
+    seen = float(apart.max()) / MEDIAN_OF_DIFFERENCES
+    if seen <= LOUD * stated + sensor.resolution:
+        return []
+    return [f"{name}: scatters by {seen:.2g} {sensor.unit}, where noise and resolution state {stated:.2g}"]

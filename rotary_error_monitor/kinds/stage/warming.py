@@ -1,18 +1,20 @@
-"""What is not known of the temperature of a stage and of places of it, as nuisances.
+"""What is not known of the temperature of a stage and of places of it, and of the force on its shaft, as nuisances.
 
-Nobody measured it, or the thermometer has noise and a zero that is uncertain.
+Nobody measured the temperature, or thermometer and load cell have noise and a zero that is uncertain.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotary_error_monitor.description.stage import FORCE
 from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
+from rotary_error_monitor.metrology.forces import load_cell, shares
 from rotary_error_monitor.twin.recording import StageRecording, Stream
-from rotary_error_monitor.twin.stage import MEDIAN_OF_DIFFERENCES, Acting, StageTwin, turned_by
+from rotary_error_monitor.twin.stage import MEDIAN_OF_DIFFERENCES, Acting, StageInputs, StageTwin, turned_by
 
 TEMPERATURE = "temperature"
 
@@ -35,9 +37,20 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Stag
         courses = _noisy(recording.streams[TEMPERATURE])
     else:
         courses = []
-    whole = (_WarmedTwin(twin, course) for course in courses)
-    places = (_WarmedTwin(twin, course, place) for place, course in _of_places(twin, recording))
+    whole = (_OtherTwin(twin, _Warmed(course)) for course in courses)
+    places = (_OtherTwin(twin, _Warmed(course, place)) for place, course in _of_places(twin, recording))
     return (*whole, *places)
+
+
+def uncertain_forces(twin: StageTwin) -> tuple[StageTwin, ...]:
+    """Twins with one standard uncertainty of the zero of each axis of the listed load cells more on the shaft."""
+    sensors = [sensor for sensor in twin.stage.inputs.values() if sensor.kind == FORCE]
+    cells = [load_cell(sensor) for sensor in sensors]
+    found = []
+    for sensor, cell, share in zip(sensors, cells, shares(cells) if cells else [], strict=True):
+        size = sensor.uncertainty / abs(cell.gain)
+        found += [_OtherTwin(twin, _Pushed(size * share @ axis)) for axis in cell.directions if size]
+    return tuple(found)
 
 
 def _of_places(twin: StageTwin, recording: StageRecording) -> Iterator[tuple[str, Course]]:
@@ -80,35 +93,66 @@ def _noisy(temperature: Stream, stated: float | None = None) -> list[Course]:
     return [course(order) for order in range(NOISY_COURSES)]
 
 
-class _WarmedTwin(StageTwin):
-    """A twin on another course of temperature, of the stage or a place; its states are the first one's but for that."""
+@dataclass(frozen=True)
+class _Warmed:
+    """Another course of temperature, of the stage or a place."""
 
-    def __init__(self, twin: StageTwin, course: Course, place: str = "") -> None:
-        before = twin.inputs.warmings.get(place, lambda time: np.zeros(len(time))) if place else twin.inputs.warming
+    course: Course
+    place: str = ""
+
+    def inputs(self, inputs: StageInputs) -> StageInputs:
+        """What drives the stage, with it."""
+        nothing = inputs.warmings.get(self.place, lambda time: np.zeros(len(time)))
+        before = nothing if self.place else inputs.warming
 
         def warming(time: Array) -> Array:
-            return np.asarray(before(time) + course(time), np.float64)
+            return np.asarray(before(time) + self.course(time), np.float64)
 
-        inputs = replace(twin.inputs, warmings={**twin.inputs.warmings, place: warming})
-        if not place:
-            inputs = replace(twin.inputs, warming=warming)
+        if self.place:
+            return replace(inputs, warmings={**inputs.warmings, self.place: warming})
+        return replace(inputs, warmings={**inputs.warmings, "": warming}, warming=warming)
+
+    def state(self, state: RotorState) -> RotorState:
+        """A state of the rotor, with it."""
+        added = self.course(state.time - state.age)
+        if not self.place:
+            return replace(state, warming=state.warming + added, _kept={})
+        return replace(state, warmings={**state.warmings, self.place: state.warmings.get(self.place, 0.0) + added})
+
+
+@dataclass(frozen=True)
+class _Pushed:
+    """A force (2,) on the shaft, N, that was not noticed."""
+
+    force: Array
+
+    def inputs(self, inputs: StageInputs) -> StageInputs:
+        """What drives the stage, with it."""
+        before = inputs.force
+        return replace(inputs, force=lambda time: np.asarray(before(time) + self.force, np.float64))
+
+    def state(self, state: RotorState) -> RotorState:
+        """A state of the rotor, with it."""
+        return replace(state, force=np.asfortranarray(state.force + self.force), _kept={})
+
+
+class _OtherTwin(StageTwin):
+    """A twin with something else acting on it; its states are the first one's but for that."""
+
+    def __init__(self, twin: StageTwin, change: _Warmed | _Pushed) -> None:
+        inputs = change.inputs(twin.inputs)
         super().__init__(twin.stage, inputs, twin.times, twin.observed, twin.known, twin.keeps_states)
-        self._cool = twin
-        self._course, self._place = course, place
+        self._plain, self._change = twin, change
 
     def state(self, stream: str, delay: float = 0.0) -> RotorState:
         """The rotor at the sample times of a stream, `delay` seconds earlier."""
-        return self._warm(self._cool.state(stream, delay))
+        return self._change.state(self._plain.state(stream, delay))
 
     def _moved_state(self, stream: str, acting: Acting) -> RotorState:
-        cool = self._cool._moved_state(stream, acting)
-        # The first one's waves hold unless an effect turns the rotor by its temperature.
-        before = self._warm(cool.unturned or cool)
+        plain = self._plain._moved_state(stream, acting)
+        # The first one's waves hold unless an effect turns the rotor by what is other.
+        before = self._change.state(plain.unturned or plain)
         turned = before.theta + turned_by(acting, before)
-        return self._warm(cool) if np.array_equal(turned, cool.theta) else super()._moved_state(stream, acting)
-
-    def _warm(self, state: RotorState) -> RotorState:
-        added = self._course(state.time - state.age)
-        if not self._place:
-            return replace(state, warming=state.warming + added, _kept={})
-        return replace(state, warmings={**state.warmings, self._place: state.warmings.get(self._place, 0.0) + added})
+        return (
+            self._change.state(plain) if np.array_equal(turned, plain.theta) else super()._moved_state(stream, acting)
+        )
