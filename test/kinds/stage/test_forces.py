@@ -50,14 +50,17 @@ def section(sensors, named=None):
 
 
 def recorded(seed, sensors, named=None, more=True, seconds=SECONDS):
-    """A world in which the rotor yields more than described; its load cells are as the description says."""
+    """A world in which the rotor yields more than described; its load cells are as the description says.
+
+    Readings are rounded to the nearest step: an autocollimator that cuts them off biases a tilt per force.
+    """
     true = section(sensors, named)
     if more:
         spindle = true["spindle"]
         spindle["radial_compliance"] = spindle.get("radial_compliance", 0.0) + RADIAL
         spindle["tilt_compliance"] = spindle.get("tilt_compliance", 0.0) + TILT
     rates = {f"/stage/head_{head}/samples": 200.0 for head in "abcd"}
-    habits = {"noise": 1.0, "quantise": True, "jitter": 1.0, "force": True}
+    habits = {"noise": 1.0, "quantise": True, "rounding": "round", "jitter": 1.0, "force": True}
     options = Options.textbook(motion="both_directions", peak_speed=5.0, rates=rates, **habits)
     return make_recording(seed, duration=seconds, stage=true, options=options)
 
