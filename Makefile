@@ -83,13 +83,16 @@ DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/t
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)
-COVERED := $(BIN)/python -m coverage run
+# Coverage takes half as long again as the tests alone: COVERAGE=no leaves it out, as continuous integration does.
+COVERAGE ?= yes
+MEASURED := $(filter yes,$(COVERAGE))
+COVERED := $(BIN)/python $(if $(MEASURED),-m coverage run)
 
 test: setup lint ## lint, type check and all tests, with coverage of at least 90 % (ALSO=test-python312: that beside them)
-	$(BIN)/python -m coverage erase
+	$(if $(MEASURED),$(BIN)/python -m coverage erase)
 	$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target test-live test-models test-others $(ALSO)
-	$(BIN)/python -m coverage combine --quiet
-	$(BIN)/python -m coverage report
+	$(if $(MEASURED),$(BIN)/python -m coverage combine --quiet)
+	$(if $(MEASURED),$(BIN)/python -m coverage report)
 
 test-live:
 	$(ON_TIME) $(COVERED) $(call PYTEST,,$(LIVE))
