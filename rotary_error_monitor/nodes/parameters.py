@@ -20,6 +20,7 @@ ParameterValue: TypeAlias = Any
 
 _OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 _QOS = "qos_overrides."
+_TRUTH_WORDS = {False: ("n", "no", "off", "false"), True: ("y", "yes", "on", "true")}
 
 
 def descriptor_of(setting: Setting) -> ParameterDescriptor:
@@ -73,6 +74,9 @@ def declare(node: Node, settings: Iterable[Setting]) -> None:
 
 def _declared(node: Node, setting: Setting) -> ParameterValue:
     """Declare one setting; give its value. Of an empty list rclpy would guess that it is one of bytes."""
+    given = _overrides(node).get(setting.name)
+    if given is not None and (meant := _meant(setting, given.value)):
+        return node.declare_parameter(setting.name, meant, descriptor_of(setting), ignore_override=True).value
     if setting.default != []:
         return node.declare_parameter(setting.name, setting.default, descriptor_of(setting)).value
     kind = Parameter.Type.DOUBLE_ARRAY
@@ -80,6 +84,13 @@ def _declared(node: Node, setting: Setting) -> ParameterValue:
     if value is None:
         node.set_parameters([Parameter(setting.name, kind, [])])
     return value or []
+
+
+def _meant(setting: Setting, value: ParameterValue) -> str:
+    """The choice that rcl read as a truth value: N, of newton, is false in YAML 1.1 where it has no quotes; or none."""
+    words = _TRUTH_WORDS.get(value, ()) if isinstance(value, bool) else ()
+    meant = [choice for choice in setting.choices if choice.lower() in words]
+    return meant[0] if len(meant) == 1 else ""
 
 
 def check_given(node: Node, settings: Iterable[Setting]) -> None:

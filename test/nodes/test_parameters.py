@@ -18,6 +18,8 @@ class Probe(ManagedNode):
         Setting("count", 3, "how many", (1, 10)),
         Setting("source", "mock", "where from", choices=("mock", "device")),
         Setting("speeds", [1.0, 2.0], "speeds, rad/s"),
+        Setting("unit", "kN", "unit", choices=("N", "kN")),
+        Setting("answer", "maybe", "answer", choices=("n", "no", "maybe")),
     )
 
 
@@ -31,6 +33,12 @@ class Probe(ManagedNode):
         ("source", "counter", r"parameter 'source' is 'counter'; expected: where from \(one of mock, device\)"),
         ("speeds", [1.0, float("inf")], r"parameter 'speeds' is .*; expected: speeds, rad/s \(a list\)"),
         ("autostart", 1, "parameter 'autostart' is 1; expected: configure and activate at start"),
+        ("unit", True, r"parameter 'unit' is True; expected: unit \(one of N, kN\)"),
+        (
+            "answer",
+            False,
+            "parameter 'answer' is False; expected: answer",
+        ),  # which of the two was written, nobody knows
         ("limmit", 0.1, "no parameter 'limmit'; did you mean: limit"),
         ("qos_overrides./no/topic.publisher.depth", 3, "no parameter 'qos_overrides./no/topic"),
     ],
@@ -48,6 +56,15 @@ def test_right_parameters_are_taken_and_described():
         descriptor = node.describe_parameter("limit")
         assert descriptor.floating_point_range[0].to_value == 1.0
         assert "largest offset" in descriptor.description
+
+
+def test_a_choice_that_yaml_reads_as_a_truth_value_is_taken_for_what_it_is(tmp_path):
+    """`-p unit:=N` reaches a node as false."""
+    for arguments in (["-p", "unit:=N"], ["--params-file", str(tmp_path / "given.yaml")]):
+        (tmp_path / "given.yaml").write_text("/**: {ros__parameters: {unit: N}}\n", encoding="utf-8")
+        with Cell() as cell:
+            node = cell.run(Probe, "probe", arguments)
+            assert node.setting("unit") == "N"
 
 
 def test_parameters_are_read_when_the_node_configures():
