@@ -74,12 +74,12 @@ SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py 
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 # `make test` takes half of the random stages that these draw (test/draws.py), `make rates` all of them.
-DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/test_writer.py \
+DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,assembly_contradictions.py axis_table.py collimator_rates.py straightness_contradictions.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py) $(addprefix commissioning/test_,command.py travel.py) \
-	$(addprefix faults/test_,begin.py calibrated.py few_heads.py gaps.py late_heads.py responses.py) \
-	kinds/quadrature/test_problem.py \
-	$(addprefix kinds/stage/test_,diagnosis.py gradual.py no_gap.py without_autocollimator.py) metrology/test_spindle_figures.py)
+	$(addprefix faults/test_,begin.py calibrated.py few_heads.py gaps.py late_heads.py recordings.py responses.py) \
+	kinds/quadrature/test_problem.py $(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py \
+	motion.py no_gap.py without_autocollimator.py) $(addprefix metrology/test_,assembly.py spindle_figures.py))
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)

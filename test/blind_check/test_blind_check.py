@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from draws import ALL
 
 from rotary_error_monitor.blind_check import cases
 from rotary_error_monitor.blind_check.cases import (
@@ -308,8 +309,8 @@ def test_the_expected_calibration_error_is_that_of_the_bins():
 
 
 def test_every_special_case_of_many_seeds_is_made():
-    plans = plan_cases(21, 2, ("stage", "machine"), (False, True), ("variant", "loud", "mimic", "noise"))
-    assert len(plans) > 10
+    plans = plan_cases(21, 1 + ALL, ("stage", "machine"), (False, True), ("variant", "loud", "mimic", "noise"))
+    assert len(plans) >= 10 * (1 + ALL)
     for plan in plans:
         case = make_case(plan)
         sizes = sizes_beyond_uncertainty(case, 40.0)

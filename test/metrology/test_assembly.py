@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import simulated_shaft
+from draws import seeds
 
 from rotary_error_monitor.description.stage import (
     AngularHarmonic,
@@ -101,7 +102,7 @@ DEPARTURES: dict[str, tuple[dict[str, object], object]] = {
 def test_standard_uncertainties_hold(departure: str) -> None:
     changes, motion = DEPARTURES[departure]
     errors = Errors()
-    for seed in range(12):
+    for seed in seeds(12):
         rng = np.random.default_rng(seed)
         eccentricity, tilt = tuple(2e-5 * rng.normal(size=2)), tuple(5e-5 * rng.normal(size=2))
         shaft = dataclasses.replace(SHAFT, eccentricity=eccentricity, tilt=tilt, **changes)
@@ -114,12 +115,12 @@ def test_standard_uncertainties_hold(departure: str) -> None:
         errors.add_mirror(shaft, mirror)
         if "24" not in departure:
             assert ring.fit.ratio == pytest.approx(1.0, abs=0.3)
-    # about 180 errors: 0.88 is four standard deviations below 0.95
+    # about 180 errors, or half as many: 0.88 is four standard deviations below 0.95, or three
     errors.check(0.88)
     # a false alarm of 0.1 % for ring and for mirror in each recording
     assert errors.strays <= 1
     if "24" not in departure:
-        assert errors.missed <= 12 * (1 if shaft.head_colour else 0)
+        assert errors.missed <= len(seeds(12)) * (1 if shaft.head_colour else 0)
 
 
 def test_one_direction_counts_what_is_unknown_of_the_delay() -> None:
@@ -165,7 +166,7 @@ def test_orders_far_up_are_found_and_the_residual_is_the_noise() -> None:
 def test_a_recording_of_noise_alone_shows_an_order_once_in_a_thousand() -> None:
     shaft = simulated_shaft.Shaft(eccentricity=(0.0, 0.0), tilt=(0.0, 0.0))
     errors, motion = Errors(), simulated_shaft.one_way(3.0, 4.3)
-    for seed in range(60):
+    for seed in seeds(60):
         stage = describe(shaft)
         recording = recorded(shaft, motion, seed, stage)
         errors.add_ring(shaft, estimate_ring_assembly(stage, recording))

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from draws import seeds
 from probed_stage import HIGH, LOW, SECONDS, STAGE, TOP, Withheld, blocks_of, command, recorded, without_autocollimator
 
 from rotary_error_monitor.bags.writer import write_messages
@@ -28,6 +29,7 @@ from rotary_error_monitor.twin.document import stage_mapping
 from rotary_error_monitor.twin.recording import record_stage
 
 EFFECTS = load_effects(StageEffect)
+SEEDS = seeds(4)
 AXIAL = Withheld(axial=((2, 2.1e-7, 2.1e-7),))
 RADIAL = Withheld(radial=((3, (2e-7, -1e-7), (1e-7, 2e-7)),))
 TILT = Withheld(tilt=((3, (2e-6, -1e-6), (1e-6, 2e-6)),))
@@ -45,9 +47,9 @@ def causes_of(diagnosis):
     return {found.cause.key for found in diagnosis.causes} if diagnosis.verdict is Verdict.EXPLAINED else set()
 
 
-def assert_named(withheld, key, values, seeds=range(4), stage=STAGE, alike=()):
+def assert_named(withheld, key, values, numbers=SEEDS, stage=STAGE, alike=()):
     """All seeds name this one cause, with values within four standard deviations, and what it cannot be told from."""
-    for seed in seeds:
+    for seed in numbers:
         diagnosis = diagnosed(recorded(seed, withheld, stage), stage)
         assert causes_of(diagnosis) == {key}, (seed, diagnosis.verdict, diagnosis.remainder)
         (found,) = diagnosis.causes
@@ -62,9 +64,9 @@ def assert_named(withheld, key, values, seeds=range(4), stage=STAGE, alike=()):
 @pytest.mark.parametrize("stage", [STAGE, without_autocollimator()], ids=["with", "without autocollimator"])
 def test_a_stage_as_described_has_no_gap(stage):
     """At a false-alarm rate of 1 % two of fourteen alarm once in a hundred times."""
-    found = [diagnosed(recorded(seed, stage=stage), stage) for seed in range(14)]
+    found = [diagnosed(recorded(seed, stage=stage), stage) for seed in seeds(14)]
     verdicts = [diagnosis.verdict for diagnosis in found]
-    assert verdicts.count(Verdict.NO_GAP) >= 13, verdicts
+    assert verdicts.count(Verdict.NO_GAP) >= len(verdicts) - 1, verdicts
     assert not [remark for diagnosis in found for remark in diagnosis.remarks if "noise is" in remark]
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from draws import seeds
 
 from rotary_error_monitor.blind_check.cases import WITHOUT_TURNS
 from rotary_error_monitor.gap.diagnosis import diagnose
 from rotary_error_monitor.gap.verdict import Verdict
 from rotary_error_monitor.plant.motion import Motion, Segment, motion_in_use
 
-SEEDS = range(40, 52)
+SEEDS = seeds(12, 40)
 DURATION = 20.0
 
 
