@@ -105,6 +105,15 @@ def test_a_fault_of_the_program_ends_the_process(handlers, ends, monkeypatch):
     assert ends == [("within", 5.0, 1), (node_process._let_go,), (node_process.end_within, 5.0, 1)]
 
 
+def run_to_its_end(program: str) -> subprocess.CompletedProcess[str]:
+    """A program with a node, in a process and a domain of its own."""
+    with own_domain() as domain:
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        return subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60, check=False
+        )
+
+
 def test_a_node_leaves_its_domain_before_libraries_are_put_away():
     """The threads of its participant are gone when the last Python of the process runs."""
     program = (
@@ -121,11 +130,8 @@ def test_a_node_leaves_its_domain_before_libraries_are_put_away():
         "        os.kill(os.getpid(), signal.SIGINT)\n"
         "raise SystemExit(run(lambda: Short('short'), []))\n"
     )
-    with own_domain() as domain:
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-        done = subprocess.run(
-            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60, check=True
-        )
+    done = run_to_its_end(program)
+    assert done.returncode == 0, done.stderr
     before, after = map(int, done.stdout.split())
     assert before > 0
     assert after == 0
@@ -157,11 +163,7 @@ def test_a_node_whose_middleware_hangs_as_it_ends_still_ends_and_says_where(numb
         "        ctypes.PyDLL(None).pause()\n"
         "raise SystemExit(run(lambda: Hanging('hanging'), []))\n"
     )
-    with own_domain() as domain:
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-        done = subprocess.run(
-            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60, check=False
-        )
+    done = run_to_its_end(program)
     assert done.returncode == 0, done.stderr
     assert "put away" in done.stdout
     assert "in destroy_node" in done.stderr
