@@ -50,7 +50,7 @@ GRID = np.array([(x, y) for x in np.arange(-90.0, 91.0, 30.0) for y in np.arange
     ids=["cross", "grid", "single readings", "rounded"],
 )
 def test_bounds_of_95_percent_hold_the_truth_in_93_to_97(run, timed):
-    """Numbers of the response and calibrated readings between the steps: both in as many of 120 calibrations, or 500."""
+    """Numbers of the response and calibrated readings between the steps: both in as many of all calibrations."""
     numbers, curves = [], []
     for seed in range(500 if ALL else 120):
         rng = np.random.default_rng([seed, 20261126])
