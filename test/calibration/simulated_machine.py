@@ -26,8 +26,9 @@ from rotary_error_monitor.description.machine import MachineDescription, load_ma
 from rotary_error_monitor.plant.machine import MachinePlant, Poses
 
 NOISE = 1.5e-6
-VOLUME = 100
-"""Poses of the working volume at which the true error of the prediction is taken."""
+VOLUME = 800
+"""Poses of the working volume at which the true error of the prediction is taken: of 100 the root mean square is off by
+so much by itself that a bound of 95 % holds it in 92 of 100."""
 
 
 @dataclass(frozen=True)
