@@ -18,7 +18,7 @@ from rotary_error_monitor.nodes.sensor import THERMOMETER, SensorNode
 
 NAME = "listed_sensor"
 _SLOW_PERIOD = 1.0
-"""Time between blocks of a thermometer, s, as of the stage's temperature."""
+"""Time between blocks of a thermometer, s: a stage warms in minutes, and diagnostics tell its age as often."""
 
 _INPUT_PERIOD = 0.05
 """Time between blocks of a faster input such as a force, s, which no estimate waits for."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import yaml
 from geometry_msgs.msg import WrenchStamped
+from nodes.listing import stage_that_lists
 from nodes.mock_cells import mock_parameters
 from nodes.plant_samples import assert_sample, assert_samples
 from nodes.replayed_motion import assert_repeated
@@ -25,7 +25,6 @@ from rotary_error_monitor.nodes.mock_controller import MockController
 from rotary_error_monitor.nodes.recorder import Recorder
 from rotary_error_monitor.pipeline.estimation import EstimatorSettings
 from rotary_error_monitor.recordings.replay import replay_bag
-from rotary_error_monitor.resources import config
 from rotary_error_monitor.sources.mock import mock_stage
 from rotary_error_monitor.testing import Cell
 
@@ -45,11 +44,7 @@ TOPIC = samples_topic("force_nose")
 
 @pytest.fixture
 def path(tmp_path):
-    content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
-    content["stage"]["sensors"] = {"nose": NOSE, "drive": DRIVE}
-    found = tmp_path / "stage.yaml"
-    found.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    return found
+    return stage_that_lists(tmp_path, {"nose": NOSE, "drive": DRIVE})
 
 
 def test_forces_of_a_third_party_driver_in_its_unit(settings, path):
