@@ -77,9 +77,9 @@ RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,assembly_contradictions.py axis_table.py collimator_rates.py straightness_contradictions.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py) $(addprefix commissioning/test_,command.py travel.py) \
-	$(addprefix faults/test_,begin.py calibrated.py few_heads.py gaps.py late_heads.py recordings.py responses.py) \
+	$(addprefix faults/test_,begin.py calibrated.py few_heads.py gaps.py recordings.py responses.py) \
 	kinds/quadrature/test_problem.py $(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py \
-	motion.py no_gap.py without_autocollimator.py) $(addprefix metrology/test_,assembly.py spindle_figures.py))
+	motion.py without_autocollimator.py) $(addprefix metrology/test_,assembly.py spindle_figures.py))
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 
 PYTEST = -m pytest $(PYTEST_ARGS) $(addprefix --ignore=,$(1)) $(2)

@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from draws import seeds
 from world import Options, Recording, make_recording, random_stage
 from world.fault import shifted
 from world.recording import head_topic
@@ -16,7 +15,7 @@ from faults.judging import Judgement, judge
 from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage import stage_from_mapping
 
-SEEDS = seeds(6)
+SEEDS = range(6)
 DURATION = 12.0
 MOTIONS = ("both_directions", "indexing", "oscillation")
 UNCERTAINTY = {"encoder.eccentricity": 1e-8, "mirror.tilt": 1e-7}

@@ -49,7 +49,7 @@ def test_a_single_effect_is_named_sized_and_placed(stage_problem):
             assert sum(share.share for share in diagnosis.where) == pytest.approx(1.0)
             off = distances(diagnosis.causes[0], fault)
             beyond, count = beyond + int((off > 3.0).sum()), count + len(off)
-    assert len(wrong) <= 2, wrong
+    assert len(wrong) <= (2 if ALL else 1), wrong
     assert beyond <= 1 + 0.02 * count, "parameters are within three standard deviations in 98 of 100"
 
 
@@ -78,7 +78,7 @@ def test_what_stands_out_is_named_however_small_for_its_kind(stage_problem):
         diagnosis = diagnose(problem)
         named = [found.cause.key for found in diagnosis.causes]
         right.append(diagnosis.verdict is Verdict.EXPLAINED and named == [("spindle_radial", fault.location)])
-    assert sum(right) >= len(right) - 1, right
+    assert sum(right) >= 5 / 6 * len(right), right
 
 
 def test_a_pair_as_on_a_shop_floor(stage_problem):
@@ -104,7 +104,7 @@ def test_a_quiet_cause_beside_a_loud_error_of_the_ring_is_named(stage_problem, q
         named = {f.cause.effect.name for f in found.causes}
         if found.verdict is not Verdict.EXPLAINED or len(named) != 2 or not set(effects) <= named | alike:
             wrong[seed] = found.verdict.value, named
-    assert len(wrong) <= 1, wrong
+    assert len(wrong) <= (1 if ALL else 0), wrong
 
 
 def test_an_error_within_lines_beside_a_ring_off_centre_is_sized(stage_problem):
@@ -117,7 +117,7 @@ def test_an_error_within_lines_beside_a_ring_off_centre_is_sized(stage_problem):
         (values,) = (f.cause.values for f in diagnosis.causes if f.cause.effect.name == "subdivisional_error")
         (told,) = (fault for fault in truth.faults if fault.name == "subdivisional_error")
         off.append(np.max(np.abs(values - [told.cos, told.sin])) / np.hypot(told.cos, told.sin))
-    assert np.sort(off)[-2] < 0.005, off
+    assert np.sort(off)[-2 if ALL else -1] < 0.005, off
 
 
 def test_a_ring_off_centre_beside_an_error_within_its_lines(stage_problem):
@@ -126,9 +126,9 @@ def test_a_ring_off_centre_beside_an_error_within_its_lines(stage_problem):
     for seed in seeds(6, 101):
         problem, _ = stage_problem(seed, "pair", sorted(effects), rough=True, duration=40.0)
         found.append({cause.cause.effect.name for cause in diagnose(problem).causes})
-    assert sum("subdivisional_error" in names for names in found) >= len(found) - 1
-    assert sum(names <= effects for names in found) >= len(found) - 1
-    assert sum(names == effects for names in found) >= len(found) // 2
+    assert sum("subdivisional_error" in names for names in found) >= 5 / 6 * len(found)
+    assert sum(names <= effects for names in found) >= 5 / 6 * len(found)
+    assert sum(names == effects for names in found) >= len(found) / 2
 
 
 def test_what_one_effect_adds_another_distorts(stage_problem):
@@ -144,8 +144,8 @@ def test_what_one_effect_adds_another_distorts(stage_problem):
             (name,) = fault.parameters
             off = np.atleast_1d(found.parameters[name].value) - np.atleast_1d(fault.parameters[name])
             within += list(np.abs(off) < 3 * np.atleast_1d(found.parameters[name].std))
-    assert sum(ordered) >= len(ordered) - 1, ordered
-    assert within.count(False) <= 1, within
+    assert sum(ordered) >= 5 / 6 * len(ordered), ordered
+    assert within.count(False) <= (1 if ALL else 0), within
 
 
 def test_a_head_in_the_wrong_hole_is_found_and_measured(stage_problem):
@@ -159,7 +159,7 @@ def test_a_head_in_the_wrong_hole_is_found_and_measured(stage_problem):
         ]
         azimuth = [cause.parameters["azimuth"] for cause in found]
         right.append(any(abs(each.value - fault.azimuth) < 3 * each.std < 0.06 for each in azimuth))
-    assert sum(right) >= len(right) - 1, right
+    assert sum(right) >= 5 / 6 * len(right), right
 
 
 def test_effects_that_look_alike_are_a_group_with_advice(stage_problem):

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from draws import seeds
 
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.effects.library import load_effects
@@ -39,7 +38,7 @@ def test_noise_of_the_thermometer_is_no_gap(stage_problem, monkeypatch):
 
     def verdicts():
         found = []
-        for seed in seeds(6, 501):
+        for seed in range(501, 507):
             problem, _ = stage_problem(seed, "null", duration=40.0)
             read = problem.recording.streams["temperature"]
             noise = 0.15 * np.random.default_rng(seed).normal(size=read.values.shape)
@@ -48,11 +47,10 @@ def test_noise_of_the_thermometer_is_no_gap(stage_problem, monkeypatch):
             found.append(diagnose(StageProblem(problem.stage, noisy, EFFECTS)).verdict)
         return found
 
-    count = len(seeds(6))
-    assert verdicts().count(Verdict.NO_GAP) >= count - 1
+    assert verdicts().count(Verdict.NO_GAP) >= 5
     monkeypatch.setattr("rotary_error_monitor.kinds.stage.problem.uncertain_warmings", lambda twin, recording: ())
     monkeypatch.setattr("rotary_error_monitor.kinds.stage.noise_learning.learn_slow_noise", lambda *given: None)
-    assert verdicts().count(Verdict.NO_GAP) <= count / 2
+    assert verdicts().count(Verdict.NO_GAP) <= 3
 
 
 @pytest.mark.parametrize(("section", "value"), [("lvdt", 1 / 1.5), ("autocollimator", 0.4)])
