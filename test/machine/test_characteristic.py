@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -204,6 +207,31 @@ def test_latex_is_balanced(name: str) -> None:
     known = {"begin", "end", "Delta", "alpha", "beta", "gamma", "theta", "cos", "sin", "cdot", "mp", "times"}
     assert set(re.findall(r"\\([a-zA-Z]+)", text)) <= known | {"ldots", "mathrm", "equiv", "hline"}
     assert text.isascii() or all(line.startswith("%") for line in text.splitlines() if not line.isascii())
+
+
+DOCUMENT = """\\documentclass{article}
+\\usepackage[landscape,margin=1cm]{geometry}
+\\usepackage{amsmath}
+\\begin{document}
+%s
+\\end{document}
+"""
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no LaTeX on this computer")
+@pytest.mark.parametrize("name", ["pan2013", "xyzac_trt", "grinder_zhou2023"])
+def test_latex_compiles_and_fits_on_the_page(name: str, tmp_path: Path) -> None:
+    (tmp_path / "array.tex").write_text(DOCUMENT % array_latex(load_machine(name)), encoding="utf-8")
+    run = subprocess.run(
+        ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "array.tex"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout[-2000:]
+    assert "Overfull" not in run.stdout
+    assert (tmp_path / "array.pdf").stat().st_size > 10_000
 
 
 def test_numbers_of_two_digits_have_a_comma_between() -> None:
