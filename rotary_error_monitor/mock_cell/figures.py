@@ -8,16 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import JointState
-from rotary_error_monitor.codec.messages import Decoder
 from rotary_error_monitor.description.machine import MachineDescription
-from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire import Topic, Wire, wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison, compare_with_lvdt
-from rotary_error_monitor.metrology.responses import correct_block
+from rotary_error_monitor.mock_cell.recorded import Recorded
 from rotary_error_monitor.mock_cell.run import FORCE_CYCLE, SPEEDS, MockCell, Recording, seconds
 from rotary_error_monitor.pipeline.corrections import OFFSET
 from rotary_error_monitor.plant.machine import MachinePlant, make_poses
@@ -33,6 +30,9 @@ SETTLING_NS = 500_000_000
 
 _LARGEST = 5e-7
 """Difference of estimate and LVDT that no single pair of them shall exceed, m: ten times the LVDT's noise."""
+
+
+_CORRECTIONS = "axis_corrections"
 
 
 @dataclass(frozen=True)
@@ -105,26 +105,26 @@ def figures(cell: MockCell, recording: Recording, stage: StageDescription, machi
     Raises:
         InputError: the bag lacks a topic that every cell has.
     """
-    reader = BagReader(recording.bag)
     wire = wire_of(stage)
+    recorded = Recorded(recording.bag, [topic for topic in wire if topic.is_sample_block or topic.key == _CORRECTIONS])
     replayed = replay_bag(recording.bag, stage, machine)
     plant = mock_stage(stage, MockSettings(cell.seed, recording.epoch_ns, SPEEDS, True, cell.rate, FORCE_CYCLE))
-    comparisons = dict(lvdt_comparisons(recording, reader, wire, stage, replayed))
-    offsets = true_offsets(recording, reader, wire, machine, plant)
+    comparisons = dict(lvdt_comparisons(recording, recorded, wire, stage, replayed))
+    offsets = true_offsets(recording, recorded, wire, machine, plant)
     rows = [
-        *_accuracy(comparisons, recording, reader, wire),
+        *_accuracy(comparisons, recording, recorded, wire),
         *_offset_rows(offsets),
-        *_repetition(reader, wire, replayed, recording.heights[0][1]),
-        *_losses(reader, wire, recording.heights[0][1]),
-        *_latencies(reader, wire, recording.heights[0][1]),
+        *_repetition(recorded, wire, replayed, recording.heights[0][1]),
+        *_losses(recorded, wire, recording.heights[0][1]),
+        *_latencies(recorded, wire, recording.heights[0][1]),
         Row("processes that did not end with exit code 0", len(recording.failures), 0, 0),
     ]
-    times, force = _samples(reader, wire.topic("force_samples"))
+    times, force = recorded.samples(wire.topic("force_samples"))
     return CellResult(rows, comparisons, offsets, np.column_stack([seconds(times, recording.epoch_ns), force]))
 
 
 def lvdt_comparisons(
-    recording: Recording, reader: BagReader, wire: Wire, stage: StageDescription, replayed: Replay
+    recording: Recording, recorded: Recorded, wire: Wire, stage: StageDescription, replayed: Replay
 ) -> Iterator[tuple[float, LvdtComparison]]:
     """Comparison with the LVDT at each height at which it stood.
 
@@ -133,7 +133,7 @@ def lvdt_comparisons(
     """
     if stage.lvdt is None:
         raise InputError("the stage has no section 'lvdt'")
-    times, radial = _samples(reader, wire.topic("lvdt_samples"), response=stage.responses.get("lvdt"))
+    times, radial = recorded.samples(wire.topic("lvdt_samples"), response=stage.responses.get("lvdt"))
     period = int(np.diff(replayed.stamp_ns).min())
     motion = replayed.motion
     for height, begin_ns, end_ns in recording.heights:
@@ -145,9 +145,9 @@ def lvdt_comparisons(
 
 
 def _accuracy(
-    comparisons: dict[float, LvdtComparison], recording: Recording, reader: BagReader, wire: Wire
+    comparisons: dict[float, LvdtComparison], recording: Recording, recorded: Recorded, wire: Wire
 ) -> Iterator[Row]:
-    times, force = _samples(reader, wire.topic("force_samples"))
+    times, force = recorded.samples(wire.topic("force_samples"))
     for (height, found), (_, begin_ns, end_ns) in zip(comparisons.items(), recording.heights, strict=True):
         name = f"radial error motion at h = {height * 1e3:.0f} mm"
         there = (times >= begin_ns + SETTLING_NS) & (times < end_ns)
@@ -176,10 +176,10 @@ def _maximum(name: str, found: LvdtComparison, epoch_ns: int) -> Row:
 
 
 def true_offsets(
-    recording: Recording, reader: BagReader, wire: Wire, machine: MachineDescription, plant: StagePlant
+    recording: Recording, recorded: Recorded, wire: Wire, machine: MachineDescription, plant: StagePlant
 ) -> TrueOffsets:
     """True tool offset without correction, and with the correction that was in force at each time."""
-    stamps, arrived, values = _corrections(reader, wire.topic("axis_corrections"), machine)
+    stamps, arrived, values = _corrections(recorded, wire.topic(_CORRECTIONS), machine)
     late = stamps > stamps[0] + SETTLING_NS
     in_force = np.maximum(np.searchsorted(arrived, stamps[late], side="right") - 1, 0)
     motion = MachineMotion(machine, plant)
@@ -218,7 +218,7 @@ def _rms(vectors: NDArray[np.float64]) -> float:
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
-def _repetition(reader: BagReader, wire: Wire, replayed: Replay, since_ns: int) -> Iterator[Row]:
+def _repetition(recorded: Recorded, wire: Wire, replayed: Replay, since_ns: int) -> Iterator[Row]:
     """Published numbers that the replay does not give again bit for bit, from when the recorder had found everyone."""
     assert replayed.tool_offset is not None
     for key, columns, again in (
@@ -226,7 +226,7 @@ def _repetition(reader: BagReader, wire: Wire, replayed: Replay, since_ns: int) 
         ("tool_offset_samples", OFFSET, replayed.tool_offset),
     ):
         topic = wire.topic(key)
-        times, values = _samples(reader, topic, columns)
+        times, values = recorded.samples(topic, columns)
         times, values = times[times >= since_ns], values[times >= since_ns]
         index = np.clip(np.searchsorted(replayed.stamp_ns, times), 0, len(replayed.stamp_ns) - 1)
         same = (replayed.stamp_ns[index] == times) & (again[index] == values).all(axis=1)
@@ -237,14 +237,13 @@ _BESIDE = ("lvdt_samples", "error_motion_heights_samples")
 """What stands still at times, and what has several rows for each tick of the estimate."""
 
 
-def _losses(reader: BagReader, wire: Wire, since_ns: int) -> Iterator[Row]:
+def _losses(recorded: Recorded, wire: Wire, since_ns: int) -> Iterator[Row]:
     """Samples of the sensors that are missing, and ticks without estimate or offset: held, or too late to be true."""
     lost, without, ticks = 0, 0, 0
     for topic in wire:
-        recorded = reader.topics.get(topic.name)
-        if not topic.is_sample_block or topic.key in _BESIDE or recorded is None or recorded.count == 0:
+        if not topic.is_sample_block or topic.key in _BESIDE or topic not in recorded:
             continue
-        times, _ = _samples(reader, topic)
+        times, _ = recorded.samples(topic)
         steps = np.diff(times[times >= since_ns])
         if len(steps) < 2:
             continue
@@ -261,51 +260,36 @@ def _is_computed(topic: Topic) -> bool:
     return topic.key in ("error_motion_samples", "tool_offset_samples")
 
 
-def _latencies(reader: BagReader, wire: Wire, since_ns: int) -> Iterator[Row]:
+def _latencies(recorded: Recorded, wire: Wire, since_ns: int) -> Iterator[Row]:
     """Age of the latest sample in a block when the recorder had it."""
     for key, bound in (("error_motion_samples", None), ("tool_offset_samples", None)):
         topic = wire.topic(key)
-        ages = np.array(list(_ages(reader, topic, since_ns)))
+        ages = np.array(list(_ages(recorded, topic, since_ns)))
         if len(ages) == 0:
-            raise InputError(f"{reader.path}: no message on {topic.name}")
+            raise InputError(f"no message on {topic.name} once the cell corrects")
         for part in (50, 99):
             yield Row(
                 f"{topic.name}: age at the recorder, p{part}, ms", float(np.percentile(ages, part)) * 1e3, bound, 1
             )
 
 
-def _ages(reader: BagReader, topic: Topic, since_ns: int) -> Iterator[float]:
-    decoder = Decoder(topic.type)
-    for message in reader.messages([topic.name]):
-        block = decoder.decode(message.data)
+def _ages(recorded: Recorded, topic: Topic, since_ns: int) -> Iterator[float]:
+    for block, arrival_ns in recorded.arrivals(topic):
         assert isinstance(block, SampleBlock)
         if block.stamp_ns >= since_ns:
-            yield (message.log_time_ns - int(block.times_ns[-1])) * 1e-9
-
-
-def _samples(
-    reader: BagReader, topic: Topic, columns: tuple[str, ...] | None = None, response: Response | None = None
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    reader.check_topics([topic.name])
-    names = columns or topic.columns
-    blocks = [correct_block(block, names, response) for block in reader.read_blocks([topic.name])[topic.name]]
-    times = np.concatenate([block.times_ns for block in blocks])
-    return times, np.concatenate([block.columns(names) for block in blocks])
+            yield (arrival_ns - int(block.times_ns[-1])) * 1e-9
 
 
 def _corrections(
-    reader: BagReader, topic: Topic, machine: MachineDescription
+    recorded: Recorded, topic: Topic, machine: MachineDescription
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Stamp, time of arrival at the recorder, and values in the order of the machine's axes."""
-    reader.check_topics([topic.name])
-    decoder = Decoder(topic.type)
     stamps, arrived, values = [], [], []
-    for message in reader.messages([topic.name]):
-        state = decoder.decode(message.data)
+    for state, arrival_ns in recorded.arrivals(topic):
         assert isinstance(state, JointState)
         told = dict(zip(state.names, state.position.tolist(), strict=True))
         stamps.append(state.stamp_ns)
-        arrived.append(message.log_time_ns)
+        arrived.append(arrival_ns)
         values.append([told[letter] for letter in machine.letters])
     return np.array(stamps), np.array(arrived), np.array(values)
 

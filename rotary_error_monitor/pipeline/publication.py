@@ -55,10 +55,9 @@ Decisions: TypeAlias = Mapping[int, Decision]
 """Decisions by the stamp (ns) of their tick."""
 
 
-def decisions_of(motion: ErrorMotion) -> dict[int, Decision]:
-    """What the run decided that published error motion."""
-    said = (getattr(motion, each.name).tolist() for each in fields(Decision))
-    return {time: Decision(*each) for time, *each in zip(motion.times_ns.tolist(), *said, strict=True)}
+def decision_rows(motion: ErrorMotion) -> NDArray[np.float64]:
+    """(m, 9) what the run decided that published it: a row for each tick, numbers in the order of `Decision`."""
+    return np.column_stack([getattr(motion, each.name) for each in fields(Decision)]).astype(np.float64)
 
 
 class Believed:

@@ -30,7 +30,7 @@ from rotary_error_monitor.pipeline.estimation import (
     EstimatorStatus,
 )
 from rotary_error_monitor.pipeline.observability import rotation_is_lacking
-from rotary_error_monitor.pipeline.publication import Decision, decisions_of
+from rotary_error_monitor.pipeline.publication import Decision, decision_rows
 from rotary_error_monitor.recordings.collected import Collected
 from rotary_error_monitor.recordings.motion_rows import ByTick
 from rotary_error_monitor.recordings.progress import Passed, Progress, silent
@@ -269,11 +269,11 @@ def _published_decisions(reader: BagReader, wire: Wire, keep: Keep, repeat: bool
     """What the bag says that the live run decided; nothing where it is not to be repeated."""
     found = ByTick(keep, 9, _decision)
     for block in _blocks(reader, wire.topic(_MOTION).name) if repeat else ():
-        decided = decisions_of(error_motion_from_block(block))
+        rows = decision_rows(error_motion_from_block(block))
         if "doubts" not in block.names:  # a run of an earlier version
-            decided = {time: Decision(each.streams) for time, each in decided.items()}
-        said = [[np.nan if number is None else number for number in astuple(each)] for each in decided.values()]
-        found.add(np.fromiter(decided, np.int64, len(decided)), np.array(said, np.float64))
+            unsaid = Decision(0)
+            rows[:, 1:] = [np.nan if number is None else number for number in astuple(unsaid)[1:]]
+        found.add(block.times_ns, rows)
     return found
 
 

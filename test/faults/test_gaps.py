@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from draws import seeds
-from motion_numbers import assert_same_bits
+from motion_numbers import assert_same_bits, decisions_of
 from world import Options, Recording, make_recording, random_stage
 from world.recording import head_topic
 
@@ -17,7 +17,7 @@ from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
-from rotary_error_monitor.pipeline.publication import Decisions, decisions_of
+from rotary_error_monitor.pipeline.publication import Decisions
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 DURATION, BEGIN = 8.0, 5.5

@@ -12,7 +12,7 @@ from zlib import crc32
 
 import numpy as np
 import pytest
-from motion_numbers import assert_same_bits
+from motion_numbers import assert_same_bits, decisions_of
 from world import PROBE_FAULTS, Options, Recording, make_recording, random_stage, with_probes, with_probes_alone
 
 from faults.documenting import Row, shows
@@ -21,7 +21,6 @@ from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage import StageDescription, stage_from_mapping
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator
-from rotary_error_monitor.pipeline.publication import decisions_of
 from rotary_error_monitor.signals.blocks import SampleBlock
 
 SEEDS = range(10)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motion_numbers import assert_same_bits, numbers_of
+from motion_numbers import assert_same_bits, decisions_of, numbers_of
 
 from rotary_error_monitor.description.stage import (
     AngularHarmonic,
@@ -21,7 +21,6 @@ from rotary_error_monitor.description.stage import (
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
-from rotary_error_monitor.pipeline.publication import decisions_of
 from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 
 AZIMUTHS = {"a": 0.0, "b": np.pi, "c": np.pi / 2, "d": 3 * np.pi / 2}

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from motion_numbers import assert_same_bits
+from motion_numbers import assert_same_bits, decisions_of
 from pipeline.test_estimation import NAMES, SPEED, STAGE, START, in_order, true_motion, values
 
 from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion, error_motion_from_block
@@ -15,7 +15,6 @@ from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, ErrorMotion
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
-from rotary_error_monitor.pipeline.publication import decisions_of
 from rotary_error_monitor.pipeline.repetition import OTHERS
 from rotary_error_monitor.signals.blocks import block_from_samples
 
