@@ -1,10 +1,11 @@
 """Drivers of an evenly turning stage, in one process: one message a sample, or sample blocks, on time or late.
 
-python drivers.py messages RATE DURATION LATE     a message a sample and instrument on /drivers/<stream>
-python drivers.py blocks RATE DURATION LATE       the same samples in blocks of 5 ms, on the topics of the contract
+python drivers.py messages RATE DURATION LATE APART     a message a sample and instrument on /drivers/<stream>
+python drivers.py blocks RATE DURATION LATE APART       the same samples in blocks of 5 ms, on the contract's topics
 
 RATE is of each of the five instruments, 1/s. A message, or a block, leaves up to LATE periods of its own after its
-time, drawn anew for each, in the order of each stream. Prints what was sent, as JSON.
+time, drawn anew for each, in the order of each stream. The instruments sample one after another, the last one APART
+periods after the first: 0 where one trigger serves all, below 1 where each has its own. Prints what was sent, as JSON.
 
 Messages are serialised once, and stamp and values written into the bytes: the drivers shall not be what is measured.
 """
@@ -111,7 +112,7 @@ def due_times(ready_ns: NDArray[np.int64], period_ns: int, late: float, rng: np.
 
 
 def single_messages(
-    stream: str, epoch_ns: int, rate: float, count: int, late: float, seed: int
+    stream: str, epoch_ns: int, rate: float, count: int, late: float, seed: int, shift_ns: int
 ) -> Iterator[tuple[int, bytes]]:
     """Due time (ns) and bytes of each sample's message."""
     template, rng = template_of(stream), np.random.default_rng(seed)
@@ -119,7 +120,7 @@ def single_messages(
     last_ns = 0
     for first in range(0, count, chunk):
         numbers = np.arange(first, min(first + chunk, count))
-        times = epoch_ns + np.rint(numbers * (NANOSECONDS / rate)).astype(np.int64)
+        times = epoch_ns + shift_ns + np.rint(numbers * (NANOSECONDS / rate)).astype(np.int64)
         due = np.maximum(due_times(times, round(NANOSECONDS / rate), late, rng), last_ns)
         last_ns = int(due[-1])
         values = values_at(stream, times, epoch_ns)
@@ -127,7 +128,9 @@ def single_messages(
             yield due_ns, template.filled(time_ns, row)
 
 
-def blocks(stream: str, epoch_ns: int, rate: float, count: int, late: float, seed: int) -> Iterator[tuple[int, bytes]]:
+def blocks(
+    stream: str, epoch_ns: int, rate: float, count: int, late: float, seed: int, shift_ns: int
+) -> Iterator[tuple[int, bytes]]:
     """Due time (ns) and bytes of each block."""
     rng = np.random.default_rng(seed)
     names = ["angle"] if stream in HEADS else ["tilt_x", "tilt_y"]
@@ -135,13 +138,13 @@ def blocks(stream: str, epoch_ns: int, rate: float, count: int, late: float, see
     last_ns = 0
     for first in range(0, count, each):
         numbers = np.arange(first, first + each)
-        times = epoch_ns + np.rint(numbers * (NANOSECONDS / rate)).astype(np.int64)
+        times = epoch_ns + shift_ns + np.rint(numbers * (NANOSECONDS / rate)).astype(np.int64)
         ready_ns = np.array([times[0] + BLOCK_NS])
         last_ns = max(last_ns, int(due_times(ready_ns, BLOCK_NS, late, rng)[0]))
         yield last_ns, encode_block(block_from_samples(times, names, values_at(stream, times, epoch_ns)), stream)
 
 
-def run(node: Node, kind: str, rate: float, duration: float, late: float) -> dict[str, object]:
+def run(node: Node, kind: str, rate: float, duration: float, late: float, apart: float) -> dict[str, object]:
     """Send for `duration` s, once somebody listens to each stream; what was sent."""
     single = kind == "messages"
     types = {stream: JointState if stream in HEADS else Vector3Stamped for stream in STREAMS}
@@ -157,9 +160,10 @@ def run(node: Node, kind: str, rate: float, duration: float, late: float) -> dic
     epoch_ns = (time.time_ns() // NANOSECONDS + 1) * NANOSECONDS
     count = round(rate * duration)
     make = single_messages if single else blocks
+    shift_ns = apart * NANOSECONDS / rate / (len(STREAMS) - 1)
     streams = [
-        Outgoing(stream, publisher, make(stream, epoch_ns, rate, count, late, seed))
-        for seed, (stream, publisher) in enumerate(publishers.items(), 1)
+        Outgoing(stream, publisher, make(stream, epoch_ns, rate, count, late, place + 1, round(place * shift_ns)))
+        for place, (stream, publisher) in enumerate(publishers.items())
     ]
     begin = time.process_time()
     behind_ns = 0
@@ -182,5 +186,5 @@ if __name__ == "__main__":
     with steady_transport():
         rclpy.init()
         driver = rclpy.create_node("drivers")
-    print(json.dumps(run(driver, sys.argv[1], *map(float, sys.argv[2:5]))))
+    print(json.dumps(run(driver, sys.argv[1], *map(float, sys.argv[2:6]))))
     rclpy.shutdown()

@@ -78,6 +78,7 @@ def fed(
     late: float = 0.0,
     watched: Sequence[NodeProcess] = (),
     begun: Callable[[], bool] = bool,
+    apart: float = 0.0,
 ) -> Sent:
     """Let drivers send into a cell, and what they caused arrive.
 
@@ -89,9 +90,10 @@ def fed(
         late: periods that a message or block may be late.
         watched: processes whose processor time is taken.
         begun: whether samples came; time of the processor counts from then on, for 2 s less than they send.
+        apart: periods from the first instrument's samples to the last one's.
     """
     environment = {**os.environ, "ROS_DOMAIN_ID": str(cell.node.context.get_domain_id())}
-    command = [*on_time(), sys.executable, str(DRIVERS), kind, str(rate), str(seconds), str(late)]
+    command = [*on_time(), sys.executable, str(DRIVERS), kind, str(rate), str(seconds), str(late), str(apart)]
     used: tuple[float, ...] = ()
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
         try:
