@@ -1,10 +1,10 @@
-"""Joining readings as ROS documents it: one message a sample, an approximate-time synchroniser, a callback with the set.
+"""Joining readings as ROS documents it: one message a sample, an approximate-time synchroniser, a callback.
 
 python synchroniser.py QUEUE SLOP RADIUS     hears what `drivers.py messages` sends, prints what was joined, as JSON
 
 The algorithm is that of `ApproximateTimeSynchronizer` in Python of the package message_filters (ros2/message_filters,
-src/message_filters/__init__.py, BSD), by its documentation, with `queue_size` and `slop`; there is no wheel of it. Stamps
-are whole numbers here and not objects of rclpy, which costs less: what is measured of it is a lower bound. Where
+src/message_filters/__init__.py, BSD), written anew, with `queue_size` and `slop`; there is no wheel of the package.
+Stamps are whole numbers here and not objects of rclpy, which costs less: what it takes is a lower bound. Where
 message_filters is installed, that is taken.
 """
 
@@ -103,7 +103,7 @@ class Joiner:
                 node.create_subscription(types[stream], driver_topic(stream), self._hearing(place, synchroniser), qos)
 
     def _hearing(self, place: int, synchroniser: ApproximateTime) -> Callable[[Any], None]:
-        def hear(message: Any) -> None:  # noqa: ANN401 (a ROS message)
+        def hear(message: Any) -> None:
             self._count(STREAMS[place])
             synchroniser.add(place, stamp_of(message), message)
 
@@ -121,7 +121,7 @@ class Joiner:
         self.of_one_instant += len({stamp_of(message) for message in joined}) == 1
 
 
-def stamp_of(message: Any) -> int:  # noqa: ANN401 (a ROS message)
+def stamp_of(message: Any) -> int:
     """Stamp of a message, timestamp (ns)."""
     return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
 
