@@ -185,11 +185,19 @@ class ManagedNode(LifecycleNode):
         self.listen_to_bytes(topic, lambda data, _: callback(decoder.decode(data)))
 
     def listen(self, name: str, kind: type[Any], qos: QoSProfile, callback: Callable[[messages.Message], None]) -> None:
-        """The same for a topic outside the contract, such as that of a third-party driver; it may be relative."""
+        """The same for a topic outside the contract, such as one of another machine; it may be relative."""
         self._subscribe(self.resolve_topic_name(name), kind, qos, lambda received: callback(received[0]), raw=False)
 
-    def gather(self, period: float) -> None:
-        """Let messages gather for `period` s after the first has come, and handle them together."""
+    def listen_raw(self, name: str, kind: type[Any], qos: QoSProfile, callback: Callable[[bytes, int], None]) -> None:
+        """The same with the message as it is serialised, and when it was received, timestamp (ns)."""
+        full = self.resolve_topic_name(name)
+        self._subscribe(full, kind, qos, lambda received: callback(received[0], received[1]), raw=True)
+
+    def gather(self, period: float | None) -> None:
+        """Let messages gather for `period` s after the first has come, and handle them together.
+
+        None: until the next instant of `at_each`, at most some milliseconds.
+        """
         self._worker.gather = period
 
     def serve(

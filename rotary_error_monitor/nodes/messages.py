@@ -22,6 +22,7 @@ from geometry_msgs.msg import (
     WrenchStamped,
 )
 from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2, Temperature
 from std_msgs.msg import Header
 
@@ -60,6 +61,18 @@ def message_class(name: str) -> type[Any]:
 def type_name(kind: Any) -> str:  # noqa: ANN401 (rclpy's own name for it is a protocol)
     """Name of a message class, such as `sensor_msgs/msg/JointState`."""
     return f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
+
+
+def message_from_bytes(data: bytes, kind: type[Any]) -> Message:
+    """Message of a class from its serialised bytes.
+
+    Raises:
+        InputError: the bytes are none.
+    """
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:  # of the middleware's own kinds
+        raise InputError(f"{len(data)} bytes are no {type_name(kind)}: {error}") from error
 
 
 def stamp_from_ns(stamp_ns: int) -> Time:

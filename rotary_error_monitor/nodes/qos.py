@@ -23,9 +23,14 @@ def profile(topic: Recordable) -> QoSProfile:
     )
 
 
+_DRIVER_DEPTH = 10_000
+"""Messages of a driver that may wait: those of a second at 10 kHz, for which a source sends late blocks after all. What
+waits costs memory, some 200 bytes a message; what does not fit is lost."""
+
+
 def driver_profile() -> QoSProfile:
     """Quality of service that fits the publisher of any driver: best effort listens to reliable ones as well."""
-    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=_DRIVER_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def onlooker_profile(depth: int) -> QoSProfile:

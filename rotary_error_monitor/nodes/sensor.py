@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
 
+from rotary_error_monitor.codec.driver_messages import DriverReader
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
@@ -103,21 +104,26 @@ class Driver:
         late_after = silent_after - _SILENT_AFTER + _STALE_AFTER
         self._watch = StreamWatch(self._topic, late_after, silent_after, node.now_ns())
         self._said = ""
-        node.listen(self._topic, messages.message_class(source.type), driver_profile(), self._receive)
+        # what is sent on is sent at instants: a wake-up for each message would cost more than all else
+        node.gather(None)
+        self._kind = messages.message_class(source.type)
+        self._reader = DriverReader(source.type)
+        node.listen_raw(self._topic, self._kind, driver_profile(), self._receive)
         node.every(_LOOK_PERIOD, self._look)
 
-    def _receive(self, message: messages.Message) -> None:
+    def _receive(self, data: bytes, received_ns: int) -> None:
         try:
             if self._node.listening.is_shared(self._topic):
                 self._source.drop()
                 raise InputError(self._node.listening.publishers_of(self._topic))
-            stamp_ns, now_ns = messages.measured_ns(message.header), self._node.now_ns()
+            message = self._reader.read(data) or messages.message_from_bytes(data, self._kind)
+            stamp_ns = messages.measured_ns(message.header)
             with told_of(self._node.hardware):
-                self._source.add(stamp_ns, self._source.sample(message), now_ns)
+                self._source.add(stamp_ns, self._source.sample(message), received_ns)
         except InputError as error:
             self._watch.refuse(str(error))
             raise
-        self._watch.observe_stamp(stamp_ns, now_ns)
+        self._watch.observe_stamp(stamp_ns, received_ns)
 
     def condition(self, now_ns: int) -> Condition:
         """What comes of the driver, and whether there is one."""

@@ -66,9 +66,9 @@ class Worker:
         """Keep the time of `now_ns`, a clock that may jump or halt; `fail` is told what a callback did not handle.
 
         `gather` (s) may be set before `start`: how long messages gather after the first has come, for each wake-up
-        costs more than the messages it brings.
+        costs more than the messages it brings. With None they gather until the next instant, at most 5 ms.
         """
-        self.gather = 0.0
+        self.gather: float | None = 0.0
         self._context = context
         self._now_ns = now_ns
         self._fail = fail
@@ -115,7 +115,8 @@ class Worker:
 
     def _run(self) -> None:
         try:
-            wait = self._wait_for_messages() if self._subscriptions else self._wait_for_instants()
+            at_messages = self._subscriptions and self.gather is not None
+            wait = self._wait_for_messages() if at_messages else self._wait_for_instants()
             while not wait():
                 now_ns = self._now_ns()
                 for beat in self._beats:
@@ -124,7 +125,12 @@ class Worker:
             self._fail(error)
 
     def _wait_for_instants(self) -> Callable[[], bool]:
-        return lambda: self._ending.wait(self._nap_ns() / NANOSECONDS)
+        def wait() -> bool:
+            if not self._ending.wait(self._nap_ns() / NANOSECONDS):
+                self._take(list(self._subscriptions))
+            return self._ending.is_set()
+
+        return wait
 
     def _wait_for_messages(self) -> Callable[[], bool]:
         wait_set = rclpy_implementation.WaitSet(len(self._subscriptions), 0, 0, 0, 0, 0, self._context.handle)
@@ -173,6 +179,6 @@ class Worker:
     def _nap_ns(self) -> int:
         """Time to the next instant, ns; never long, for simulated time runs at a speed of its own."""
         if not self._beats:
-            return _LONGEST_WAIT_NS
+            return _LONGEST_WAIT_NS if self.gather is not None else _LONGEST_NAP_NS
         now_ns = self._now_ns()
         return min(_LONGEST_NAP_NS, *(beat.period_ns - now_ns % beat.period_ns for beat in self._beats))

@@ -64,7 +64,8 @@ def count_decided(times_ns: NDArray[np.int64], ticks_ns: NDArray[np.int64], peri
     start, stop = _cells(times_ns, ticks_ns, period_ns)
     complete = times_ns[-1] >= _fit_end(ticks_ns, period_ns)
     dense = stop - start >= FEWEST_TO_FIT
-    sparse = ticks_ns <= times_ns[-2] if len(times_ns) > 1 else np.zeros(len(ticks_ns), np.bool_)
+    # two samples after the tick, as the interpolation takes: one that stands exactly at it is none of them
+    sparse = ticks_ns < times_ns[-2] if len(times_ns) > 1 else np.zeros(len(ticks_ns), np.bool_)
     undecided = ~(complete & (dense | sparse))
     return int(np.argmax(undecided)) if undecided.any() else len(ticks_ns)
 

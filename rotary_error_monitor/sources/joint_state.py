@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-import numpy as np
-
 from rotary_error_monitor.description.angle_units import ANGLE_UNITS
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
@@ -94,7 +92,7 @@ class ContinuousAngle(Heard):
         Raises:
             InputError: it is not finite.
         """
-        if not np.isfinite(angle):
+        if not math.isfinite(angle):
             raise InputError(f"a position is {angle}; expected a finite angle in rad")
         return angle if self._last is None else unwrap_angle(angle, self._last)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -85,7 +86,7 @@ class Gathered(Source):
 
     def take(self, since_ns: int, until_ns: int) -> SampleBlock | None:
         """Block of all samples before `until_ns` that were not taken yet, those that came late included."""
-        count = sum(time < until_ns for time in self._times)
+        count = bisect_left(self._times, until_ns)
         if count == 0:
             return None
         times, values = self._times[:count], self._values[:count]

@@ -92,6 +92,20 @@ def test_a_driver_without_stamps_or_with_nonsense_is_named(cell):
     cell.wait_for_status("encoder_head_a: refused /joint_states", "expected a finite angle")
 
 
+def test_bytes_that_are_no_message_of_the_driver_are_refused_and_the_next_is_taken(cell):
+    driver = cell.node.create_publisher(JointState, "/joint_states", 10)
+    blocks = cell.collect(cell.wire.topic("head_samples", "a"))
+    cell.run(EncoderHead, "encoder_head_a", source="joint_state")
+    cell.wait_until(lambda: driver.get_subscription_count() > 0, "the head to listen")
+    driver.publish(bytes.fromhex("00010000 01000000 02000000 ffffff7f"))
+    cell.wait_for_status("encoder_head_a: refused /joint_states", "16 bytes are no sensor_msgs/msg/JointState")
+    message = JointState(name=["spindle"], position=[0.25])
+    message.header.stamp = cell.node.get_clock().now().to_msg()
+    driver.publish(message)
+    cell.wait_until(lambda: bool(blocks), "the sample")
+    assert messages.block_from_message(blocks[0]).column("angle").tolist() == [0.25]
+
+
 def test_a_counter_in_sysfs(cell, tmp_path):
     (tmp_path / "count").write_text("787200\n")
     blocks = cell.collect(cell.wire.topic("head_samples", "a"))

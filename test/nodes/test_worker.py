@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -159,3 +160,29 @@ def test_what_comes_while_it_reckons_shares_the_next_call(context):
         worker.stop()
         node.destroy_node()
     assert len(calls) < 110, "one of 4 ms after another would be 150"
+
+
+def test_messages_gather_until_the_next_instant(context):
+    """They are handed over right before the instant is called, all of them, in their order."""
+    node = Node("gathering", context=context)
+    worker = Worker(context, time.time_ns, lambda error: None)
+    worker.gather = None
+    heard: list[int | None] = []
+    at_instants: list[int] = []
+    try:
+        publisher = node.create_publisher(Empty, "/often", 1000)
+        subscription = node.create_subscription(Empty, "/often", lambda _: None, 1000, callback_group=NotByExecutor())
+        worker.serve(subscription, lambda _, about: heard.append(about["publication_sequence_number"]))
+        worker.at_each(5 * MS, lambda _: at_instants.append(len(heard)))
+        worker.start()
+        wait_until(lambda: publisher.get_subscription_count() > 0)
+        for _ in range(300):
+            publisher.publish(Empty())
+            time.sleep(0.001)
+        wait_until(lambda: len(heard) == 300)
+    finally:
+        worker.stop()
+        node.destroy_node()
+    assert heard == list(range(1, 301))
+    changes = sum(after > before for before, after in itertools.pairwise([0, *at_instants, 300]))
+    assert changes < 150, "a wake-up for each of them would be 300"

@@ -157,3 +157,23 @@ def test_a_decided_tick_never_changes_when_more_samples_come(rate, known):
     late = resample(times, values, ticks[:decided], PERIOD, GAP)
     np.testing.assert_array_equal(early.values, late.values)
     np.testing.assert_array_equal(early.valid, late.valid)
+
+
+@given(
+    st.sampled_from([200, 500, 1000, 2000, 4000, 7000]),
+    st.lists(st.integers(1, 12), min_size=3, max_size=30),
+    st.integers(0, 1) | st.integers(0, 999_999),
+)
+def test_what_is_decided_does_not_change_with_the_samples_that_follow(rate, sizes, phase_ns):
+    """Samples come in blocks of any size; a tick that counts as decided has the value that all samples together give,
+    also where a sample stands exactly at the tick."""
+    period_ns, max_gap_ns = 1_000_000, 20_000_000
+    times = phase_ns + np.arange(sum(sizes), dtype=np.int64) * (1_000_000_000 // rate)
+    values = np.sin(1e-7 * times)[:, None]
+    ticks = tick_times(int(times[0]) // period_ns, int(times[-1] - times[0]) // period_ns, period_ns)
+    whole = resample(times, values, ticks, period_ns, max_gap_ns)
+    for there in np.cumsum(sizes).tolist():
+        decided = count_decided(times[:there], ticks, period_ns)
+        part = resample(times[:there], values[:there], ticks[:decided], period_ns, max_gap_ns)
+        np.testing.assert_array_equal(part.valid, whole.valid[:decided])
+        np.testing.assert_array_equal(part.values, whole.values[:decided])
