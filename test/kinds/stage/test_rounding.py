@@ -144,7 +144,7 @@ def test_parameters_are_within_what_is_stated_however_readings_are_rounded(coars
 
 @pytest.mark.parametrize("coarse", ["force", "cell"])
 def test_load_cells_in_steps_leave_most_parameters_within_what_is_stated(coarse):
-    """Less well than other instruments: noise of the cell is no noise of the fit. They were off by up to 49."""
+    """Less well than other instruments: noise of the cell is no noise of the fit."""
     found = np.abs(np.concatenate([distances(problem_of(*each)) for each in drawn(coarse, 135 if ALL else 18, 0)]))
     assert np.mean(found < 3.0) >= 0.9, np.sort(found)[-5:]
     assert found.max() < 10.0
