@@ -14,7 +14,8 @@ Three kinds of noise, each from what the description says:
 
 An instrument may have slow noise besides, each of its channels a course of its own.
 
-Single samples far out (spikes) and samples around lost blocks take no part.
+Readings of a sensor that moves by less than a step weigh as one where noise does not break up its steps. Single samples
+far out (spikes) and samples around lost blocks take no part.
 """
 
 from __future__ import annotations
@@ -92,6 +93,7 @@ class StageNoise:
         residual: measured minus predicted (n, k) of each stream, from which spikes are told.
         omega: commanded speed (n,) at the samples of each head, rad/s.
         jitter: spectrum of the rotor's jitter.
+        weights: (n, fields) of the rows of sensors that are no heads and whose rounding errors repeat.
 
     Attributes:
         std: standard deviation of one sample of each instrument, rounding included: see `noise_std`.
@@ -106,12 +108,13 @@ class StageNoise:
         residual: Mapping[str, Array],
         omega: Mapping[str, Array],
         jitter: Jitter | None = None,
+        weights: Mapping[str, Array] | None = None,
     ) -> None:
         self.jitter = jitter or Jitter()
         self.grid = align_heads(recording)
         self.std = noise_std(stage)
         self.levels = dict.fromkeys(self.std, 1.0)
-        self._lines: Array = np.zeros(0)
+        self._lines, self._weights = np.zeros(0), weights or {}
         self._slow: dict[str, Array] = {}
         self._sensors = [name for name in residual if not name.startswith("head_")]
         self._streams = {name: recording.streams[name] for name in residual}
@@ -201,8 +204,8 @@ class StageNoise:
     def _whitened_lines(self, lines: Array) -> Array:
         turns = 2 * np.pi * np.outer(self.grid.time, lines)
         middle = self.grid.time - self.grid.time.mean()
-        waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
-        table = self._shared_rows(np.concatenate([waves, waves * middle[:, None] / np.ptp(middle)], axis=1))
+        waves = np.hstack([np.cos(turns), np.sin(turns)])
+        table = self._shared_rows(np.hstack([waves, waves * middle[:, None] / np.ptp(middle)]))
         basis, triangle = np.linalg.qr(table)
         size = np.abs(np.diag(triangle))
         return np.asarray(basis[:, size > 1e-8 * float(size.max())], np.float64)
@@ -279,8 +282,9 @@ class StageNoise:
         expected = self._expected_of_heads() if self.grid.heads else {}
         for name in self._sensors:
             ones = np.ones((len(self._streams[name].time), len(channels_of(name)), 1))
-            for channel, rows in self._sensor(name, ones).items():
-                expected[channel] = (rows[:, 0] != 0).astype(np.float64)
+            for i, (channel, rows) in enumerate(self._sensor(name, ones).items()):
+                weight = self._weights[name][:, i] if name in self._weights else 1.0
+                expected[channel] = (rows[:, 0] != 0) * np.square(weight)
         return expected
 
     def _expected_of_heads(self) -> dict[str, Array]:
@@ -316,7 +320,7 @@ class StageNoise:
 
     def _width(self, signals: Mapping[str, Array]) -> int:
         """Number of columns of the heads' signals."""
-        return int(next(signals[name].shape[-1] for name in self.grid.heads if name in signals))
+        return next(int(signals[name].shape[-1]) for name in self.grid.heads if name in signals)
 
     def _mean(self, table: Array) -> Array:
         """(p, m) mean over the heads that are present."""
@@ -351,6 +355,8 @@ class StageNoise:
                 white *= self._kept[name][:, None]
             if spikes.any():
                 white[spikes] = 0.0
+            if name in self._weights:
+                white *= self._weights[name][:, i, None]
             rows[channel] = white
         return rows
 

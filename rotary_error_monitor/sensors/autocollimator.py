@@ -28,6 +28,10 @@ class Autocollimator(Sensor):
         instrument = stage.tilt_instrument
         return float(np.hypot(instrument.noise, instrument.resolution / np.sqrt(12)))
 
+    def resolution(self, stage: StageDescription, stream: str) -> float:
+        """Of one component, rad."""
+        return stage.tilt_instrument.resolution
+
     def turbulence(self, stage: StageDescription) -> Turbulence | None:
         """Of the air on the way to the mirror."""
         return None if stage.autocollimator is None else stage.autocollimator.turbulence

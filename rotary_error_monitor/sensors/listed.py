@@ -37,6 +37,10 @@ class ListedKind(Sensor):
         sensor = stage.sensors[stream]
         return float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12)))
 
+    def resolution(self, stage: StageDescription, stream: str) -> float:
+        """Of a reading, in the unit of the kind."""
+        return stage.sensors[stream].resolution
+
     @abstractmethod
     def sensitivity(self, place: Mapping[str, float]) -> Array:
         """(6,) or (fields, 6) what each field shows of the components of error motion.

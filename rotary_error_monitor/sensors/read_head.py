@@ -33,6 +33,10 @@ class ReadHead(Sensor):
         """Of a reading, rad."""
         return float(np.hypot(stage.ring.noise, stage.ring.resolution / np.sqrt(12)))
 
+    def resolution(self, stage: StageDescription, stream: str) -> float:
+        """One count, rad."""
+        return stage.ring.resolution
+
     def shown(self, stream: str, pose: Pose) -> Array:
         """(n,) reading, rad."""
         encoder, state = pose.stage.ring, pose.state

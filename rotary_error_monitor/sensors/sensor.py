@@ -67,6 +67,10 @@ class Sensor(ABC):
     def noise(self, stage: StageDescription, stream: str) -> float:
         """Standard deviation of one sample, rounding included."""
 
+    def resolution(self, stage: StageDescription, stream: str) -> float:
+        """Step of a sample, in the same unit; 0 where none is stated."""
+        return 0.0
+
     def turbulence(self, stage: StageDescription) -> Turbulence | None:
         """Slow part of its noise; None where it has none."""
         return None

@@ -28,7 +28,7 @@ from rotary_error_monitor.twin.recording import StageRecording, Stream, measured
 Signals = dict[str, Array]
 """Arrays (n, k) by stream."""
 
-_NEIGHBOURS = 25
+NEIGHBOURS = 25
 """Samples of a load cell that are judged together."""
 
 _STEADY = 0.5
@@ -109,9 +109,9 @@ def _smooth(stream: Stream) -> Callable[[Array], Array]:
 def _above_noise(force: Array) -> Array:
     """Force (n, 2) with zero wherever its mean over neighbouring samples is within its own noise."""
     noise = np.median(np.abs(np.diff(force, axis=0)), axis=0) / MEDIAN_OF_DIFFERENCES
-    mean = uniform_filter1d(force, _NEIGHBOURS, axis=0, mode="mirror")
-    acting = np.any(np.abs(mean) > _BEYOND_NOISE * noise / np.sqrt(_NEIGHBOURS), axis=1)
-    return np.where(maximum_filter1d(acting.astype(np.uint8), 2 * _NEIGHBOURS + 1)[:, None] > 0, force, 0.0)
+    mean = uniform_filter1d(force, NEIGHBOURS, axis=0, mode="mirror")
+    acting = np.any(np.abs(mean) > _BEYOND_NOISE * noise / np.sqrt(NEIGHBOURS), axis=1)
+    return np.where(maximum_filter1d(acting.astype(np.uint8), 2 * NEIGHBOURS + 1)[:, None] > 0, force, 0.0)
 
 
 def _within(time: Array, stream: Stream) -> Array:

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import StageEffect
-from rotary_error_monitor.gap.problem import Rows, SparseRows
+from rotary_error_monitor.gap.normal import solve_scaled
+from rotary_error_monitor.gap.problem import Array, Rows, SparseRows
 from rotary_error_monitor.kinds.stage.distortion import changes, thin_twin
+from rotary_error_monitor.kinds.stage.rounding import Rounding
 from rotary_error_monitor.noise.whitening import side_by_side
-from rotary_error_monitor.sensors.library import instrument_of, is_listed
+from rotary_error_monitor.sensors.library import instrument_of, is_listed, sensor_of
 from rotary_error_monitor.twin.stage import Signals, StageTwin
-from rotary_error_monitor.twin.stage_parameters import UncertainParameter
+from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
 SAME = 5e-3
 """Part of a signal that causes may change: what a parameter does changes by as much, and the square of it is missed."""
@@ -28,19 +30,22 @@ class Nuisances:
 
     Args:
         twin: the twin as stated.
-        parameters: numbers of the description that are known to their uncertainty only.
         warmings: the twin with each slow course of temperature that nobody would have noticed.
+        rounding: what is not known of how the instruments round.
+        measured: (n, k) what each stream showed.
         whiten: white rows of signals.
     """
 
     def __init__(
         self,
         twin: StageTwin,
-        parameters: Sequence[UncertainParameter],
         warmings: Sequence[StageTwin],
+        rounding: Rounding,
+        measured: Signals,
         whiten: Callable[[Signals], Rows],
     ) -> None:
-        self._twin, self._parameters, self._warmings, self._whiten = twin, parameters, warmings, whiten
+        self._twin, self._parameters, self._warmings = twin, uncertain_parameters(twin.stage), warmings
+        self._rounding, self._measured, self._whiten = rounding, measured, whiten
         self._kept: dict[str, tuple[tuple[Cause, ...], NDArray[np.intp], Rows]] = {}
         self._last: SparseRows | None = None
         self._looks: dict[str, StageTwin] = {}
@@ -48,7 +53,7 @@ class Nuisances:
     @property
     def count(self) -> int:
         """Number of columns."""
-        return len(self._parameters) + len(self._warmings)
+        return len(self._parameters) + len(self._warmings) + self._rounding.count
 
     def beside(self, causes: Sequence[Cause]) -> SparseRows:
         """White rows of one standard uncertainty of each, beside causes."""
@@ -103,13 +108,38 @@ class Nuisances:
         acting = [i for i, parameter in enumerate(self._parameters) if instrument in parameter.seen_by]
         shifted = [self._parameters[i].shifted(self._twin.stage, self._parameters[i].uncertainty) for i in acting]
         moved = [self._twin.predict(causes, streams, stage) for stage in shifted]
-        acting += range(len(self._parameters), self.count)
+        before = len(self._parameters) + len(self._warmings)
+        acting += range(len(self._parameters), before)
         moved += [warmed.predict(causes, streams) for warmed in self._warmings]
-        if not acting:
+        rounded = self._rounding.acting(instrument)
+        if not acting and len(rounded) == 0:
             return np.zeros(0, np.intp), {}
         base = self._twin.predict(causes, streams)
-        stacked = {name: side_by_side([signals[name] - base[name] for signals in moved]) for name in streams}
-        return np.asarray(acting, np.intp), self._whiten(stacked)
+        parts = {name: [signals[name] - base[name] for signals in moved] for name in streams if moved}
+        stacked = {name: side_by_side(columns) for name, columns in parts.items()}
+        for name, errors in self._rounding.errors(self._nearer(base, stacked, len(shifted))).items():
+            stacked[name] = np.concatenate([stacked[name], errors], axis=2) if moved else errors
+        return np.append(np.asarray(acting, np.intp), before + rounded), self._whiten(stacked)
+
+    def _nearer(self, base: Signals, columns: Signals, count: int) -> Signals:
+        """What an instrument shows (n, k) with the first `count` parameters as what it read has them.
+
+        Where readings change their side of zero is not known as long as its zero is not.
+        """
+        if count == 0:
+            return base
+        own = np.concatenate([self._against_noise(name, rows[:, :, :count]) for name, rows in columns.items()])
+        rest = [self._against_noise(name, (self._measured[name] - base[name])[:, :, None]) for name in columns]
+        errors = self._rounding.errors(base)
+        unknown = [self._against_noise(name, errors[name]) for name in columns if name in errors]
+        both = np.hstack([own, np.concatenate(unknown)]) if unknown else own
+        size = both.shape[1]
+        moved = solve_scaled(both.T @ both + np.eye(size), both.T @ np.concatenate(rest))[:count, 0]
+        return {name: base[name] + columns[name][:, :, :count] @ moved for name in columns}
+
+    def _against_noise(self, name: str, rows: Array) -> Array:
+        """(n k, p) signals (n, k, p) of a stream in standard deviations of its noise."""
+        return np.asarray(rows.reshape(-1, rows.shape[2]) / sensor_of(name).noise(self._twin.stage, name), np.float64)
 
 
 def _are_same(rows: Rows, others: Rows) -> bool:

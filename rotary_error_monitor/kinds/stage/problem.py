@@ -38,6 +38,7 @@ from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.offset import offset_figures
 from rotary_error_monitor.kinds.stage.play import Play, stays
 from rotary_error_monitor.kinds.stage.predictions import KEPT, KeptPredictions
+from rotary_error_monitor.kinds.stage.rounding import Rounding, row_weights, steps_of
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.warming import uncertain_forces, uncertain_warmings
@@ -47,7 +48,6 @@ from rotary_error_monitor.noise.whitening import side_by_side
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording, fields_of
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
-from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
 FEWEST_ROWS = 100
 """Rows of a channel below which its structure is not looked at."""
@@ -65,6 +65,7 @@ class StageProblem:
         effects: the known effects.
         known: effects that the twin has besides its parameters.
         inputs: what drove the stage, where the recording is a stretch of a longer one.
+        steps: of the readings of each stream, likewise.
     """
 
     m_open = False
@@ -79,19 +80,22 @@ class StageProblem:
         effects: Sequence[StageEffect],
         known: Sequence[Cause] = (),
         inputs: StageInputs | None = None,
+        steps: Mapping[str, float] | None = None,
     ) -> None:
         self.stage = stage
         self.recording = recording
         self.effects = effects_of(stage, effects)
         self.twin: StageTwin = twin_of(stage, recording, tuple(known), inputs)
         self._predictions = KeptPredictions(self.twin, KEPT if self.keeps_signatures else 1)
-        inputs_off = (*uncertain_warmings(self.twin, recording), *uncertain_forces(self.twin))
-        self._nuisances = Nuisances(self.twin, uncertain_parameters(stage), inputs_off, self._white)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
+        inputs_off = (*uncertain_warmings(self.twin, recording), *uncertain_forces(self.twin, recording))
+        steps = steps_of(stage, recording) if steps is None else steps
+        self._nuisances = Nuisances(self.twin, inputs_off, Rounding(stage, steps), self._measured, self._white)
         raw = self._raw_residual(())
         omega = {name: self.twin.state(name).omega for name in recording.heads}
         check_noise(self.twin.times, noise_std(stage))
-        self.noise = StageNoise(stage, recording, self._nuisances.taken_from(raw), omega)
+        unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, steps)
+        self.noise = StageNoise(stage, recording, unspiked, omega, weights=weights)
         self._conditions = stage_conditions(recording)
         self.play = Play(self.twin.inputs, recording.duration)
         self._search = StageSearch(self)
@@ -312,12 +316,8 @@ class StageProblem:
 
         Says whether any differs beyond its scatter.
         """
-        learnt = (
-            self._learning.learn_levels(causes),
-            self._learning.learn_jitter(causes),
-            self._learning.learn_slow_noise(causes),
-        )
-        return any(learnt)
+        found = self._learning.learn_levels(causes), self._learning.learn_jitter(causes)
+        return self._learning.learn_slow_noise(causes) or any(found)
 
     def check_plausible(self) -> None:
         """Refuse a recording too short to hold anything out, and a twin whose statements are another stage's.

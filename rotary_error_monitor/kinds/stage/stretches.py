@@ -28,6 +28,7 @@ from rotary_error_monitor.gap.problem import (
 from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS, stage_conditions
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
 from rotary_error_monitor.kinds.stage.problem import StageProblem
+from rotary_error_monitor.kinds.stage.rounding import steps_of
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.stuck import without_stuck
 from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs
@@ -76,9 +77,10 @@ class LongStageProblem(StageProblem):
         bounds = np.linspace(0.0, recording.duration, max(2, round(recording.duration / STRETCH)) + 1)
         pieces = [cut_recording(recording, a, b) for a, b in itertools.pairwise(bounds)]
         read = [i for i, piece in enumerate(pieces) if (piece.heads if recording.heads else piece.sensors)]
+        steps = steps_of(stage, recording)
         self._stretches: list[_Stretch] = []
         for i in read:
-            self._stretches.append(_Stretch(stage, pieces[i], effects, known, whole.inputs))
+            self._stretches.append(_Stretch(stage, pieces[i], effects, known, whole.inputs, steps))
             self._stretches[-1].forget()
         self._opened = 0
         self.noise = self._stretches[0].noise

@@ -1,20 +1,24 @@
 """What is not known of the temperature of a stage and of places of it, and of the force on its shaft, as nuisances.
 
-Nobody measured the temperature, or thermometer and load cell have noise and a zero that is uncertain.
+Nobody measured the temperature, or thermometer and load cell have noise, a zero that is uncertain, and round in a way
+that nobody states: one that cuts its readings off is wrong by half a step in the mean.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
-from rotary_error_monitor.description.stage import FORCE
+from rotary_error_monitor.description.stage import FORCE, ListedSensor
 from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
-from rotary_error_monitor.metrology.forces import load_cell, shares
+from rotary_error_monitor.gap.problem import FIRST_ORDER
+from rotary_error_monitor.metrology.forces import LoadCell, load_cell, shares
+from rotary_error_monitor.metrology.reading_steps import step_of
 from rotary_error_monitor.twin.recording import StageRecording, Stream
-from rotary_error_monitor.twin.stage import MEDIAN_OF_DIFFERENCES, Acting, StageInputs, StageTwin, turned_by
+from rotary_error_monitor.twin.stage import MEDIAN_OF_DIFFERENCES, NEIGHBOURS, Acting, StageInputs, StageTwin, turned_by
 
 TEMPERATURE = "temperature"
 
@@ -34,7 +38,9 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Stag
     if TEMPERATURE not in recording.streams:
         courses = _unknown(recording.duration)
     elif np.any(twin.stage.spindle.radial_thermal):
-        courses = _noisy(recording.streams[TEMPERATURE])
+        read = recording.streams[TEMPERATURE]
+        half = step_of(read.values[:, 0]) / 2
+        courses = [*([_always(half)] if half else []), *_noisy(read)]
     else:
         courses = []
     whole = (_OtherTwin(twin, _Warmed(course)) for course in courses)
@@ -42,15 +48,80 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Stag
     return (*whole, *places)
 
 
-def uncertain_forces(twin: StageTwin) -> tuple[StageTwin, ...]:
-    """Twins with one standard uncertainty of the zero of each axis of the listed load cells more on the shaft."""
-    sensors = [sensor for sensor in twin.stage.inputs.values() if sensor.kind == FORCE]
-    cells = [load_cell(sensor) for sensor in sensors]
-    found = []
-    for sensor, cell, share in zip(sensors, cells, shares(cells) if cells else [], strict=True):
-        size = sensor.uncertainty / abs(cell.gain)
-        found += [_OtherTwin(twin, _Pushed(size * share @ axis)) for axis in cell.directions if size]
-    return tuple(found)
+def uncertain_forces(twin: StageTwin, recording: StageRecording) -> tuple[StageTwin, ...]:
+    """Twins with one standard uncertainty of the force on the shaft more.
+
+    Of each axis of its load cells that is the zero of one that is listed, and half a step of a reading: less, which is
+    a zero, or closer to 0. Of all it is a part of the force itself, see `_diluted`.
+    """
+    names = [name for name, sensor in twin.stage.inputs.items() if sensor.kind == FORCE]
+    pushed: list[_Pushed | _Diluted] = []
+    if names:
+        sensors = [twin.stage.inputs[name] for name in names]
+        cells = [load_cell(sensor) for sensor in sensors]
+        for part in zip(names, sensors, cells, shares(cells), strict=True):
+            pushed += _of_listed_cell(*part, recording)
+        variances = [(each.noise**2 + each.resolution**2 / 4) / each.gain**2 for each in sensors]
+    elif FORCE in recording.streams:
+        read = recording.streams[FORCE]
+        steps = [step_of(axis) for axis in read.values.T]
+        seen = np.median(np.abs(np.diff(read.values, axis=0)), axis=0) / MEDIAN_OF_DIFFERENCES
+        for axis, (step, noise) in enumerate(zip(steps, seen, strict=True)):
+            pushed += _of_own_cell(read, axis, step, float(noise))
+        variances = [float(noise**2) + step**2 / 4 for noise, step in zip(seen, steps, strict=True)]
+    if FORCE in recording.streams:
+        pushed += _diluted(recording.streams[FORCE], max(variances))
+    return tuple(_OtherTwin(twin, push) for push in pushed)
+
+
+def _diluted(read: Stream, variance: float) -> Iterator[_Diluted]:
+    """What noise of the readings hides of a compliance: regression dilution (Fuller 1987, Equation 1.1.6).
+
+    Steps count as half of them, which is the most: a reading on the edge of one jumps between two values.
+    """
+    part = variance / max(float(np.mean(np.square(read.values))), variance)
+    if part > FIRST_ORDER:
+        yield _Diluted(part)
+
+
+def _of_listed_cell(
+    name: str, sensor: ListedSensor, cell: LoadCell, share: Array, recording: StageRecording
+) -> Iterator[_Pushed]:
+    directions = [share @ axis / abs(cell.gain) for axis in cell.directions]
+    if sensor.uncertainty:
+        yield from (_Pushed(sensor.uncertainty * direction) for direction in directions)
+    read = recording.streams[name]
+    if _matters(sensor.resolution, read.values[:, : cell.axes] - np.array(sensor.zeros[: cell.axes])):
+        width = float(np.hypot(sensor.noise, sensor.resolution))
+        for axis, direction in enumerate(directions):
+            yield from _cut_off(sensor.resolution * direction, _side(read, axis, width))
+
+
+def _of_own_cell(read: Stream, axis: int, step: float, noise: float) -> Iterator[_Pushed]:
+    """Of the load cell of a topic of its own, whose zero is right but for its rounding, and whose steps it shows."""
+    if _matters(step, read.values):
+        yield from _cut_off(step * np.eye(2)[axis], _side(read, axis, float(np.hypot(noise, step))))
+
+
+def _cut_off(step: Array, side: Course) -> Iterator[_Pushed]:
+    """Half a step (2,) less and half a step closer to 0, where a force acts."""
+    yield _Pushed(step / 2, where_it_acts=True)
+    yield _Pushed(step / 2, side, where_it_acts=True)
+
+
+def _matters(step: float, force: Array) -> bool:
+    """Whether half a step is more of a force (n, k), along the axes of a cell, than what a twin may be wrong by."""
+    return step / 2 > FIRST_ORDER * float(np.abs(force).max())
+
+
+def _side(read: Stream, axis: int, width: float) -> Course:
+    """Which side of zero a cell is on: 1 or -1, in between where neighbours read less than `width` in the mean.
+
+    A single reading is there by its noise, and one that is cut off towards zero is right in the mean around it.
+    """
+    mean = uniform_filter1d(read.values[:, axis], NEIGHBOURS, mode="mirror")
+    side = np.clip(mean / max(width, np.finfo(np.float64).tiny), -1.0, 1.0)
+    return lambda time: np.interp(time, read.time, side)
 
 
 def _of_places(twin: StageTwin, recording: StageRecording) -> Iterator[tuple[str, Course]]:
@@ -59,15 +130,16 @@ def _of_places(twin: StageTwin, recording: StageRecording) -> Iterator[tuple[str
     for place, stream in read.items():
         sensor = twin.stage.inputs[stream]
         noise = float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12)))
-        zero = [_always(sensor.uncertainty)] if sensor.uncertainty else []
+        size = float(np.hypot(sensor.uncertainty, sensor.resolution / 2))
+        zero = [_always(size)] if size else []
         yield from ((place, course) for course in (*zero, *_noisy(recording.streams[stream], noise)))
     stated = {cause.location for cause in twin.known if isinstance(cause.effect, StageEffect) and cause.effect.warms}
     for place in sorted(stated - {"", *read}):
         yield from ((place, course) for course in _unknown(recording.duration))
 
 
-def _always(warming: float) -> Course:
-    return lambda time: np.full(len(time), warming)
+def _always(size: float) -> Course:
+    return lambda time: np.full(len(time), size)
 
 
 def _unknown(last: float) -> list[Course]:
@@ -122,24 +194,50 @@ class _Warmed:
 
 @dataclass(frozen=True)
 class _Pushed:
-    """A force (2,) on the shaft, N, that was not noticed."""
+    """A force (2,) on the shaft, N, that was not noticed, always or on a course.
+
+    Readings within the noise of a load cell are no force: what is wrong with its steps is wrong `where_it_acts`.
+    """
 
     force: Array
+    course: Course = field(default_factory=lambda: _always(1.0))
+    where_it_acts: bool = False
 
     def inputs(self, inputs: StageInputs) -> StageInputs:
         """What drives the stage, with it."""
         before = inputs.force
-        return replace(inputs, force=lambda time: np.asarray(before(time) + self.force, np.float64))
+        return replace(inputs, force=lambda time: self._with(before(time), time))
 
     def state(self, state: RotorState) -> RotorState:
         """A state of the rotor, with it."""
-        return replace(state, force=np.asfortranarray(state.force + self.force), _kept={})
+        return replace(state, force=np.asfortranarray(self._with(state.force, state.time - state.age)), _kept={})
+
+    def _with(self, before: Array, time: Array) -> Array:
+        """(n, 2) force with it at times (n,)."""
+        added = np.outer(self.course(time), self.force)
+        return np.asarray(before + (added * np.any(before, axis=1)[:, None] if self.where_it_acts else added))
+
+
+@dataclass(frozen=True)
+class _Diluted:
+    """More of the force by a part of it."""
+
+    part: float
+
+    def inputs(self, inputs: StageInputs) -> StageInputs:
+        """What drives the stage, with it."""
+        before = inputs.force
+        return replace(inputs, force=lambda time: np.asarray(before(time) * (1 + self.part), np.float64))
+
+    def state(self, state: RotorState) -> RotorState:
+        """A state of the rotor, with it."""
+        return replace(state, force=np.asfortranarray(state.force * (1 + self.part)), _kept={})
 
 
 class _OtherTwin(StageTwin):
     """A twin with something else acting on it; its states are the first one's but for that."""
 
-    def __init__(self, twin: StageTwin, change: _Warmed | _Pushed) -> None:
+    def __init__(self, twin: StageTwin, change: _Warmed | _Pushed | _Diluted) -> None:
         inputs = change.inputs(twin.inputs)
         super().__init__(twin.stage, inputs, twin.times, twin.observed, twin.known, twin.keeps_states)
         self._plain, self._change = twin, change

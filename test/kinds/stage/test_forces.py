@@ -137,7 +137,7 @@ def test_which_force_is_taken_is_said():
     assert words == (
         "force on the shaft: that of /stage/force/samples, not of force_nose, for environment.force names none"
     )
-    assert not own.stage.inputs and not uncertain_forces(own.twin)
+    assert not own.stage.inputs and not uncertain_forces(own.twin, own.recording)
     before = own.twin.inputs.force(time)
     named = problem_of(recording, {"nose": NOSE}, ["nose"], without=())
     assert said(named) == ["force on the shaft: that of force_nose, not of /stage/force/samples"]
@@ -228,7 +228,7 @@ def test_more_scatter_than_stated_is_said(seed):
 def test_the_zero_of_a_cell_acts_beside_causes():
     """By the closed form: what the axis moves by is the compliance times the uncertainty of each zero over the gain."""
     problem = problem_of(recorded(1, {"nose": NOSE}), {"nose": NOSE})
-    pushed = uncertain_forces(problem.twin)
+    pushed = uncertain_forces(problem.twin, problem.recording)
     assert len(pushed) == 2
     cause = Cause(KNOWN["load_compliance"], "", np.array([1e-7, 0.0]))
     base = problem.twin.predict((cause,), ["head_a", "head_c"])

@@ -1,0 +1,114 @@
+"""What nobody knows of how the instruments of a stage round, as nuisances: half a step less, or half a step to zero."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.effects.rotor import HEAD, Array
+from rotary_error_monitor.metrology.reading_steps import repeated_errors, rounding_errors, step_of
+from rotary_error_monitor.sensors.library import instrument_of, sensor_of
+from rotary_error_monitor.twin.recording import StageRecording
+from rotary_error_monitor.twin.stage import Signals, StageTwin
+
+WAYS = 2
+"""Columns of each reading, those of `rounding_errors`: an instrument that cuts its readings off has one of them."""
+
+
+LOUDER = 1e-2
+"""Part by which noise may be louder and be the same: far less than that by which it is known."""
+
+
+def steps_of(stage: StageDescription, recording: StageRecording) -> dict[str, float]:
+    """Step of a reading of each sensor's stream, in its unit: as stated, else as the readings show it; 0 for none."""
+    found = {}
+    for name in recording.sensors:
+        sensor, response = sensor_of(name), stage.response(name)
+        if name in sensor.streams(stage):
+            stated = sensor.resolution(stage, name) * abs(response.gain)
+            readings = response.readings(recording.streams[name].values)
+            found[name] = stated or max(step_of(field) for field in readings.T)
+    return found
+
+
+def noise_before_steps(stage: StageDescription, stream: str) -> float:
+    """Standard deviation of a reading before it is rounded, as stated, in its unit."""
+    sensor = sensor_of(stream)
+    squares = sensor.noise(stage, stream) ** 2 - sensor.resolution(stage, stream) ** 2 / 12
+    return float(np.sqrt(max(squares, 0.0))) * abs(stage.response(stream).gain)
+
+
+def row_weights(twin: StageTwin, steps: Mapping[str, float]) -> dict[str, Array]:
+    """(n, fields) weight of the rows of streams that are louder than stated: one over by how much.
+
+    They are where their rounding errors repeat, and where the readings show steps that are not stated. Heads weigh
+    their rows themselves.
+    """
+    found = {}
+    for name in (name for name, step in steps.items() if step > 0.0 and instrument_of(name) != HEAD):
+        stage, step, response = twin.stage, steps[name], twin.stage.response(name)
+        before, stated = noise_before_steps(stage, name), sensor_of(name).noise(stage, name) * abs(response.gain)
+        paths = response.readings(twin.predict((), [name])[name])
+        repeated = np.stack([repeated_errors(path, before, step) for path in paths.T], axis=1)
+        if response.roll:  # what is shown along an axis is read along both
+            repeated[:] = repeated.max(axis=1, keepdims=True)
+        louder = np.sqrt(before**2 + (1 + repeated) * step**2 / 12) / stated
+        if np.max(louder) > 1 + LOUDER:
+            found[name] = 1 / louder
+    return found
+
+
+class Rounding:
+    """By how much readings err in the mean where an instrument cuts them off; data sheets seldom say whether it does.
+
+    The heads of a ring are read by electronics of one kind, and err alike; of other sensors each field has its own way.
+
+    Args:
+        stage: whose instruments they are.
+        steps: of a reading of each stream, in its unit, as `steps_of`.
+    """
+
+    def __init__(self, stage: StageDescription, steps: Mapping[str, float]) -> None:
+        self._stage, self._steps = stage, steps
+        self._fields: dict[str, int] = {}
+        for name, step in steps.items():
+            if step > 0.0:
+                self._fields[instrument_of(name)] = len(sensor_of(name).fields)
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return WAYS * sum(self._fields.values())
+
+    def acting(self, instrument: str) -> NDArray[np.intp]:
+        """(k,) which of the columns are of an instrument."""
+        before = 0
+        for name, fields in self._fields.items():
+            if name == instrument:
+                return np.arange(before, before + WAYS * fields)
+            before += WAYS * fields
+        return np.zeros(0, np.intp)
+
+    def errors(self, predicted: Signals) -> Signals:
+        """(n, fields, k) what each column of an instrument does to its streams that show (n, fields)."""
+        return {
+            name: self._of_stream(name, values)
+            for name, values in predicted.items()
+            if self._steps.get(name, 0.0) > 0.0
+        }
+
+    def _of_stream(self, name: str, values: Array) -> Array:
+        stage, step = self._stage, self._steps[name]
+        response = stage.response(name)
+        readings = response.readings(values)
+        noise = noise_before_steps(stage, name)
+        columns = np.zeros((*values.shape, WAYS * values.shape[1]))
+        for field in range(values.shape[1]):
+            for way, error in enumerate(rounding_errors(readings[:, field], noise, step).T):
+                moved = readings.copy()
+                moved[:, field] += error
+                columns[:, :, WAYS * field + way] = response.corrected(moved) - values
+        return columns
