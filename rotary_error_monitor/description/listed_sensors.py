@@ -11,6 +11,9 @@ from rotary_error_monitor.description.sections import extended, stated
 from rotary_error_monitor.description.sensor_section import SensorSection, sensor_kinds
 from rotary_error_monitor.errors import InputError
 
+EXTERNAL_SENSORS = "external_sensors"
+"""Parameter of a cell with the names of listed sensors that a program publishes which its file does not start."""
+
 _ELSEWHERE = "latency"
 """Is no number of the kind, but of the response of the instrument, which `StageDescription.responses` has."""
 
