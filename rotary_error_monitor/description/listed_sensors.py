@@ -63,6 +63,11 @@ class ListedSensor:
         return self.kind in sensor_kinds() and sensor_kinds()[self.kind].is_slow
 
     @property
+    def measures(self) -> str:
+        """What it measures of what acts on the stage, as its kind declares; empty for any other sensor."""
+        return sensor_kinds()[self.kind].measures if self.kind in sensor_kinds() else ""
+
+    @property
     def zeros(self) -> tuple[float, ...]:
         """`zero` of each field."""
         return self.zero if isinstance(self.zero, tuple) else (self.zero,) * len(self.fields)

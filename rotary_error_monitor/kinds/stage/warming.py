@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotary_error_monitor.description.stage import FORCE
+from rotary_error_monitor.description.sensor_section import SHAFT_FORCE
 from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
 from rotary_error_monitor.metrology.forces import load_cell, shares
 from rotary_error_monitor.twin.recording import StageRecording, Stream
@@ -44,7 +44,7 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Stag
 
 def uncertain_forces(twin: StageTwin) -> tuple[StageTwin, ...]:
     """Twins with one standard uncertainty of the zero of each axis of the listed load cells more on the shaft."""
-    sensors = [sensor for sensor in twin.stage.inputs.values() if sensor.kind == FORCE]
+    sensors = [sensor for sensor in twin.stage.inputs.values() if sensor.measures == SHAFT_FORCE]
     cells = [load_cell(sensor) for sensor in sensors]
     found = []
     for sensor, cell, share in zip(sensors, cells, shares(cells) if cells else [], strict=True):
