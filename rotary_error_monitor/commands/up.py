@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from dataclasses import replace
 from pathlib import Path
 
-from rotary_error_monitor.supervision.cell_file import nodes_of
+from rotary_error_monitor.supervision.served_sensors import checked_nodes
 from rotary_error_monitor.supervision.supervisor import Supervisor
 from rotary_error_monitor.supervision.systemd import unit
 
@@ -19,7 +18,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="start the nodes that a parameter file names, and keep them running",
         description="Starts a node for each section of the file (/**/encoder_head_a, /left/compensation, …) with the "
         "file as its parameters, starts again what ends, and ends all in order on SIGINT, SIGTERM or SIGHUP. Exit code "
-        "2 where a node's input is wrong at its first start, 1 where one had to be killed at the end.",
+        "2 where a node's input is wrong at its first start or a sensor that the stage lists has no node, 1 where one "
+        "had to be killed at the end.",
     )
     parser.add_argument("cell", type=Path, help="ROS parameter file, such as a copy of config/real_cell.yaml")
     parser.add_argument("--namespace", default="", help="of all nodes whose section names none, such as /left")
@@ -33,7 +33,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the cell until a signal, or print the unit."""
-    nodes = [replace(n, namespace=n.namespace or arguments.namespace) for n in nodes_of(arguments.cell)]
+    nodes = checked_nodes(arguments.cell, arguments.namespace)
     if arguments.systemd:
         print(unit(arguments.cell, ["--namespace", arguments.namespace] if arguments.namespace else []), end="")
         return 0

@@ -11,6 +11,9 @@ from rotary_error_monitor.description.sections import extended, stated
 from rotary_error_monitor.description.sensor_section import SensorSection, sensor_kinds
 from rotary_error_monitor.errors import InputError
 
+EXTERNAL_SENSORS = "external_sensors"
+"""Parameter of a cell with the names of listed sensors that a program publishes which its file does not start."""
+
 _ELSEWHERE = "latency"
 """Is no number of the kind, but of the response of the instrument, which `StageDescription.responses` has."""
 
@@ -58,6 +61,11 @@ class ListedSensor:
     def is_slow(self) -> bool:
         """Whether it samples about once a second."""
         return self.kind in sensor_kinds() and sensor_kinds()[self.kind].is_slow
+
+    @property
+    def measures(self) -> str:
+        """What it measures of what acts on the stage, as its kind declares; empty for any other sensor."""
+        return sensor_kinds()[self.kind].measures if self.kind in sensor_kinds() else ""
 
     @property
     def zeros(self) -> tuple[float, ...]:

@@ -26,6 +26,9 @@ OWN_KINDS = {
 
 _OWN_UNITS = {READ_HEAD: "rad", "autocollimator": "rad", "lvdt": "m", "command": "rad"}
 
+SHAFT_FORCE = "force on the shaft"
+PLACE_TEMPERATURE = "temperature of a place"
+
 Uncertainty = Annotated[float, Expected("standard uncertainty of zero and form in m or rad", 1e-10, 0.001)]
 
 
@@ -55,6 +58,8 @@ class SensorSection(Section):
         unit: SI unit of the fields, or °C.
         is_input: whether the kind measures what acts on the stage, and nothing of how the rotor stands.
         is_slow: whether it samples about once a second, as thermometers do.
+        measures: what an input measures for the twin: `SHAFT_FORCE`, `PLACE_TEMPERATURE`, or something else, which
+            effects of its own find in `RotorState.inputs`.
         kind: of sensor: name of its file in `sensor_kinds/`.
     """
 
@@ -62,6 +67,7 @@ class SensorSection(Section):
     unit: ClassVar[str] = "m"
     is_input: ClassVar[bool] = False
     is_slow: ClassVar[bool] = False
+    measures: ClassVar[str] = ""
 
     kind: str
     noise: Annotated[Noise, Expected("standard deviation of one reading in m")]

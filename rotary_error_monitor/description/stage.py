@@ -18,6 +18,7 @@ from rotary_error_monitor.description.quantities import REFERENCE_TEMPERATURE
 from rotary_error_monitor.description.response import IDEAL
 from rotary_error_monitor.description.response import Response as Response
 from rotary_error_monitor.description.sections import extended, from_content, narrowed, read, write
+from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
 from rotary_error_monitor.description.stage_limits import StageLimits, derive_limits
 from rotary_error_monitor.description.stage_section import (
     CommandSection,
@@ -101,17 +102,17 @@ class StageDescription:
     @property
     def thermometers(self) -> Mapping[str, str]:
         """Streams of the listed thermometers by their names, which are those of their places."""
-        return {name_of(s, sensor): s for s, sensor in self.inputs.items() if sensor.kind == THERMOMETER}
+        return {name_of(s, sensor): s for s, sensor in self.inputs.items() if sensor.measures == PLACE_TEMPERATURE}
 
     @property
     def forces(self) -> Mapping[str, str]:
         """Streams of the listed load cells by their names."""
-        return {name_of(s, sensor): s for s, sensor in self.inputs.items() if sensor.kind == FORCE}
+        return {name_of(s, sensor): s for s, sensor in self.inputs.items() if sensor.measures == SHAFT_FORCE}
 
     @property
     def shaft_forces(self) -> tuple[str, ...]:
         """Streams of the listed load cells that show the force on the shaft: those that are named, or the only one."""
-        return tuple(stream_of(name, FORCE) for name in self.force) or tuple(self.forces.values())
+        return tuple(self.forces[name] for name in self.force) or tuple(self.forces.values())
 
     @property
     def ring(self) -> Encoder:

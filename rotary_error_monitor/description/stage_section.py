@@ -28,7 +28,7 @@ from rotary_error_monitor.description.quantities import (
 )
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.sections import Place, Section, WrongError, stated
-from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SensorSection, check_unit
+from rotary_error_monitor.description.sensor_section import OWN_KINDS, READ_HEAD, SHAFT_FORCE, SensorSection, check_unit
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.description.two_axis_section import (
     DISTORTIONS,
@@ -43,8 +43,6 @@ from rotary_error_monitor.description.two_axis_section import (
 MOST_STREAMS = 51
 """Heads and listed sensors but inputs: with autocollimator and command as many bits as a float64, in which masks
 travel, holds."""
-
-FORCE = "force"
 
 Count = Annotated[int, Expected("a whole number from 1", 1, 100_000_000)]
 Compliance = Annotated[float, Expected("a compliance in m/N or rad/N", -0.001, 0.001)]
@@ -334,7 +332,7 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
 
 def _doubtful_force(section: StageSection) -> Iterator[tuple[Place, str]]:
     """Where it is not clear which of the listed forces is that on the shaft."""
-    forces = [name for name, sensor in section.sensors.items() if sensor.kind == FORCE]
+    forces = [name for name, sensor in section.sensors.items() if sensor.measures == SHAFT_FORCE]
     named = () if section.environment is None else section.environment.force or ()
     for number, name in enumerate(named):
         if name not in forces:

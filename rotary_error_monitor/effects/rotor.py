@@ -57,6 +57,7 @@ class RotorState:
             line, far finer than the command knows the rotation.
         age: how long before `time` the sensor saw the rotor, s; all but `time` is of then.
         warmings: (n,) temperature above the reference of each place with a thermometer of its own, K.
+        inputs: (n, k) what further listed inputs measured, in their units, by the names of the sensors.
         place: whose warming `warming` is: the name of a thermometer; empty for the stage's.
     """
 
@@ -71,6 +72,7 @@ class RotorState:
     observed: Array | None = None
     age: float = 0.0
     warmings: Mapping[str, Array] = field(default_factory=dict)
+    inputs: Mapping[str, Array] = field(default_factory=dict)
     place: str = ""
     _harmonics: dict[float, Array] = field(default_factory=dict, repr=False, compare=False)
     _unturned: tuple[RotorState, float] | None = field(default=None, repr=False, compare=False)

@@ -153,6 +153,7 @@ class GapMonitor(ManagedNode):
         slow = {self.wire.of_stream(stream).key: _SLOW for stream, each in self.stage.inputs.items() if each.is_slow}
         stale_after = {topic.name: (_HELPFUL | slow).get(topic.key, _STALE_AFTER) for topic in helpful}
         self._helpful = {name: StreamWatch(name, late_after, after, now_ns) for name, after in stale_after.items()}
+        self._listed = {topic.name for topic in listed}
         self._due = time.monotonic()
         self._under_way = _Recording()
         self._verdict: _Verdict | None = None
@@ -170,7 +171,12 @@ class GapMonitor(ManagedNode):
 
     def conditions(self, now_ns: int) -> list[Condition]:
         """Each stream, how it goes with the diagnosis, and the last verdict."""
-        helpful = [watch.report(now_ns) for watch in self._helpful.values() if watch.last_ns is not None]
+        # one that the stage lists is expected; of what has a topic whether a stage has it or not, silence tells nothing
+        helpful = [
+            watch.report(now_ns)
+            for name, watch in self._helpful.items()
+            if name in self._listed or watch.last_ns is not None
+        ]
         return [
             *(watch.report(now_ns) for watch in self._needed.values()),
             *(replace(condition, level=min(condition.level, Level.WARN)) for condition in helpful),

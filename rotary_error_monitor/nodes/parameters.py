@@ -11,6 +11,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from rotary_error_monitor.description.listed_sensors import EXTERNAL_SENSORS
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.sources.mock import MOCK_SETTINGS
@@ -41,6 +42,7 @@ CELL_SETTINGS = (
     Setting("stage", "", "YAML file of the rotary stage; empty for the embedded config/stage.yaml"),
     Setting("machine", "", "YAML file of the machine, or the name of one in config/machines; empty for none"),
     Setting("block_period", 0.005, "time covered by one sample block, s", (0.0005, 1.0)),
+    Setting(EXTERNAL_SENSORS, [], "sensors that the stage lists and that programs outside the cell's file publish"),
     *MOCK_SETTINGS,
 )
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.listed_sensors import name_of
-from rotary_error_monitor.description.stage import FORCE, StageDescription
+from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
+from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.clocks import FIELDS as FIELDS
 from rotary_error_monitor.plant.clocks import HEAD as HEAD
@@ -127,8 +128,10 @@ class StagePlant:
             return self.temperature.at(time)[:, None]
         if stream in self.stage.inputs:
             sensor = self.stage.inputs[stream]
-            if sensor.kind == FORCE:
+            if sensor.measures == SHAFT_FORCE:
                 return pushed(sensor, self.forces.at(time))
+            if sensor.measures != PLACE_TEMPERATURE:
+                raise InputError(f"nothing is known of the true course of what '{stream}' measures; give its samples")
             return sensor.zeros[0] + self.place_temperatures[name_of(stream, sensor)].at(time)[:, None]
         return read_off(seen(stream, self.scene(time), self.faults), response)
 

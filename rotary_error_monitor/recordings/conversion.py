@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from rotary_error_monitor.sources.device import Device, Instrument, told_of
 from rotary_error_monitor.sources.library import device_settings, load_devices
 from rotary_error_monitor.sources.source import Heard
 from rotary_error_monitor.supervision.cell_file import CellNode, nodes_of, parameters_of
+from rotary_error_monitor.supervision.served_sensors import topics_filled
 
 BLOCK_PERIOD = 0.005
 """Time covered by a block, s, where the file states none, as of the nodes."""
@@ -95,13 +96,15 @@ def convert(bag: Path, cell_file: Path, stage_file: Path | None, output: Path, s
     Raises:
         InputError: a file is wrong, names no driver of which the bag has a message, or the bag cannot be read.
     """
-    nodes, parameters = nodes_of(cell_file), parameters_of(cell_file)
+    nodes = [replace(node, namespace=node.namespace or cell) for node in nodes_of(cell_file)]
+    parameters = parameters_of(cell_file, nodes)
     shared = next((str(row["stage"]) for row in parameters.values() if row.get("stage")), None)
     stage = load_stage(stage_file or shared)
     if not exists(bag):
         raise InputError(f"{excerpt(bag)}: no such bag; give the folder of a rosbag2 bag, or an mcap file")
     files = BagFiles(bag)
-    drivers = [_stream(node, parameters[node.name], stage, cell, cell_file) for node in nodes]
+    named = stage_file or (None if shared is None else Path(shared))
+    drivers = [_stream(node, parameters[node], (named, stage), cell, cell_file) for node in nodes]
     streams = {each.heard: each for each in drivers if each is not None and each.heard in files.topics}
     if not streams:
         wanted = ", ".join(each.heard for each in drivers if each is not None) or "none"
@@ -168,16 +171,17 @@ def _time_ns(message: Any, raw: RawMessage, stamps: str) -> int:  # noqa: ANN401
 
 
 def _stream(
-    node: CellNode, given: Mapping[str, object], stage: StageDescription, cell: str, file: Path
+    node: CellNode, given: Mapping[str, object], stage: tuple[Path | None, StageDescription], cell: str, file: Path
 ) -> Stream | None:
     """What a node would make of a driver's messages; None of one that hears no driver."""
     devices = load_devices(node.executable)
     device = devices.get(str(given.get("source", "")))
     if device is None or not device.hears:
         return None
-    topic = _topic(node, given, wire_of(stage), file)
+    named, described = stage
+    (topic,) = topics_filled(node, given, wire_of(described), named)
     setting = _settings(devices, given, f"{file}: {node.name}")
-    source = device.open(Instrument(topic.frame, topic.columns, stage, setting, 0))
+    source = device.open(Instrument(topic.frame, topic.columns, described, setting, 0))
     assert isinstance(source, Heard)
     period = float(str(given.get("block_period", BLOCK_PERIOD)))
     heard = source.topic if source.topic.startswith("/") else f"{cell.rstrip('/')}/{source.topic}"
@@ -193,21 +197,3 @@ def _settings(devices: dict[str, Device], given: Mapping[str, object], where: st
         return value
 
     return setting
-
-
-def _topic(node: CellNode, given: Mapping[str, object], wire: Wire, file: Path) -> Topic:
-    """The topic of the contract that a node fills: of several of its kind that of its head or sensor.
-
-    Raises:
-        InputError: the stage has no such head or sensor.
-    """
-    found = [topic for topic in wire.published_by(node.executable) if topic.is_sample_block]
-    if found and found[0].head is None:
-        return found[0]
-    asked = str(given.get("head") or given.get("sensor") or node.name.removeprefix(f"{node.executable}_"))
-    for topic in found:
-        if asked in (topic.head, topic.frame):
-            return topic
-    raise InputError(
-        f"{file}: {node.name}: the stage has no '{excerpt(asked)}'; it has {', '.join(str(t.head) for t in found)}"
-    )

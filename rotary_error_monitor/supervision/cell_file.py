@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
 
+from rotary_error_monitor.description.sections import place_named
 from rotary_error_monitor.description.wire import load_wire
 from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError, excerpt
@@ -18,11 +20,21 @@ _ANY = ("**", "*")
 
 @dataclass(frozen=True)
 class CellNode:
-    """A node to start: its executable, its name, and its namespace (empty for that of the whole cell)."""
+    """A node to start: its executable, its name, and its namespace (empty for that of the whole cell).
+
+    Attributes:
+        where: file and line of its section.
+    """
 
     executable: str
     name: str
     namespace: str = ""
+    where: str = field(default="", compare=False)
+
+    @property
+    def full_name(self) -> str:
+        """Name with namespace, such as `/left/encoder_head_a`."""
+        return "/".join(["", *(step for step in self.namespace.split("/") if step), self.name])
 
 
 def executables() -> tuple[str, ...]:
@@ -55,7 +67,7 @@ def nodes_of(path: Path) -> tuple[CellNode, ...]:
         *spaces, name = key.value.strip("/").split("/")
         if name in _ANY:
             continue
-        node = CellNode(_executable(name, known, where), name, _namespace(spaces))
+        node = CellNode(_executable(name, known, where), name, _namespace(spaces), where)
         if (node.namespace, name) in nodes:
             raise InputError(f"{where}: '{excerpt(key.value)}' names {name} a second time; one section a node")
         nodes[node.namespace, name] = node
@@ -80,22 +92,35 @@ def _namespace(spaces: list[str]) -> str:
     return "/" + "/".join(stated) if stated else ""
 
 
-def parameters_of(path: Path) -> dict[str, dict[str, object]]:
-    """Parameters by their dotted names, by the name of the node; what stands further down counts for more, as for rcl.
+def parameters_of(path: Path, nodes: Iterable[CellNode]) -> dict[CellNode, dict[str, object]]:
+    """Parameters of each node by their dotted names; what stands further down in the file counts for more, as for rcl.
 
     Raises:
         InputError: as `nodes_of`, or a section holds something else than parameters.
     """
-    nodes = [node.name for node in nodes_of(path)]
-    found: dict[str, dict[str, object]] = {name: {} for name in nodes}
+    found: dict[CellNode, dict[str, object]] = {node: {} for node in nodes}
     for key, section in read_yaml(path, "a ROS parameter file").content.items():
-        given = section["ros__parameters"] or {}
+        given, fits = section["ros__parameters"] or {}, _pattern(key)
         if not isinstance(given, Mapping):
             raise InputError(f"{path}: '{excerpt(key)}': ros__parameters is {given!r}; expected parameters by name")
-        name = key.strip("/").split("/")[-1]
-        for node in nodes if name in _ANY else [name]:
-            found[node] |= dict(_dotted(given))
+        for node in found:
+            if fits.fullmatch(node.full_name):
+                found[node] |= dict(_dotted(given))
     return found
+
+
+def where_given(path: Path, node: CellNode, name: str) -> str:
+    """File, line and place of the parameter of a node that the file gives it and that counts."""
+    found = read_yaml(path, "a ROS parameter file")
+    sections = {key: section["ros__parameters"] or {} for key, section in found.content.items()}
+    *_, last = (key for key, given in sections.items() if name in given and _pattern(key).fullmatch(node.full_name))
+    return place_named(found, (last, "ros__parameters", name))
+
+
+def _pattern(key: str) -> re.Pattern[str]:
+    """What matches the full names of nodes that a section is of: `*` is one step of a name, `**` any number of them."""
+    steps = (step for step in key.split("/") if step)
+    return re.compile("".join({"**": r"(/\w+)*", "*": r"/\w+"}.get(step, "/" + re.escape(step)) for step in steps))
 
 
 def _dotted(given: Mapping[str, object], above: str = "") -> Iterator[tuple[str, object]]:

@@ -17,7 +17,8 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline, make_smoothing_sp
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from rotary_error_monitor.description.listed_sensors import name_of
-from rotary_error_monitor.description.stage import THERMOMETER, ListedSensor, StageDescription
+from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SHAFT_FORCE
+from rotary_error_monitor.description.stage import ListedSensor, StageDescription
 from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
 from rotary_error_monitor.metrology.harmonics import angular_sum
@@ -45,7 +46,8 @@ MEDIAN_OF_DIFFERENCES = 0.954
 class StageInputs:
     """What drives the stage, as functions of time: command and speed (m,), force (m, 2), warming (m,).
 
-    `warmings` are those of the places of listed thermometers, by their names, as far as they were recorded.
+    `warmings` are those of the places of listed thermometers, by their names, as far as they were recorded; `others`
+    (m, k) what further listed inputs measured.
     """
 
     command: Callable[[Array], Array]
@@ -53,6 +55,7 @@ class StageInputs:
     force: Callable[[Array], Array]
     warming: Callable[[Array], Array]
     warmings: Mapping[str, Callable[[Array], Array]] = field(default_factory=dict)
+    others: Mapping[str, Callable[[Array], Array]] = field(default_factory=dict)
 
 
 def stage_inputs(
@@ -79,10 +82,21 @@ def stage_inputs(
     warmings = {
         name_of(stream, sensor): _warming(_measured(recording.streams[stream], stream, sensor), reference_temperature)
         for stream, sensor in (listed or {}).items()
-        if sensor.kind == THERMOMETER and stream in recording.streams
+        if sensor.measures == PLACE_TEMPERATURE and stream in recording.streams
     }
     own = nothing if temperature is None else _warming(temperature, reference_temperature)
-    return StageInputs(angle, speed, force_of, own, warmings)
+    others = {
+        name_of(stream, sensor): _course(_measured(recording.streams[stream], stream, sensor))
+        for stream, sensor in (listed or {}).items()
+        if sensor.measures not in (PLACE_TEMPERATURE, SHAFT_FORCE) and stream in recording.streams
+    }
+    return StageInputs(angle, speed, force_of, own, warmings, others)
+
+
+def _course(stream: Stream) -> Callable[[Array], Array]:
+    """(m, k) values of a stream at any times (m,): straight between samples, the first and last beyond them."""
+    columns = stream.values.T
+    return lambda time: np.column_stack([np.interp(time, stream.time, column) for column in columns])
 
 
 def _warming(temperature: Stream, reference: float) -> Callable[[Array], Array]:
@@ -217,6 +231,7 @@ class StageTwin:
             observed=observed,
             age=delay,
             warmings={place: warming(earlier) for place, warming in self.inputs.warmings.items()},
+            inputs={name: course(earlier) for name, course in self.inputs.others.items()},
         )
 
     def motion(self, time: Array, causes: Sequence[Cause] = ()) -> tuple[Array, Array, Array]:

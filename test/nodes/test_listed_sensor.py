@@ -16,6 +16,9 @@ from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.encoder_head import EncoderHead
+from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
+from rotary_error_monitor.nodes.gap_monitor import GapMonitor
 from rotary_error_monitor.nodes.listed_sensor import ListedSensorNode
 from rotary_error_monitor.nodes.recorder import Recorder
 from rotary_error_monitor.plant.stage import StagePlant
@@ -158,3 +161,23 @@ def test_one_voltage_is_no_tilt(tilting, tmp_path):
     told = "source iio reads one voltage, but tilt_sensor_second has the fields tilt_x, tilt_y; expected the source"
     with pytest.raises(InputError, match=told):
         tilting.run(ListedSensorNode, "listed_sensor_second", source="iio", iio__device=str(tmp_path))
+
+
+def test_a_listed_sensor_that_never_speaks_is_named_with_its_topic_within_seconds(settings, tmp_path):
+    thermometer = {"kind": "thermometer", "noise": 0.02, "resolution": 0.01, "range": 100.0, "uncertainty": 0.1}
+    path = stage_with_probes_instead(tmp_path, {**SECOND, "bearing": thermometer})
+    stage = load_stage(path)
+    with Cell("abcd", mock_parameters(settings, stage=path), sensors=tuple(stage.listed)) as cell:
+        for head in "abcd":
+            cell.run(EncoderHead, f"encoder_head_{head}", source="mock")
+        cell.run(ListedSensorNode, "listed_sensor_second", source="mock")
+        cell.run(ErrorEstimator, "error_estimator", period=0.005, check_turns=0.0)
+        cell.run(GapMonitor, "gap_monitor")
+        for listener, stream in (
+            ("error_estimator", "axial_probe_nose"),
+            ("gap_monitor", "axial_probe_nose"),
+            ("gap_monitor", "thermometer_bearing"),
+        ):
+            cell.wait_for_status(f"{listener}: /stage/{stream}/samples", "nothing has arrived yet", 10)
+        cell.wait_for_status("error_estimator: estimate", "without command, axial_probe_nose", 10)
+        cell.wait_for_status("error_estimator: /stage/tilt_sensor_second/samples", "alive", 10)

@@ -155,7 +155,11 @@ def test_what_is_refused_is_counted_by_reason_and_the_rest_goes_on(recorded, tmp
     ("old", "new", "told"),
     [
         ("unit: deg", "unit: degree", "encoder_head_a: parameter 'joint_state.unit' is 'degree'; expected: .*rad, deg"),
-        ("head: c,", "head: x,", "encoder_head_c: the stage has no 'x'; it has a, b, c, d"),
+        (
+            "head: c,",
+            "head: x,",
+            "encoder_head_c is of the head 'x', of which the stage has none; .*head_a, head_b",
+        ),
         ("source: vector3, vector3: {topic: tilt", "source: vector3, vector3: {topic: enc/d", "expected geometry_msgs"),
         ("/**/encoder_head_b:", "/**/encoder:", "no executable serves a node 'encoder'"),
     ],

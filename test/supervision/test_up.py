@@ -131,12 +131,12 @@ def test_a_supervisor_that_is_killed_takes_its_nodes_along(cell: Cell, tmp_path:
 def test_wrong_input_ends_the_cell_with_2(cell: Cell, tmp_path: Path) -> None:
     path = tmp_path / "cell.yaml"
     path.write_text(
-        "/**/recorder: {ros__parameters: {folder: bag}}\n/**/encoder_head_q: {ros__parameters: {source: mock}}\n"
+        "/**/recorder: {ros__parameters: {folder: bag}}\n/**/encoder_head_a: {ros__parameters: {source: mook}}\n"
     )
     with started(cell, tmp_path, UP, "up", str(path)) as up:
         assert up.process.wait(60) == 2, up.said
-        assert "up: encoder_head_q ended with exit code 2, its input is wrong" in up.said
-        assert "encoder_head_q" in up.said.split("ended with exit code 2")[0], "what the node itself said stands before"
+        assert "up: encoder_head_a ended with exit code 2, its input is wrong" in up.said
+        assert "encoder_head_a" in up.said.split("ended with exit code 2")[0], "what the node itself said stands before"
         assert not any(map(_is_there, up.children()))
 
 

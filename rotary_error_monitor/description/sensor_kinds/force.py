@@ -7,7 +7,7 @@ from typing import Annotated
 
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.quantities import Angle, Gain
-from rotary_error_monitor.description.sensor_section import SensorSection
+from rotary_error_monitor.description.sensor_section import SHAFT_FORCE, SensorSection
 
 LARGEST = 1e6
 """Force, N: the largest load cells of machines measure a tenth of it."""
@@ -22,6 +22,7 @@ class Force(SensorSection):
     fields = ("force_x", "force_y")
     unit = "N"
     is_input = True
+    measures = SHAFT_FORCE
 
     noise: Annotated[float, Expected("standard deviation of one reading in N", 0, LARGEST)]
     resolution: Annotated[float, Expected("step of a reading in N", 0, LARGEST)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from rotary_error_monitor.description.expected import Expected
-from rotary_error_monitor.description.sensor_section import SensorSection
+from rotary_error_monitor.description.sensor_section import PLACE_TEMPERATURE, SensorSection
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,6 +17,7 @@ class Thermometer(SensorSection):
     unit = "°C"
     is_input = True
     is_slow = True
+    measures = PLACE_TEMPERATURE
 
     noise: Annotated[float, Expected("standard deviation of one reading in K", 0, 10)]
     resolution: Annotated[float, Expected("step of a reading in K", 0, 10)]

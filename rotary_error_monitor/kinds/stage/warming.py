@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from rotary_error_monitor.description.sensor_section import SHAFT_FORCE
 from rotary_error_monitor.description.stage import FORCE, ListedSensor
 from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
 from rotary_error_monitor.gap.problem import FIRST_ORDER
@@ -54,7 +55,7 @@ def uncertain_forces(twin: StageTwin, recording: StageRecording) -> tuple[StageT
     Of each axis of its load cells that is the zero of one that is listed, and half a step of a reading: less, which is
     a zero, or closer to 0. Of all it is a part of the force itself, see `_diluted`.
     """
-    names = [name for name, sensor in twin.stage.inputs.items() if sensor.kind == FORCE]
+    names = [name for name, sensor in twin.stage.inputs.items() if sensor.measures == SHAFT_FORCE]
     pushed: list[_Pushed | _Diluted] = []
     if names:
         sensors = [twin.stage.inputs[name] for name in names]
