@@ -9,10 +9,11 @@ from typing import NamedTuple
 from rotary_error_monitor.description.stage import Mirror, StageDescription
 from rotary_error_monitor.metrology.description_check import FigureCheck
 from rotary_error_monitor.metrology.periodic_curves import steepest
+from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
 from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Evidence, Reach, Window, WindowGrid
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, HeadBelief
-from rotary_error_monitor.pipeline.ring_belief import ABSENT, CommandBelief, RingBelief
+from rotary_error_monitor.pipeline.ring_belief import ABSENT, RingBelief
 from rotary_error_monitor.pipeline.stream_belief import StreamBelief
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
 from rotary_error_monitor.signals.streams import SampleStream
