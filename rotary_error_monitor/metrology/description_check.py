@@ -164,9 +164,13 @@ class FigureCheck:
         """Whether what is not resolved is more than noise."""
         return self.unresolved > FINDING * self._noise
 
+    def covers(self, thetas: Iterable[float]) -> bool:
+        """Whether something was seen before at each of the rotations (rad)."""
+        return self.covered == 1.0 or all(self._count[_place(theta)] for theta in thetas)
+
     def add(self, theta: float, seen: tuple[float, float], described: tuple[float, float]) -> bool:
         """Take in what is seen and described (x, y) at a rotation (rad); give whether an angle is new."""
-        place = int((theta / (2 * math.pi)) % 1.0 * BINS) % BINS
+        place = _place(theta)
         new = self._count[place] == 0
         if place != self._last:
             self._count[place] = 0  # what was seen at the last visit makes room
@@ -235,6 +239,11 @@ class FigureCheck:
             difference = _size((scale - 1.0) * described)
             found.append(_Rival(name, _square(seen - scale * described), angles - 1, difference))
         return found
+
+
+def _place(theta: float) -> int:
+    """Which of the angles told apart a rotation (rad) is at."""
+    return int((theta / (2 * math.pi)) % 1.0 * BINS) % BINS
 
 
 def _probability(odds: float) -> float:

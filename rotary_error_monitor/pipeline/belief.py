@@ -11,8 +11,8 @@ from rotary_error_monitor.metrology.description_check import FigureCheck
 from rotary_error_monitor.metrology.periodic_curves import steepest
 from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
-from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Evidence, Reach, Window, WindowGrid
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, HeadBelief
+from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, SHORT, Evidence, Reach, Window, WindowGrid
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT, HeadBelief
 from rotary_error_monitor.pipeline.ring_belief import ABSENT, RingBelief
 from rotary_error_monitor.pipeline.stream_belief import StreamBelief
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
@@ -24,6 +24,9 @@ the radial error motion contradicts; autocollimator and command that are not use
 further fault of a head would not show; a description that has not been held against a turn of the ring yet, and against
 one of the mirror, or not since the heads may have lost their zero."""
 
+
+FEWEST = 3
+"""Windows from which it is faster to ask whether all of them are calm than to judge each."""
 
 _LONG_AGO = -(2**62)
 """Number of a window before all others."""
@@ -205,14 +208,19 @@ class Belief:
         self._quiet = whole > 0 and self.streams.quiet
         parts: list[tuple[slice, Verdict]] = []
         begin = 0
-        for number, window in enumerate(windows):
-            end = skipped + (number + 1) * size
-            parts.append((slice(max(begin - before, 0), end - before), self.verdict))
-            begin, chosen = end, self.left_out
-            self._judge(window)
-            self.turns = int(window.mean.turns) if window.mean.turns.is_integer() else 0
-            if self.turns or self.left_out != chosen:
-                return parts, end - before
+        for some in _between_measurements(windows):
+            calm = len(some) >= FEWEST and self._are_calm(some)
+            for window in some:
+                end = begin + size if begin else skipped + size
+                parts.append((slice(max(begin - before, 0), end - before), self.verdict))
+                begin, chosen = end, self.left_out
+                if calm:
+                    self._take_in(window)
+                    continue
+                self._judge(window)
+                self.turns = int(window.mean.turns) if window.mean.turns.is_integer() else 0
+                if self.turns or self.left_out != chosen:
+                    return parts, end - before
         if begin < count:
             parts.append((slice(max(begin - before, 0), count - before), self.verdict))
         incomplete = skipped + whole * size
@@ -248,6 +256,30 @@ class Belief:
             self.ring.figure.forget()
             self.tilt.figure.forget()
 
+    def _are_calm(self, windows: Sequence[Window]) -> bool:
+        """Whether all that is judged is there and believed in windows, so that their means have to be kept, no more."""
+        first, judges = windows[0], (self.ring, self.tilt, self.command)
+        return (
+            self._quiet
+            and not (self._commanded or self._zero_open or self._began or self._explained)
+            and self._heard == first.number - 1
+            and all(each.available == first.available and each.is_whole for each in windows)
+            and self.heads.are_calm(windows, self._heads_there(first.available))
+            and all(judge.are_calm(windows) for judge in judges)
+        )
+
+    def _take_in(self, window: Window) -> None:
+        """Take in one of windows that are calm, as `_judge` does."""
+        self._heard = window.number
+        for judge in (self.heads, self.ring, self.tilt, self.command):
+            judge.take_in(window)
+        self.verdict = self._conclude()
+
+    def _heads_there(self, available: int) -> tuple[str, ...]:
+        if available not in self._heads_of:
+            self._heads_of[available] = tuple(name for name in self._head_names if available & self._bits[name])
+        return self._heads_of[available]
+
     def _judge(self, window: Window) -> None:
         self._note_silence(window.number)
         if window.mean.heads > 0.0:
@@ -259,10 +291,7 @@ class Belief:
         if self.heads.contradiction and self._explained != explained:
             self.heads.reset()  # a stream that is left out for a reason of its own may be the one that is wrong
         self._explained = explained
-        if window.available not in self._heads_of:
-            there = (name for name in self._head_names if window.available & self._bits[name])
-            self._heads_of[window.available] = tuple(there)
-        self.heads.judge(window, self._heads_of[window.available])
+        self.heads.judge(window, self._heads_there(window.available))
         if self._heads_left_out() - before:
             self._retract(window.number)
         elif self._commanded:
@@ -339,6 +368,15 @@ class Belief:
             heads.reach,
         )
         return Verdict._make(values)
+
+
+def _between_measurements(windows: Sequence[Window]) -> Iterator[Sequence[Window]]:
+    """Windows in parts: one in which judges measure, whose number is a multiple of `SHORT`, and those in between."""
+    begin = 0
+    while begin < len(windows):
+        end = begin + max(1, -windows[begin].number % SHORT)
+        yield windows[begin:end]
+        begin = end
 
 
 def _slope_of(mirror: Mirror) -> float:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
+from itertools import pairwise
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.pipeline.evidence import Reach, Window
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
+from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.turn_memory import TurnMemory
 
 STEADY = 0.25
@@ -54,7 +57,7 @@ class CommandBelief:
         self._size = 0.0
         self._before: float | None = None
         self._squares: deque[float] = deque(maxlen=LONG)
-        self._within: deque[float] = deque(maxlen=LONG)
+        self._within = Trailing(SHORT, LONG)
         self._variances: tuple[float, float] | None = None  # by those two; None where they have changed since
         self._last: Window | None = None
         self._compared: int | None = None
@@ -113,6 +116,33 @@ class CommandBelief:
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
                 self._zero.begin(sound=False)
+        self._settle(window, speed)
+
+    def are_calm(self, windows: Sequence[Window]) -> bool:
+        """Whether rotation and command belong together in windows that have both, none a multiple of `SHORT`."""
+        last, farthest = self._last, self._limits.following_error
+        if last is None or last.number != windows[0].number - 1 or self.doubt or self._zero.open or self._late():
+            return False
+        steps = list(pairwise([last, *windows]))
+        return (
+            all(abs(window.mean.ecc) <= farthest for window in windows)
+            and all(abs(window.mean.ecc - before.mean.ecc) <= STEADY * farthest for before, window in steps)
+            and all(self._goes_along(window, before) for before, window in steps)
+        )
+
+    def take_in(self, window: Window) -> None:
+        """Take in one of windows that are calm, as `judge` does."""
+        last, self._last = self._last, window
+        assert last is not None
+        self._compared = window.number
+        speed = self._speed_of(window, last)
+        self.shift = self._shift_in_silence(window, last, speed)
+        self._still = 0.0
+        self._measure(window)
+        self._settle(window, speed)
+
+    def _settle(self, window: Window, speed: float) -> None:
+        """How sure the distance is at a speed (rad/s), and where it can be next."""
         self._speed = speed
         self.lag = self._lag_at(speed, window)
         faster = ACCELERATION * window.duration * self._limits.latency
@@ -157,9 +187,7 @@ class CommandBelief:
 
     def _moved_in_silence(self, window: Window, last: Window, speed: float, scatter: float) -> str:
         """The same over a silence of the heads: what is less than a step counts as uncertainty."""
-        distance = window.mean.ecc + self.delay * speed  # the delay's part goes with the speed
-        moved = window.mean.theta - last.mean.theta
-        self.shift = self._zero.judge(window.mean.theta, moved, distance, self._noise) if not self.doubt else 0.0
+        self.shift = self._shift_in_silence(window, last, speed) if not self.doubt else 0.0
         if self.shift <= STEADY * self._limits.following_error + 6.0 * scatter:
             return ""
         self._size = abs(self._zero.latest)
@@ -168,35 +196,44 @@ class CommandBelief:
             "they may have lost counts"
         )
 
+    def _shift_in_silence(self, window: Window, last: Window, speed: float) -> float:
+        distance = window.mean.ecc + self.delay * speed  # the delay's part goes with the speed
+        moved = window.mean.theta - last.mean.theta
+        return self._zero.judge(window.mean.theta, moved, distance, self._noise)
+
     def _scatter(self, window: Window) -> float:
         """Standard deviation of a single distance by the scatter of windows about their neighbours, or within, rad."""
         if len(self._squares) < SHORT:
             return 0.0
         if self._variances is None:
-            latest = list(self._within)[-SHORT:]
-            within = max(sum(self._within) / len(self._within), sum(latest) / len(latest))
+            latest, every = self._within.few, self._within.many
+            within = max(sum(every) / len(every), sum(latest) / len(latest))
             self._variances = sum(self._squares) / len(self._squares) / 1.5, within
         samples = max(1.0, window.ticks * window.mean.head_samples)
         return math.sqrt(max(self._variances[0] * samples, self._variances[1]))
 
     def _stuck(self, window: Window, last: Window) -> str:
         """A command that stands while the rotor turns."""
-        command = (window.mean.theta - window.mean.ecc) - (last.mean.theta - last.mean.ecc)
-        turned = window.mean.theta - last.mean.theta
-        if abs(command) > STANDS * abs(turned) or abs(turned) < 6.0 * self._noise:
+        if self._goes_along(window, last):
             self._still = 0.0
             return ""
-        self._still += abs(turned)
+        self._still += abs(window.mean.theta - last.mean.theta)
         if self._still < 0.1 * self._limits.following_error:
             return ""
         return f"the command stands still while the rotor has turned by {self._still * 1e6:.3g} µrad"
+
+    def _goes_along(self, window: Window, last: Window) -> bool:
+        """Whether the command moves where the rotor does."""
+        command = (window.mean.theta - window.mean.ecc) - (last.mean.theta - last.mean.ecc)
+        turned = window.mean.theta - last.mean.theta
+        return abs(command) > STANDS * abs(turned) or abs(turned) < 6.0 * self._noise
 
     def _measure(self, window: Window) -> None:
         """Scatter of the distance, and its slope over the speed, where that stands out from the scatter."""
         before = self._distances
         if len(before) >= 2:
             self._squares.append((before[-1] - 0.5 * (before[-2] + window.mean.ecc)) ** 2)
-            self._within.append(window.scatter.ecc**2)
+            self._within.add(window.scatter.ecc**2)
             self._variances = None
         before.append(window.mean.ecc)
         # the command's speed: at its rest a drive that settles goes as its distance does, late or not

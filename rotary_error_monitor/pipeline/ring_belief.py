@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 from rotary_error_monitor.description.stage import Encoder, StageDescription
 from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, FigureCheck, departure
-from rotary_error_monitor.pipeline.evidence import Window
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Window
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 
 CONFIDENT = 0.2
 """Stated noise over what is seen, the other way round: a stage whose heads scatter by less than a fifth of it is not
 the one that is described."""
+
+MORE = 1.0 + 1e-9
+"""By which a sum over some windows must be beyond a limit if that over all is to be for sure: both are rounded."""
 
 TURN_ORDERS = 3
 """Orders of the rotation beside which the ring's way over the speed is seen: eccentricity, and what a rotor that swings
@@ -95,9 +99,26 @@ class RingBelief:
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
 
+    def are_calm(self, windows: Sequence[Window]) -> bool:
+        """Whether windows of heads that see the radial error motion and agree, none a multiple of `SHORT`, fit."""
+        if self.doubt or not self.figure.covers([window.mean.theta for window in windows]):
+            return False
+        if not all(window.mean.believed_agreement > 0.0 and _motion(window) <= self._limit for window in windows):
+            return False
+        if len(self._agreement) + len(windows) < LONG:
+            return True
+        lasting = sum(list(self._agreement)[len(windows) - LONG :])  # of those that all of the windows come behind
+        return math.sqrt(lasting / LONG) > MORE * CONFIDENT
+
+    def take_in(self, window: Window) -> None:
+        """Take in one of windows that are calm, as `judge` does."""
+        self._measure(window)
+        self._add(window)
+        self._agreement.append(window.mean.believed_agreement)
+        self._turned.append(window.mean.theta)
+
     def _beyond(self, window: Window) -> str:
-        mean = window.mean
-        motion = math.hypot(mean.surplus_x + mean.described_x, mean.surplus_y + mean.described_y)
+        motion = _motion(window)
         if motion <= self._limit:
             return ""
         return (
@@ -117,15 +138,17 @@ class RingBelief:
         self.late = abs(speed) * self._slope.length
 
     def _misread(self, window: Window) -> str:
-        mean = window.mean
-        x, y = mean.centre_x, mean.centre_y
-        described = x - mean.surplus_x, y - mean.surplus_y
-        if not self.figure.add(mean.theta, (x, y), described) and window.number % SHORT:
+        if not self._add(window) and window.number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
-        found = self.figure.judge(math.sqrt(mean.radial_variance))
+        found = self.figure.judge(math.sqrt(window.mean.radial_variance))
         if found is None:
             return ""
         return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µm that is unexplained)"
+
+    def _add(self, window: Window) -> bool:
+        """Add to the figure where the centre is seen; give whether its angle is new."""
+        (x, y), (off_x, off_y) = window.pair("centre"), window.pair("surplus")
+        return self.figure.add(window.mean.theta, (x, y), (x - off_x, y - off_y))
 
     def _too_quiet(self, window: Window) -> str:
         """Heads that move and yet scatter far less than the described noise."""
@@ -142,6 +165,12 @@ class RingBelief:
         if seen > CONFIDENT:
             return ""
         return f"the heads scatter by {seen:.2g} times their described noise: that is stated far too large"
+
+
+def _motion(window: Window) -> float:
+    """Radial error motion, described or not, m."""
+    mean = window.mean
+    return math.hypot(mean.surplus_x + mean.described_x, mean.surplus_y + mean.described_y)
 
 
 _BEYOND = "a radial error motion"

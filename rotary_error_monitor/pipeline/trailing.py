@@ -23,6 +23,11 @@ class Trailing:
     def __len__(self) -> int:
         return len(self.many)
 
+    def add(self, value: float) -> None:
+        """Take in a value."""
+        self.few.append(value)
+        self.many.append(value)
+
     def extend(self, values: Iterable[float]) -> None:
         """Take in values, one after another."""
         latest = tuple(values)
