@@ -70,7 +70,7 @@ class TiltBelief:
         self.scale = self._noise_scale = 1.0
         # of the window that is judged: what is read, what of it is not described, what noise and turbulence make of it
         self._reading = self._surplus = self._last_reading = self._last_surplus = 0.0, 0.0
-        self._stated, self._drifted = self._noise, 0.0
+        self._stated, self._drifted, self._samples = self._noise, 0.0, 1.0
         self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
         self.figure.forget()
@@ -143,7 +143,7 @@ class TiltBelief:
 
     def _look_at(self, window: Window) -> None:
         self._reading, self._surplus = window.pair("tilt"), window.pair("tilt_surplus")
-        samples = max(1.0, window.ticks * window.mean.tilt_samples)
+        self._samples = samples = max(1.0, window.ticks * window.mean.tilt_samples)
         self._stated, self._drifted = self._noise / math.sqrt(samples), self._drift(window.duration)
 
     def _settle(self, window: Window) -> None:
@@ -151,11 +151,10 @@ class TiltBelief:
         if not self.doubt:
             self._recent.append(self._surplus)
         self._last, self._last_reading, self._last_surplus = window, self._reading, self._surplus
-        samples = max(1.0, window.ticks * window.mean.tilt_samples)
         deviation = math.sqrt(window.mean.tilt_variance or math.inf)
         self.scale = math.hypot(self._noise_scale, self._unseen(window) / deviation)
         # one tick is less sure than the mean of a window, and may be a window and a half away
-        noise = math.hypot(self._deviation * math.sqrt(1.0 + samples), self._drifted)
+        noise = math.hypot(self._deviation * math.sqrt(1.0 + self._samples), self._drifted)
         reach = 1.5 * self._limits.tilt_rate * window.duration + SIGMAS * noise
         self.reach = Reach(*self._surplus, reach)
 
@@ -270,9 +269,9 @@ class TiltBelief:
         recent = self._recent
         if len(recent) >= 2 and self._last is not None and window.number == self._last.number + 1 and not self.doubt:
             variance = 1.5 * self._stated**2 + self._drifted**2
-            among = zip(recent[-2], recent[-1], self._surplus, strict=True)
+            three = zip(recent[-2], recent[-1], self._surplus, strict=True)
             self._squares.extend(
-                [min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6) for first, middle, last in among]
+                [min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6) for first, middle, last in three]
             )
             variance = window.mean.tilt_variance or math.inf
             _, x, y = window.scatter
@@ -283,9 +282,16 @@ class TiltBelief:
             each = (window.ticks - 2) * window.mean.tilt_samples
             if (counts, each) != self._bounds_of:
                 self._bounds_of, self._bounds = (counts, each), _bounds(counts, each)
-            sums = among.many[-2] + among.many[-1], sum(among.few), sum(among.many), sum(within.few), sum(within.many)
-            ratios = [total / count / bound for total, count, bound in zip(sums, counts, self._bounds, strict=True)]
-            self._noise_scale = math.sqrt(max(1.0, *ratios))
+            last, few, many, few_within, many_within = self._bounds
+            most = max(
+                1.0,
+                (among.many[-2] + among.many[-1]) / 2 / last,
+                sum(among.few) / counts[1] / few,
+                sum(among.many) / counts[2] / many,
+                sum(within.few) / counts[3] / few_within,
+                sum(within.many) / counts[4] / many_within,
+            )
+            self._noise_scale = math.sqrt(most)
 
     @property
     def _deviation(self) -> float:
