@@ -162,9 +162,9 @@ class FigureCheck:
             claim: what a calibration says of the described vector; None where there was none.
         """
         self._mistakes = tuple(mistakes)
-        self._reading = Reading(*np.array(list(mistakes.values()), np.complex128).reshape(-1, 2).T[:, :, None])
-        self._conjugates = Reading(*np.conj(self._reading))
-        self._sizes = np.square(np.abs(self._reading)).sum(axis=0)
+        factors = np.array(list(mistakes.values()), np.complex128).reshape(-1, 2).T[:, :, None]
+        self._reading, self._conjugates = Reading(*factors), Reading(*factors.conj())
+        self._sizes = np.square(np.abs(factors)).sum(axis=0)
         self._noise = max(noise, LEAST_NOISE)
         self._fixed, self._fixed_name, self._claim = fixed, fixed_name, claim
         self.forget()
