@@ -21,7 +21,7 @@ and what else the turn shows that is not described.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -40,6 +40,9 @@ ODDS = math.log(1e3)
 
 IMPOSSIBLE = -40.0
 """Logarithm of odds below which a double has no probability left beside one."""
+
+ROUNDING = 1e-9
+"""Part of sums of squares that must be left of their difference before it is trusted: far more than their rounding."""
 
 LEAST_PART = 0.25
 """A mistake is one only where it explains as much of what the description leaves, in sum of squares, and a scale only
@@ -106,8 +109,20 @@ class Finding:
     explained: float
 
 
-Reading = Callable[[Array], Array]
-"""What an instrument with a mistake shows in the place of vectors, `x + 1j * y`."""
+class Reading(NamedTuple):
+    """What an instrument with a mistake shows in the place of a vector, `x + 1j * y`.
+
+    Attributes:
+        turned: factor of the vector.
+        mirrored: factor of its conjugate; one of both is zero. Of several mistakes they are arrays (k, 1).
+    """
+
+    turned: complex | Array = 0.0
+    mirrored: complex | Array = 0.0
+
+    def __call__(self, vectors: Array) -> Array:
+        """What is shown in the place of vectors (n,), or by several mistakes, (k, n)."""
+        return np.asarray(self.turned * vectors + self.mirrored * np.conj(vectors))
 
 
 class _Rival(NamedTuple):
@@ -146,7 +161,10 @@ class FigureCheck:
             fixed_name: words for that vector.
             claim: what a calibration says of the described vector; None where there was none.
         """
-        self._mistakes = dict(mistakes)
+        self._mistakes = tuple(mistakes)
+        factors = np.array(list(mistakes.values()), np.complex128).reshape(-1, 2).T[:, :, None]
+        self._reading, self._conjugates = Reading(*factors), Reading(*factors.conj())
+        self._sizes = np.square(np.abs(factors)).sum(axis=0)
         self._noise = max(noise, LEAST_NOISE)
         self._fixed, self._fixed_name, self._claim = fixed, fixed_name, claim
         self.forget()
@@ -164,9 +182,13 @@ class FigureCheck:
         """Whether what is not resolved is more than noise."""
         return self.unresolved > FINDING * self._noise
 
+    def covers(self, thetas: Iterable[float]) -> bool:
+        """Whether something was seen before at each of the rotations (rad)."""
+        return self.covered == 1.0 or all(self._count[_place(theta)] for theta in thetas)
+
     def add(self, theta: float, seen: tuple[float, float], described: tuple[float, float]) -> bool:
         """Take in what is seen and described (x, y) at a rotation (rad); give whether an angle is new."""
-        place = int((theta / (2 * math.pi)) % 1.0 * BINS) % BINS
+        place = _place(theta)
         new = self._count[place] == 0
         if place != self._last:
             self._count[place] = 0  # what was seen at the last visit makes room
@@ -202,7 +224,8 @@ class FigureCheck:
             rest = _size(left - vector * turned)
             self.unresolved *= math.sqrt(self._claim.doubt(abs(vector), rest, deviation))
         best, highest, penalty = None, ODDS, math.log(angles)
-        for name, square, freedom, difference in self._rivals(seen, described, vector * turned):
+        rivals = [] if self._explain_nothing(seen, described, total) else self._wrong_readings(seen, described)
+        for name, square, freedom, difference in (*rivals, *self._fitted(seen, described, vector * turned)):
             explained = 1.0 - max(square, least) / total
             # what was fitted pays for its freedom (Schwarz 1978)
             odds = -freedom * math.log1p(-explained) - (angles - freedom) * penalty
@@ -213,15 +236,30 @@ class FigureCheck:
                 best, highest = Finding(name, math.sqrt(total / angles), explained), odds
         return None if best is None or best.left < FINDING * self._noise else best
 
-    def _rivals(self, seen: Array, described: Array, turning: Array) -> list[_Rival]:
-        """Mistakes, and what was fitted: the vector that turns with the rotor, a scale and a turn."""
+    def _explain_nothing(self, seen: Array, described: Array, total: float) -> bool:
+        """Whether no mistake has any probability beside a description that leaves a `total` sum of squares, for sure.
+
+        What a mistake leaves, |s - t d - m d*|², follows from four sums over the angles for all of them at once.
+        """
+        sizes = _square(seen), _square(described)
+        turned, mirrored = self._conjugates
+        products = turned * np.vdot(described, seen) + mirrored * np.dot(described, seen)
+        least = float((sizes[0] + self._sizes * sizes[1] - 2.0 * products.real).min(initial=math.inf))
+        return least > max(total * math.exp((1.0 - IMPOSSIBLE) / len(seen)), ROUNDING * sum(sizes))
+
+    def _wrong_readings(self, seen: Array, described: Array) -> list[_Rival]:
+        """What each mistake would show."""
         angles = len(seen)
-        shown = np.array([reading(described) for reading in self._mistakes.values()]).reshape(-1, angles)
+        shown = self._reading(described)
         squares = _squares(np.concatenate([seen - shown, shown - described]))
-        found = [
+        return [
             _Rival(name, squares[k], angles, math.sqrt(squares[k + len(shown)] / angles))
             for k, name in enumerate(self._mistakes)
         ]
+
+    def _fitted(self, seen: Array, described: Array, turning: Array) -> list[_Rival]:
+        """What was fitted: the vector that turns with the rotor, a scale and a turn."""
+        angles, found = len(seen), list[_Rival]()
         if angles < FEWEST:
             return found
         differs = abs(complex(turning[0]))
@@ -235,6 +273,11 @@ class FigureCheck:
             difference = _size((scale - 1.0) * described)
             found.append(_Rival(name, _square(seen - scale * described), angles - 1, difference))
         return found
+
+
+def _place(theta: float) -> int:
+    """Which of the angles told apart a rotation (rad) is at."""
+    return int((theta / (2 * math.pi)) % 1.0 * BINS) % BINS
 
 
 def _probability(odds: float) -> float:
@@ -261,15 +304,15 @@ def _size(values: Array) -> float:
 
 
 MIRRORED: Mapping[str, Reading] = {
-    "x is reversed": lambda v: -v.conj(),
-    "y is reversed": lambda v: v.conj(),
-    "x and y are both reversed": lambda v: -v,
-    "x and y are exchanged": lambda v: 1j * v.conj(),
-    "x and y are exchanged and reversed": lambda v: -1j * v.conj(),
-    "x is read as y and y as -x": lambda v: 1j * v,
-    "x is read as -y and y as x": lambda v: -1j * v,
+    "x is reversed": Reading(mirrored=-1.0),
+    "y is reversed": Reading(mirrored=1.0),
+    "x and y are both reversed": Reading(turned=-1.0),
+    "x and y are exchanged": Reading(mirrored=1j),
+    "x and y are exchanged and reversed": Reading(mirrored=-1j),
+    "x is read as y and y as -x": Reading(turned=1j),
+    "x is read as -y and y as x": Reading(turned=-1j),
 }
 """The seven other ways in which two axes can be connected."""
 
-DARK: Mapping[str, Reading] = {"nothing is seen, as without light": np.zeros_like}
+DARK: Mapping[str, Reading] = {"nothing is seen, as without light": Reading()}
 """What an autocollimator shows whose light does not come back."""

@@ -4,66 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 from rotary_error_monitor.description.stage import Mirror, StageDescription
 from rotary_error_monitor.metrology.description_check import FigureCheck
 from rotary_error_monitor.metrology.periodic_curves import steepest
+from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
-from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Evidence, Reach, Window, WindowGrid
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, HeadBelief
-from rotary_error_monitor.pipeline.ring_belief import ABSENT, CommandBelief, RingBelief
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Evidence, Window, WindowGrid
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT, HeadBelief
+from rotary_error_monitor.pipeline.ring_belief import ABSENT, RingBelief
 from rotary_error_monitor.pipeline.stream_belief import StreamBelief
 from rotary_error_monitor.pipeline.tilt_belief import TiltBelief
+from rotary_error_monitor.pipeline.verdict import Standing, Verdict
 from rotary_error_monitor.signals.streams import SampleStream
 
-DOUBTS = ("heads", "ring", "autocollimator", "command", "redundancy", "unverified", "unverified_tilt")
-"""Bits of the column `doubts`, the lowest first: heads that contradict one another and are not used; a description that
-the radial error motion contradicts; autocollimator and command that are not used; redundancy that was lost, so that a
-further fault of a head would not show; a description that has not been held against a turn of the ring yet, and against
-one of the mirror, or not since the heads may have lost their zero."""
-
+FEWEST = 3
+"""Windows from which it is faster to ask whether all of them are calm than to judge each."""
 
 _LONG_AGO = -(2**62)
 """Number of a window before all others."""
 
 _ROOT = math.sqrt(2.0)
-
-
-class Verdict(NamedTuple):
-    """What is believed.
-
-    Attributes:
-        excluded: bit mask of the streams that are not used.
-        doubts: bit mask, bits as in `DOUBTS`.
-        head_scale: by which standard deviations from the heads are multiplied.
-        tilt_scale: by which those of the tilt are multiplied.
-        tilt, ecc, radial: where what the description does not predict of each can be next: middle (rad, m) and reach.
-        most: contradiction of the heads that is borne, in standard deviations.
-        settled: bit mask of the heads that have not been silent, or are where they were before; without redundancy a
-            tick that rests on others is not verified.
-        lag: what a delay of heads and command, or of some heads, against one another makes at the present speed, rad;
-            without heads the standard uncertainty of the rotation.
-        unresolved: what mistakes in the description that are not told from the rotor's motion, and heads that are late,
-            make of the radial error motion, m; `unresolved_tilt` of the tilt, rad.
-    """
-
-    excluded: int = 0
-    doubts: int = 1 << DOUBTS.index("unverified") | 1 << DOUBTS.index("unverified_tilt")
-    head_scale: float = 1.0
-    tilt_scale: float = 1.0
-    lag: float = 0.0
-    unresolved: float = 0.0
-    unresolved_tilt: float = 0.0
-    most: float = math.inf
-    settled: int = -1
-    tilt: Reach = EVERYWHERE
-    ecc: Reach = EVERYWHERE
-    radial: Reach = EVERYWHERE
-
-    def has(self, doubt: str) -> bool:
-        """Whether there is that doubt."""
-        return bool(self.doubts >> DOUBTS.index(doubt) & 1)
 
 
 class Belief:
@@ -204,14 +165,19 @@ class Belief:
         self._quiet = whole > 0 and self.streams.quiet
         parts: list[tuple[slice, Verdict]] = []
         begin = 0
-        for number, window in enumerate(windows):
-            end = skipped + (number + 1) * size
-            parts.append((slice(max(begin - before, 0), end - before), self.verdict))
-            begin, chosen = end, self.left_out
-            self._judge(window)
-            self.turns = int(window.mean.turns) if window.mean.turns.is_integer() else 0
-            if self.turns or self.left_out != chosen:
-                return parts, end - before
+        for some in _between_measurements(windows):
+            standing = self._standing() if len(some) >= FEWEST and self._are_calm(some) else None
+            for window in some:
+                end = begin + size if begin else skipped + size
+                parts.append((slice(max(begin - before, 0), end - before), self.verdict))
+                begin, chosen = end, self.left_out
+                if standing is not None:
+                    self._take_in(window, standing)
+                    continue
+                self._judge(window)
+                self.turns = int(window.mean.turns) if window.mean.turns.is_integer() else 0
+                if self.turns or self.left_out != chosen:
+                    return parts, end - before
         if begin < count:
             parts.append((slice(max(begin - before, 0), count - before), self.verdict))
         incomplete = skipped + whole * size
@@ -247,6 +213,30 @@ class Belief:
             self.ring.figure.forget()
             self.tilt.figure.forget()
 
+    def _are_calm(self, windows: Sequence[Window]) -> bool:
+        """Whether all that is judged is there and believed in windows, so that their means have to be kept, no more."""
+        first, judges = windows[0], (self.ring, self.tilt, self.command)
+        return (
+            self._quiet
+            and not (self._commanded or self._zero_open or self._began or self._explained)
+            and self._heard == first.number - 1
+            and all(each.available == first.available and each.is_whole for each in windows)
+            and self.heads.are_calm(windows, self._heads_there(first.available))
+            and all(judge.are_calm(windows) for judge in judges)
+        )
+
+    def _take_in(self, window: Window, standing: Standing) -> None:
+        """Take in one of windows that are calm, as `_judge` does: what stands before them stands in all."""
+        self._heard = window.number
+        for judge in (self.heads, self.ring, self.tilt, self.command):
+            judge.take_in(window)
+        self.verdict = self._verdict(standing)
+
+    def _heads_there(self, available: int) -> tuple[str, ...]:
+        if available not in self._heads_of:
+            self._heads_of[available] = tuple(name for name in self._head_names if available & self._bits[name])
+        return self._heads_of[available]
+
     def _judge(self, window: Window) -> None:
         self._note_silence(window.number)
         if window.mean.heads > 0.0:
@@ -258,10 +248,7 @@ class Belief:
         if self.heads.contradiction and self._explained != explained:
             self.heads.reset()  # a stream that is left out for a reason of its own may be the one that is wrong
         self._explained = explained
-        if window.available not in self._heads_of:
-            there = (name for name in self._head_names if window.available & self._bits[name])
-            self._heads_of[window.available] = tuple(there)
-        self.heads.judge(window, self._heads_of[window.available])
+        self.heads.judge(window, self._heads_there(window.available))
         if self._heads_left_out() - before:
             self._retract(window.number)
         elif self._commanded:
@@ -302,6 +289,9 @@ class Belief:
             self.tilt.figure.forget()
 
     def _conclude(self) -> Verdict:
+        return self._verdict(self._standing())
+
+    def _standing(self) -> Standing:
         excluded, heads, ring, tilt, command = self.left_out, self.heads, self.ring, self.tilt, self.command
         # A ring that does not fit and heads that are apart from the command: their zero is wrong, and with it all that
         # is taken off at an angle.
@@ -322,17 +312,28 @@ class Belief:
         )
         if heads.settled not in self._mask_of:
             self._mask_of[heads.settled] = sum(self._bits[name] for name in heads.settled)
-        values = (  # in the order of `Verdict`
+        return Standing(
             excluded,
             sum([1 << bit for bit, doubted in enumerate(doubts) if doubted]),
+            self._unresolved(ring.figure),
+            self._unresolved(tilt.figure),
+            self._mask_of[heads.settled],
+        )
+
+    def _verdict(self, standing: Standing) -> Verdict:
+        heads, ring, tilt, command = self.heads, self.ring, self.tilt, self.command
+        excluded, doubts, unresolved, unresolved_tilt, settled = standing
+        values = (  # in the order of `Verdict`
+            excluded,
+            doubts,
             heads.scale,
             tilt.scale,
             math.hypot(command.lag, ring.late / self._radius),
             # a component may have all of what is late, but only half the square of what turns with the rotor
-            math.hypot(self._unresolved(ring.figure), _ROOT * ring.late),
-            math.hypot(self._unresolved(tilt.figure), _ROOT * self._figure_slope * command.lag),
+            math.hypot(unresolved, _ROOT * ring.late),
+            math.hypot(unresolved_tilt, _ROOT * self._figure_slope * command.lag),
             heads.most,
-            self._mask_of[heads.settled],
+            settled,
             tilt.reach,
             command.reach,
             heads.reach,
@@ -340,13 +341,17 @@ class Belief:
         return Verdict._make(values)
 
 
+def _between_measurements(windows: Sequence[Window]) -> Iterator[Sequence[Window]]:
+    """Windows in parts: one in which judges measure, whose number is a multiple of `SHORT`, and those in between."""
+    begin = 0
+    while begin < len(windows):
+        end = begin + max(1, -windows[begin].number % SHORT)
+        yield windows[begin:end]
+        begin = end
+
+
 def _slope_of(mirror: Mirror) -> float:
     """Largest change of what the mirror shows of itself per rotation, rad/rad."""
     flatness = sum(row.order * math.hypot(*row.x, *row.y) for row in mirror.flatness)
     measured = 0.0 if mirror.flatness_table is None else steepest(mirror.flatness_table)
     return math.hypot(*mirror.tilt) + flatness + measured
-
-
-def names_of(doubts: int) -> Sequence[str]:
-    """Doubts of a mask by name."""
-    return [name for bit, name in enumerate(DOUBTS) if doubts >> bit & 1]

@@ -15,6 +15,12 @@ Array = NDArray[np.float64]
 WINDOW_NS = 10_000_000
 """Length of a window, ns: a tenth of the time after which what is published has to be right again."""
 
+SHORT, LONG = 10, 100
+"""Windows over which what is seen in one is averaged beside it: 0.1 s and 1 s."""
+
+PERSISTENT = 3
+"""Windows out of the last `SHORT` in which something is beyond its limit that make it more than a passing glitch."""
+
 
 class Means(NamedTuple):
     """Means over a window of what its ticks say; its fields are the columns of `Evidence`."""
@@ -140,6 +146,13 @@ class Window(NamedTuple):
     def has(self, what: str) -> bool:
         """Whether `what` (heads, commanded, radial, command, tilt) was there at every tick."""
         return self.mean[INDEX[what]] > ALWAYS
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the same streams were there at every tick, and told all of rotation, centre, command and tilt."""
+        mean = self.mean
+        there = min(mean.heads, mean.radial, mean.command, mean.tilt)
+        return self.steady and there > ALWAYS and mean.turns == 0.0
 
     @property
     def tells_rotation(self) -> bool:

@@ -4,36 +4,26 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping, Sequence
 
 from rotary_error_monitor.description.stage import Encoder
 from rotary_error_monitor.description.stage_limits import StageLimits
-from rotary_error_monitor.metrology.agreement import Isolation, chi_square_bound, isolate_head, isolate_implausible
+from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
-from rotary_error_monitor.pipeline.evidence import EVERYWHERE, Reach, Window
+from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, PERSISTENT, SHORT, Reach, Window
 from rotary_error_monitor.pipeline.ring_scatter import RingScatter
+from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.turn_memory import Course
+from rotary_error_monitor.pipeline.wrong_head import Shown, fault_in_words, wrong_head
 
 AGREEMENT = 0.5
 """How long inputs that were doubted must agree before they are believed again, s."""
-
-SHORT, LONG = 10, 100
-"""Windows over which the agreement of the heads is averaged beside a single one: 0.1 s and 1 s."""
-
-PERSISTENT = 3
-"""Windows out of the last `SHORT` whose contradiction is beyond the limit that make it more than a passing glitch."""
 
 WEAK = 3.0
 """Lasting contradiction, in standard deviations, from which the head that causes it is left out once it is known."""
 
 MEMORY = 1000
 """Windows that are remembered to find the wrong head in, 10 s: a turn of a slow stage."""
-
-RECENT = 30
-"""Changes of each kind that are looked at: more of them would be noise from before the fault."""
 
 RETURNED = 0.1
 """Part of the contradiction, as chi-square, below which a head that was off counts as back: a third of its fault."""
@@ -91,11 +81,12 @@ class HeadBelief:
         self.reach = EVERYWHERE
         self.contradicting = False
         self._agreeing = 0.0
-        self._agreement: deque[float] = deque(maxlen=LONG)
+        self._agreement = Trailing(SHORT, LONG)
         self._bounds_of, self._bounds = (0.0, (0, 0, 0)), [0.0]  # of `_excesses`, and for what degrees of freedom
         self._lasting = 1.0
         self._believed: tuple[str, ...] = ()
         self._layouts: dict[tuple[str, ...], HeadLayout] = {}
+        self._redundancy = 0
         self._untried = TRIES
         self._size = self._step = 0.0
         self._since = 0  # windows since one was beyond anything
@@ -146,22 +137,53 @@ class HeadBelief:
         if believed != self._believed:
             self._believed = believed
             self._forget()
-        layout = self._layout(believed)
-        self.redundant = layout.redundancy > 0
+        self._redundancy = self._layout(believed).redundancy
+        self.redundant = self._redundancy > 0
+        rate = self._allow_for_stamps(window)
+        self._restore(window, available)
+        self._remember(window)
+        if self.redundant:
+            self._judge_redundant(window)
+        else:
+            self._judge_steps(window, rate)
+
+    def are_calm(self, windows: Sequence[Window], available: Sequence[str]) -> bool:
+        """Whether the same heads agree in windows that all have them, as they did before: nothing is to be judged."""
+        last, least = self._last, min(WEAK, self._limit) ** 2
+        return (
+            self.redundant
+            and not (self.doubted or self.contradiction)
+            and self._since >= SHORT
+            and self._believed == available
+            and self.settled == frozenset(available)
+            and last is not None
+            and last[0] == windows[0].number - 1
+            and all(window.mean.believed_agreement < least for window in windows)
+        )
+
+    def take_in(self, window: Window) -> None:
+        """Take in one of windows that are calm, as `judge` does."""
+        self._allow_for_stamps(window)
+        self._remember(window)
+        self._weigh(window.mean.believed_agreement, window)
+        self._follow(window)
+
+    def _allow_for_stamps(self, window: Window) -> float:
+        """Bear what the uncertainty of stamps makes; give the speed of the readings over their noise, 1/s."""
         speed, reading = self._motion(window)
         self._tolerance = math.hypot(1.0, self._timing * speed / reading)
-        self._restore(window, available)
-        # no whole windows, which are ten times as large, and no views, which keep the block that they are of
-        self._history.append((self._course_of(window), window.parity[: layout.redundancy].copy()))
-        if self.redundant:
-            self._judge_redundant(window, layout)
-        else:
-            self._judge_steps(window, abs(speed) / reading)
+        return abs(speed) / reading
 
-    def _judge_redundant(self, window: Window, layout: HeadLayout) -> None:
-        found, most = window.mean.believed_agreement, self.most**2
-        self._agreement.append(min(found, most))
-        of_last, of_some, of_all = self._excesses(max(1.0, window.ticks * window.mean.head_samples) * layout.redundancy)
+    def _remember(self, window: Window) -> None:
+        # no whole windows, which are ten times as large, and no views, which keep the block that they are of
+        self._history.append((self._course_of(window), window.parity[: self._redundancy].copy()))
+
+    def _weigh(self, found: float, window: Window) -> None:
+        """Take in a contradiction that was found, as chi-square over its degrees of freedom."""
+        most = self.most**2
+        self._agreement.add(min(found, most))
+        freedom = max(1.0, window.ticks * window.mean.head_samples) * self._redundancy
+        of_last, of_some, of_all = self._excesses(freedom)
         self.contradicted = math.sqrt(max(1.0, of_last, of_some, of_all))
         self._lasting = math.sqrt(max(1.0, of_all))
         self.scale = max(self.contradicted, self._tolerance)
@@ -170,12 +192,20 @@ class HeadBelief:
         weakly = found >= (WEAK * self._tolerance) ** 2
         self._beyond.append((self.contradicting, weakly, found))
         self._since = 0 if self.contradicting or weakly else self._since + 1
+
+    def _follow(self, window: Window) -> None:
+        """Keep where heads show the ring that can be believed."""
+        course, theta, place = self._course(window), window.mean.theta, window.pair("surplus")
+        course.turn.put(theta, course.moved(window.number, theta), place)
+        course.follow(window.number, theta, place, sure=True)
+
+    def _judge_redundant(self, window: Window) -> None:
+        found = window.mean.believed_agreement
+        self._weigh(found, window)
         if not self.contradicting and not self.contradiction:
             if not self.settled.issuperset(self._believed):
                 self.settled |= frozenset(self._believed)
-            course, theta, place = self._course(window), window.mean.theta, window.pair("surplus")
-            course.turn.put(theta, course.moved(window.number, theta), place)
-            course.follow(window.number, theta, place, sure=True)
+            self._follow(window)
         if self._since >= SHORT and not self.contradiction:  # none of the last ones is beyond anything
             return
         persistent = sum([beyond for beyond, _, _ in self._beyond]) >= PERSISTENT
@@ -185,7 +215,7 @@ class HeadBelief:
         self._untried += 1
         if self._untried >= TRIES:
             self._untried = 0
-            if self._leave_out_the_wrong(layout):
+            if self._leave_out_the_wrong():
                 self.contradiction, self._size = "", found
                 return
         if persistent and not self.contradiction:
@@ -196,57 +226,24 @@ class HeadBelief:
                 "which is wrong; a head's place, zero or direction, or the described noise may be wrong"
             )
 
-    def _excesses(self, freedom: float) -> list[float]:
+    def _excesses(self, freedom: float) -> tuple[float, float, float]:
         """Mean contradiction over what chance allows, for the last window and the longer spans."""
-        values = list(self._agreement)
-        parts = values[-1:], values[-SHORT:], values
-        counts = 1, len(parts[1]), len(values)
+        some, every = self._agreement.few, self._agreement.many
+        counts = 1, len(some), len(every)
         if (freedom, counts) != self._bounds_of:
             self._bounds_of, self._bounds = (freedom, counts), [chi_square_bound(freedom * each) for each in counts]
-        return [sum(part) / count / bound for part, count, bound in zip(parts, counts, self._bounds, strict=True)]
+        of_last, of_some, of_all = self._bounds
+        return every[-1] / of_last, sum(some) / counts[1] / of_some, sum(every) / counts[2] / of_all
 
-    def _leave_out_the_wrong(self, layout: HeadLayout) -> bool:
+    def _leave_out_the_wrong(self) -> bool:
         """Leave out the head that causes the contradiction; give whether its course tells which that is."""
-        motion, parity = (np.array(each) for each in zip(*self._history, strict=True))
-        for found in self._isolations(layout, motion, parity):
-            if found is not None:
-                name = self._believed[found.head]
-                self.doubted[name] = self._describe(found.fault)
-                self._agreeing = 0.0
-                self._settle()
-                return True
-        return False
-
-    def _isolations(
-        self, layout: HeadLayout, motion: NDArray[np.float64], parity: NDArray[np.float64]
-    ) -> Iterable[Isolation | None]:
-        """What tells the wrong head: what the stage can do, then how its motion goes on."""
-        if len(motion) >= PERSISTENT:
-            last = slice(-PERSISTENT, None)
-            radial = self._limits.radial / self._radius
-            most = np.array([self._limits.following_error + self._limits.latency * self._limits.speed, radial, radial])
-            yield isolate_implausible(layout, motion[last, 1:], parity[last], most)
-        for lag in self._lags(motion):
-            recent = slice(-RECENT * lag, None)
-            yield isolate_head(layout, motion[recent, 1:], parity[recent], lag)
-
-    def _lags(self, motion: NDArray[np.float64]) -> Iterable[int]:
-        """Steps over which to look for changes: one window, 0.1 s, 1 s, and a turn, where what turns is the same."""
-        yield from (lag for lag in (1, SHORT, LONG) if len(motion) > 2 * lag)
-        theta = motion[:, 0]
-        turned = np.flatnonzero(np.abs(theta[-1] - theta) >= 2 * np.pi)
-        if len(turned):
-            lag = len(theta) - 1 - int(turned[-1])
-            if lag > SHORT and len(theta) > 2 * lag:
-                yield lag
-
-    def _describe(self, fault: NDArray[np.float64]) -> str:
-        recent = fault[-2:]  # the windows before may hold but a part of it
-        spread, mean = float(recent.std()), float(recent.mean())
-        if spread < 0.2 * abs(mean):
-            return f"off by {mean / self._count:.4g} counts against the others"
-        size = math.sqrt(float(np.mean(recent**2)))
-        return f"differs from the others by {size / self._count:.3g} counts (root mean square)"
+        found = wrong_head(self._layout(self._believed), self._history, self._limits, self._radius)
+        if found is None:
+            return False
+        self.doubted[self._believed[found.head]] = fault_in_words(found.fault, self._count)
+        self._agreeing = 0.0
+        self._settle()
+        return True
 
     def _motion(self, window: Window) -> tuple[float, float]:
         """Speed, and the noise of a head's reading, rad/s and rad: stamps that are off show as one over the other."""
@@ -347,7 +344,7 @@ class HeadBelief:
         self._scatter.forget_last()
         self._beyond: deque[tuple[bool, bool, float]] = deque(maxlen=SHORT)
         self._since = 0
-        self._history: deque[tuple[tuple[float, ...], NDArray[np.float64]]] = deque(maxlen=MEMORY)
+        self._history: deque[Shown] = deque(maxlen=MEMORY)
         self._step = 0.0
         self._untried = TRIES
 
@@ -361,11 +358,10 @@ class HeadBelief:
         for course in self._courses.values():
             course.forget_last()
 
-    def _layout(self, names: Sequence[str]) -> HeadLayout:
-        key = tuple(names)
-        if key not in self._layouts:
-            self._layouts[key] = HeadLayout(tuple(self._heads[name] for name in key))
-        return self._layouts[key]
+    def _layout(self, names: tuple[str, ...]) -> HeadLayout:
+        if names not in self._layouts:
+            self._layouts[names] = HeadLayout(tuple(self._heads[name] for name in names))
+        return self._layouts[names]
 
 
 def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.belief import DOUBTS, names_of
 from rotary_error_monitor.pipeline.joints import AxisPositions
+from rotary_error_monitor.pipeline.verdict import DOUBTS, names_of
 
 MEMORY_NS = 2_000_000_000
 """How long commands are remembered, ns: a joint state is held against that of its own stamp."""

@@ -103,8 +103,9 @@ class SpeedSlope:
             latest = self._room[:, max(self._begin, self._end + count - self._kept) : self._end]
             self._begin, self._end = 0, latest.shape[1]
             self._room[:, : self._end] = latest
-        angles = self._orders * new[1]
-        self._room[:, self._end : self._end + count] = np.vstack([new, np.cos(angles), np.sin(angles)])
+        room, angles = self._room[:, self._end : self._end + count], self._orders * new[1]
+        room[: len(new)] = new
+        room[self._waves] = np.concatenate([np.cos(angles), np.sin(angles)])
         self._end += count
         self._begin = max(self._begin, self._end - self._kept)
 
@@ -121,7 +122,7 @@ class SpeedSlope:
     def _shows_none(self, rows: Array, trend: Array) -> bool:
         """Whether for sure no slope stands out, told by normal equations: a third of the time, but digits are lost."""
         fitted = len(rows) - 1 - len(self.value)
-        free = rows - (rows @ trend) @ trend.T
+        free = rows - (rows @ trend) @ np.ascontiguousarray(trend.T)
         others = free[fitted:]
         if fitted:
             waves = free[:fitted]
@@ -135,7 +136,8 @@ class SpeedSlope:
                 return False
             others = others - np.linalg.solve(squares, products[fitted:].T).T @ waves
         # of speed and values with one another, and with what is one window later
-        same, later = (others @ others.T).tolist(), (others[:, 1:] @ others[:, :-1].T).tolist()
+        # by a copy: for an array with itself numpy asks for a symmetric product, which takes as long as all the rest
+        same, later = (others @ others.copy().T).tolist(), (others[:, 1:] @ others[:, :-1].T).tolist()
         if any(same[k][k] <= ROUNDING**2 * float(row @ row) for k, row in enumerate(rows[fitted:])):
             return False
         return all(self._is_chance(same, later, k, rows.shape[1]) for k in range(1, len(same)))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.agreement import LEAST_RATIO, ODDS
 from rotary_error_monitor.metrology.error_motion import COMPONENTS, described_error_motion, remove_mirror
-from rotary_error_monitor.pipeline.head_belief import LONG, SHORT
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT
 from rotary_error_monitor.sensors.library import listed_fields, listed_kind, listed_sensitivity
 from rotary_error_monitor.signals.resampling import Resampled
 

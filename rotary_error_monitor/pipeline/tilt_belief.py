@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from itertools import pairwise
 
 from rotary_error_monitor.description.stage import Autocollimator, StageDescription
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
-from rotary_error_monitor.pipeline.evidence import Reach, Window
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT, LONG, SHORT
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.trailing import Trailing
 
 SIGMAS = 6.0
 """Standard deviations that noise does not reach in years."""
@@ -68,13 +70,12 @@ class TiltBelief:
         self.scale = self._noise_scale = 1.0
         # of the window that is judged: what is read, what of it is not described, what noise and turbulence make of it
         self._reading = self._surplus = self._last_reading = self._last_surplus = 0.0, 0.0
-        self._stated, self._drifted = self._noise, 0.0
+        self._stated, self._drifted, self._samples = self._noise, 0.0, 1.0
         self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
         self.figure.forget()
         self._agreeing = self._size = self._near = self._farthest = 0.0
-        self._squares: deque[float] = deque(maxlen=LONG)
-        self._within: deque[float] = deque(maxlen=LONG)
+        self._squares, self._within = Trailing(SHORT, LONG), Trailing(2 * SHORT, LONG)
         self._bounds_of: tuple[tuple[int, ...], float] | None = None  # counts of squares that `_bounds` hold for
         self._bounds: list[float] = []
         self._recent: deque[tuple[float, float]] = deque(maxlen=SHORT)
@@ -102,22 +103,58 @@ class TiltBelief:
             self._still = self._repeated = self._calm = None
             self._agreeing = self._gone = 0.0
             return
-        samples = max(1.0, window.ticks * window.mean.tilt_samples)
-        self._reading, self._surplus = window.pair("tilt"), window.pair("tilt_surplus")
-        self._stated, self._drifted = self._noise / math.sqrt(samples), self._drift(window.duration)
+        self._look_at(window)
         stuck = self._is_stuck(window) or self._stands(window)
         step = self._step(window)
         wrong = stuck or step or self._beyond() or self._misread(window)
         self._measure_noise(window)
         if wrong or self.doubt:
             self._conclude(window, wrong, step)
+        self._settle(window)
+
+    def are_calm(self, windows: Sequence[Window]) -> bool:
+        """Whether the tilt moves and fits in windows that have it and the rotation, none a multiple of `SHORT`."""
+        last, calm = self._last, self._calm
+        if last is None or last.number != windows[0].number - 1 or self.doubt:
+            return False
+        thetas = [window.mean.theta for window in windows]
+        since = thetas if calm is None else [calm.mean.theta, *thetas]
+        if not self.figure.covers(thetas) or not max(since) - min(since) < 2 * math.pi:
+            return False
+        readings = [self._last_reading, *[window.pair("tilt") for window in windows]]
+        surplus = [self._last_surplus, *[window.pair("tilt_surplus") for window in windows]]
+        most = max([window.mean.tilt_samples for window in windows])
+        least = self._noise / math.sqrt(max(1.0, last.ticks * most))
+        allowed = self._step_allowed(last.duration, math.hypot(least, self._drift(last.duration)))
+        return (
+            all(one != other for one, other in pairwise(readings))
+            and all(_distance(one, other) <= allowed for one, other in pairwise(surplus))
+            and all(math.hypot(x, y) <= 2.0 * self._limits.tilt for x, y in surplus)
+        )
+
+    def take_in(self, window: Window) -> None:
+        """Take in one of windows that are calm, as `judge` does."""
+        self._look_at(window)
+        self._still, self._repeated = window, None
+        self._stands(window)
+        self._add(window)
+        self._measure_noise(window)
+        self._settle(window)
+
+    def _look_at(self, window: Window) -> None:
+        self._reading, self._surplus = window.pair("tilt"), window.pair("tilt_surplus")
+        self._samples = samples = max(1.0, window.ticks * window.mean.tilt_samples)
+        self._stated, self._drifted = self._noise / math.sqrt(samples), self._drift(window.duration)
+
+    def _settle(self, window: Window) -> None:
+        """How sure the tilt is, and where it can be next."""
         if not self.doubt:
             self._recent.append(self._surplus)
         self._last, self._last_reading, self._last_surplus = window, self._reading, self._surplus
         deviation = math.sqrt(window.mean.tilt_variance or math.inf)
         self.scale = math.hypot(self._noise_scale, self._unseen(window) / deviation)
         # one tick is less sure than the mean of a window, and may be a window and a half away
-        noise = math.hypot(self._deviation * math.sqrt(1.0 + samples), self._drifted)
+        noise = math.hypot(self._deviation * math.sqrt(1.0 + self._samples), self._drifted)
         reach = 1.5 * self._limits.tilt_rate * window.duration + SIGMAS * noise
         self.reach = Reach(*self._surplus, reach)
 
@@ -198,11 +235,14 @@ class TiltBelief:
             return ""
         passed = (window.number - last.number) * window.duration
         step = _distance(self._surplus, self._last_surplus)
-        noise = math.hypot(self._deviation, self._drifted)
-        if step <= self._limits.tilt_rate * passed + SIGMAS * _ROOT * noise:
+        if step <= self._step_allowed(passed, math.hypot(self._deviation, self._drifted)):
             return ""
         self._size = step
         return f"a step of {step * 1e6:.3g} µrad within {passed * 1e3:.3g} ms that no bearing makes"
+
+    def _step_allowed(self, passed: float, noise: float) -> float:
+        """Largest step of the tilt within a time (s) that bearing and noise of a standard deviation make, rad."""
+        return self._limits.tilt_rate * passed + SIGMAS * _ROOT * noise
 
     def _beyond(self) -> str:
         surplus = math.hypot(*self._surplus)
@@ -212,33 +252,46 @@ class TiltBelief:
         return f"{surplus * 1e6:.3g} µrad from the described tilt; the stage tilts by {most:.3g} at most"
 
     def _misread(self, window: Window) -> str:
-        (x, y), (off_x, off_y) = self._reading, self._surplus
-        if not self.figure.add(window.mean.theta, (x, y), (x - off_x, y - off_y)) and window.number % SHORT:
+        if not self._add(window) and window.number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
         found = self.figure.judge(math.sqrt(window.mean.tilt_variance))
         if found is None:
             return ""
         return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µrad that is unexplained)"
 
+    def _add(self, window: Window) -> bool:
+        """Add to the figure what is read; give whether its angle is new."""
+        (x, y), (off_x, off_y) = self._reading, self._surplus
+        return self.figure.add(window.mean.theta, (x, y), (x - off_x, y - off_y))
+
     def _measure_noise(self, window: Window) -> None:
         """Scatter of a window about its neighbours against what the stated noise explains."""
         recent = self._recent
         if len(recent) >= 2 and self._last is not None and window.number == self._last.number + 1 and not self.doubt:
             variance = 1.5 * self._stated**2 + self._drifted**2
-            for first, middle, last in zip(recent[-2], recent[-1], self._surplus, strict=True):
-                self._squares.append(min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6))
+            three = zip(recent[-2], recent[-1], self._surplus, strict=True)
+            self._squares.extend(
+                [min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6) for first, middle, last in three]
+            )
             variance = window.mean.tilt_variance or math.inf
-            for scatter in (window.scatter.tilt_surplus_x, window.scatter.tilt_surplus_y):
-                self._within.append(min(scatter**2 / variance, 1e6))
+            _, x, y = window.scatter
+            self._within.extend((min(x**2 / variance, 1e6), min(y**2 / variance, 1e6)))
         if len(self._squares) >= SHORT:
-            among, within = list(self._squares), list(self._within)
-            parts = among[-2:], among[-SHORT:], among, within[-2 * SHORT :], within
-            counts = tuple(map(len, parts))
+            among, within = self._squares, self._within
+            counts = 2, len(among.few), len(among.many), len(within.few), len(within.many)
             each = (window.ticks - 2) * window.mean.tilt_samples
             if (counts, each) != self._bounds_of:
                 self._bounds_of, self._bounds = (counts, each), _bounds(counts, each)
-            of_parts = zip(map(sum, parts), counts, self._bounds, strict=True)
-            self._noise_scale = math.sqrt(max(1.0, *[total / count / bound for total, count, bound in of_parts]))
+            last, few, many, few_within, many_within = self._bounds
+            most = max(
+                1.0,
+                (among.many[-2] + among.many[-1]) / 2 / last,
+                sum(among.few) / counts[1] / few,
+                sum(among.many) / counts[2] / many,
+                sum(within.few) / counts[3] / few_within,
+                sum(within.many) / counts[4] / many_within,
+            )
+            self._noise_scale = math.sqrt(most)
 
     @property
     def _deviation(self) -> float:

@@ -25,8 +25,9 @@ class TurnMemory:
 
     def put(self, theta: float, moved: float, vector: tuple[float, float]) -> None:
         """Keep a mean over the angles (rad) from half of `moved` before `theta` to half of it behind."""
+        seen = self._seen
         for place in _places(theta, moved):
-            self._seen[place % ANGLES] = vector
+            seen[place % ANGLES] = vector
         self.empty = False
 
     def get(self, theta: float, moved: float) -> tuple[float, float] | None:

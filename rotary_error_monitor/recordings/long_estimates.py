@@ -13,7 +13,7 @@ from rotary_error_monitor.analysis.health import FallOut, FallOuts
 from rotary_error_monitor.analysis.result import ToolOffset
 from rotary_error_monitor.analysis.signals import Estimates
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.belief import DOUBTS
+from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.recordings.replayed import LongReplay, Replay
 from rotary_error_monitor.signals.rows import parts_of, place_of
 

@@ -11,8 +11,8 @@ from faults.judging import judge
 from faults.recordings import MOST_WRONG
 from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import Estimator
+from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.signals.blocks import block_from_samples
 
 SEEDS = seeds(40)

@@ -11,8 +11,8 @@ from world import random_stage
 from faults.judging import TURN_OF_THE_NODE, record, stream_of
 from rotary_error_monitor.description.stage import stage_from_mapping
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
-from rotary_error_monitor.pipeline.belief import DOUBTS
 from rotary_error_monitor.pipeline.estimation import Estimator, EstimatorSettings
+from rotary_error_monitor.pipeline.verdict import DOUBTS
 
 UNVERIFIED = 1 << DOUBTS.index("unverified")
 SILENT = (7.0, 8.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck
+from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, Reading
 
 NOISE = 5e-7
 TILT = 1e-4
@@ -130,7 +130,7 @@ def test_what_was_seen_long_ago_makes_room():
     assert check.judge() is None
 
 
-SMALL = {"left out": lambda v: 0 * v, "half": lambda v: 0.5 * v, **MIRRORED}
+SMALL = {"left out": Reading(), "half": Reading(turned=0.5), **MIRRORED}
 
 
 def small_mistake(seed, mistake, own):
@@ -202,3 +202,16 @@ def test_a_turn_within_a_stated_uncertainty_contradicts_nothing():
             np.sqrt(2.0) / 6.0 * off, rel=0.15
         )
         assert calibrated(3, off, own=0.0, other=0.0, uncertainty=0.05 * off) == pytest.approx(off, rel=0.1)
+
+
+@pytest.mark.parametrize("own", [1e-8, 1e-6, 1e-5, 1e-4])
+def test_mistakes_that_explain_nothing_need_no_reckoning(own, monkeypatch):
+    """To the last bit, of what is left out where sums rule all mistakes out; from clear figures to unclear ones."""
+
+    def found():
+        every = [small_mistake(seed, mistake, own)[:2] for seed in range(8) for mistake in (None, *SMALL)]
+        return [(check.unresolved, finding) for check, finding in every]
+
+    left_out = found()
+    monkeypatch.setattr(FigureCheck, "_explain_nothing", lambda *_: False)
+    assert found() == left_out

@@ -7,8 +7,8 @@ import pytest
 from world import random_stage
 
 from rotary_error_monitor.description.stage import StageDescription, stage_from_mapping
+from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.evidence import COLUMNS, Means, Scatter, Window
-from rotary_error_monitor.pipeline.ring_belief import CommandBelief
 
 PERIOD, TICKS = 0.01, 10
 COUNT = 1200

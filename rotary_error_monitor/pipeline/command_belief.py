@@ -1,0 +1,298 @@
+"""Whether the command fits the rotation that the heads tell: their distance, its steps, its slope over the speed."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from itertools import pairwise
+
+from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.ring_belief import ABSENT
+from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
+from rotary_error_monitor.pipeline.trailing import Trailing
+from rotary_error_monitor.pipeline.turn_memory import TurnMemory
+
+STEADY = 0.25
+"""Part of the largest following error by which rotation and command may come apart within a window."""
+
+STANDS = 1e-3
+"""Part of the way that it should have gone by which a command has gone at most if it stands."""
+
+ACCELERATION = 100.0
+"""Angular acceleration, rad/s², that direct drives of rotary tables reach."""
+
+
+class CommandBelief:
+    """Judges whether rotation and command can belong together.
+
+    Attributes:
+        doubt: why the command is not believed; empty while it is.
+        delay: age of the heads against the command that the distance of both shows, s; zero while it shows none.
+        reach: where the distance can be at the next ticks.
+        lag: standard uncertainty of the distance at the present speed, for the stamps of both are not surer, rad.
+        shift: by how much the distance is another since the heads were silent, rad: all of them may have lost counts
+            meanwhile, or the drive has moved. Zero where that is no more than their noise.
+    """
+
+    def __init__(self, stage: StageDescription) -> None:
+        """Judge of the command of a stage."""
+        self._limits, self._timing = stage.limits, stage.timing("command")
+        encoder = stage.encoder or ABSENT
+        self._noise = math.hypot(encoder.noise, encoder.resolution)
+        farthest = stage.limits.following_error + stage.limits.latency * stage.limits.speed
+        self._anywhere = Reach(0.0, 0.0, farthest)
+        self.reset()
+
+    def reset(self) -> None:
+        """Believe the command again."""
+        self.doubt = ""
+        self.delay = self.shift = 0.0
+        self._told: tuple[Window, float] | None = None
+        self.lag = self._limits.speed * self._timing
+        self.reach = self._anywhere
+        self._agreeing = 0.0
+        self._size = 0.0
+        self._before: float | None = None
+        self._squares: deque[float] = deque(maxlen=LONG)
+        self._within = Trailing(SHORT, LONG)
+        self._variances: tuple[float, float] | None = None  # by those two; None where they have changed since
+        self._last: Window | None = None
+        self._compared: int | None = None
+        self._still = self._speed = 0.0
+        self._zero = _ZeroKeeping()
+        self._distances: deque[float] = deque(maxlen=2)
+        self._slope = SpeedSlope(10 * LONG)
+
+    def retract(self, *, doubt: bool) -> None:
+        """Forget the last windows, which came of a wrong head; with `doubt`, what was doubted by them as well."""
+        if doubt:
+            self.doubt, self._before = "", None
+        self._agreeing = 0.0
+        self._last = self._compared = None
+        self._squares.clear()
+        self._within.clear()
+        self._variances = None
+        self._distances.clear()
+        self._slope.forget()
+
+    def note_silence(self, number: int) -> None:
+        """The heads were silent up to the window of that number: what comes is held against what was before."""
+        self._zero.begin(sound=True)
+        self.lag = max(self.lag, self._largest_speed(number) * math.hypot(self.delay, self._timing))
+
+    def agrees(self, window: Window) -> bool:
+        """Whether the window that was judged last has shown that rotation and command belong together."""
+        return not self.doubt and self._compared == window.number
+
+    def judge(self, window: Window) -> None:
+        """Take in a window in which the heads tell the rotation."""
+        last, self._last = self._last, window
+        self.reach = self._anywhere
+        if not (window.has("command") and window.has("heads")) or last is None or window.number != last.number + 1:
+            self._agreeing = 0.0
+            self.lag = self._lag_at(self._speed_of(window, last), window)
+            if not self._zero.open:
+                self._zero.begin(sound=False)
+            return
+        self._compared = window.number
+        speed = self._speed_of(window, last)
+        scatter = self._scatter(window)
+        step = self._step(window, last, speed, scatter) or self._moved_in_silence(window, last, speed, scatter)
+        wrong = self._beyond(window, speed) or self._stuck(window, last) or step
+        if not wrong:
+            self._measure(window)
+            wrong = self._late()
+        if wrong and not self.doubt:
+            self._before = (window.mean.ecc - self._zero.latest if self._zero.open else last.mean.ecc) if step else None
+        if wrong:
+            self.doubt, self._agreeing = self.doubt if self.doubt and step else wrong, 0.0
+        elif self.doubt:
+            # after a step only the return to what was before it tells that it is over
+            back = self._before is None or abs(window.mean.ecc - self._before) <= 0.3 * self._size
+            self._agreeing = self._agreeing + window.duration if back else 0.0
+            if self._agreeing >= AGREEMENT:
+                self.doubt = ""
+                self._zero.begin(sound=False)
+        self._settle(window, speed)
+
+    def are_calm(self, windows: Sequence[Window]) -> bool:
+        """Whether rotation and command belong together in windows that have both, none a multiple of `SHORT`."""
+        last, farthest = self._last, self._limits.following_error
+        if last is None or last.number != windows[0].number - 1 or self.doubt or self._zero.open or self._late():
+            return False
+        steps = list(pairwise([last, *windows]))
+        return (
+            all(abs(window.mean.ecc) <= farthest for window in windows)
+            and all(abs(window.mean.ecc - before.mean.ecc) <= STEADY * farthest for before, window in steps)
+            and all(self._goes_along(window, before) for before, window in steps)
+        )
+
+    def take_in(self, window: Window) -> None:
+        """Take in one of windows that are calm, as `judge` does."""
+        last, self._last = self._last, window
+        assert last is not None
+        self._compared = window.number
+        speed = self._speed_of(window, last)
+        self.shift = self._shift_in_silence(window, last, speed)
+        self._still = 0.0
+        self._measure(window)
+        self._settle(window, speed)
+
+    def _settle(self, window: Window, speed: float) -> None:
+        """How sure the distance is at a speed (rad/s), and where it can be next."""
+        self._speed = speed
+        self.lag = self._lag_at(speed, window)
+        faster = ACCELERATION * window.duration * self._limits.latency
+        reach = STEADY * self._limits.following_error + faster + 6.0 * self.lag
+        self.reach = Reach(window.mean.ecc, 0.0, reach)
+
+    def _speed_of(self, window: Window, last: Window | None) -> float:
+        """Speed in a window by that before it, rad/s; where it is not told the largest that it can be."""
+        if last is None or window.number != last.number + 1 or not (window.tells_rotation and last.tells_rotation):
+            return self._largest_speed(window.number)
+        speed = (window.mean.theta - last.mean.theta) / window.duration
+        self._told = window, speed
+        return speed
+
+    def _lag_at(self, speed: float, window: Window) -> float:
+        return math.hypot(speed * math.hypot(self.delay, self._timing), self._scatter(window), self.shift)
+
+    def _largest_speed(self, number: int) -> float:
+        """How fast the stage may turn in a window by its number, rad/s: it may have accelerated since it was told."""
+        if self._told is None:
+            return self._limits.speed
+        window, speed = self._told
+        return min(self._limits.speed, abs(speed) + ACCELERATION * (number - window.number) * window.duration)
+
+    def _beyond(self, window: Window, speed: float) -> str:
+        allowed = self._limits.following_error + self._limits.latency * abs(speed)
+        if abs(window.mean.ecc) <= allowed:
+            return ""
+        return (
+            f"rotation and command are {window.mean.ecc * 1e6:.4g} µrad apart at {speed:.3g} rad/s; following error "
+            f"and latency explain {allowed * 1e6:.3g}. Command, its stamps, or the zero of the heads are wrong"
+        )
+
+    def _step(self, window: Window, last: Window, speed: float, scatter: float) -> str:
+        """A step of the distance that neither the drive nor a change of speed makes."""
+        step = abs(window.mean.ecc - last.mean.ecc)
+        accelerated = self._limits.latency * abs(speed - self._speed)
+        if step <= STEADY * self._limits.following_error + accelerated + 6.0 * scatter:
+            return ""
+        self._size = step
+        return f"a step of {step * 1e6:.3g} µrad between rotation and command within {window.duration * 1e3:g} ms"
+
+    def _moved_in_silence(self, window: Window, last: Window, speed: float, scatter: float) -> str:
+        """The same over a silence of the heads: what is less than a step counts as uncertainty."""
+        self.shift = self._shift_in_silence(window, last, speed) if not self.doubt else 0.0
+        if self.shift <= STEADY * self._limits.following_error + 6.0 * scatter:
+            return ""
+        self._size = abs(self._zero.latest)
+        return (
+            f"rotation and command are {self.shift * 1e6:.3g} µrad further apart than before the heads were silent: "
+            "they may have lost counts"
+        )
+
+    def _shift_in_silence(self, window: Window, last: Window, speed: float) -> float:
+        distance = window.mean.ecc + self.delay * speed  # the delay's part goes with the speed
+        moved = window.mean.theta - last.mean.theta
+        return self._zero.judge(window.mean.theta, moved, distance, self._noise)
+
+    def _scatter(self, window: Window) -> float:
+        """Standard deviation of a single distance by the scatter of windows about their neighbours, or within, rad."""
+        if len(self._squares) < SHORT:
+            return 0.0
+        if self._variances is None:
+            latest, every = self._within.few, self._within.many
+            within = max(sum(every) / len(every), sum(latest) / len(latest))
+            self._variances = sum(self._squares) / len(self._squares) / 1.5, within
+        samples = max(1.0, window.ticks * window.mean.head_samples)
+        return math.sqrt(max(self._variances[0] * samples, self._variances[1]))
+
+    def _stuck(self, window: Window, last: Window) -> str:
+        """A command that stands while the rotor turns."""
+        if self._goes_along(window, last):
+            self._still = 0.0
+            return ""
+        self._still += abs(window.mean.theta - last.mean.theta)
+        if self._still < 0.1 * self._limits.following_error:
+            return ""
+        return f"the command stands still while the rotor has turned by {self._still * 1e6:.3g} µrad"
+
+    def _goes_along(self, window: Window, last: Window) -> bool:
+        """Whether the command moves where the rotor does."""
+        command = (window.mean.theta - window.mean.ecc) - (last.mean.theta - last.mean.ecc)
+        turned = window.mean.theta - last.mean.theta
+        return abs(command) > STANDS * abs(turned) or abs(turned) < 6.0 * self._noise
+
+    def _measure(self, window: Window) -> None:
+        """Scatter of the distance, and its slope over the speed, where that stands out from the scatter."""
+        before = self._distances
+        if len(before) >= 2:
+            self._squares.append((before[-1] - 0.5 * (before[-2] + window.mean.ecc)) ** 2)
+            self._within.add(window.scatter.ecc**2)
+            self._variances = None
+        before.append(window.mean.ecc)
+        # the command's speed: at its rest a drive that settles goes as its distance does, late or not
+        self._slope.add(window.number, window.mean.theta - window.mean.ecc, window.mean.ecc)
+        if window.number % SHORT == 0 and len(self._slope) >= SHORT:
+            self._slope.measure(window.duration)
+            self.delay = -float(self._slope.value[0])
+
+    def _late(self) -> str:
+        if abs(self.delay) <= self._limits.latency:
+            return ""
+        return (
+            f"the heads are {self.delay * 1e3:.3g} ms behind the command, more than the "
+            f"{self._limits.latency * 1e3:.3g} ms of the stage's limits: stamps of one of them are wrong"
+        )
+
+
+class _ZeroKeeping:
+    """Holds the distance of rotation and command against what it was before a silence, at the same angle or at last.
+
+    Attributes:
+        open: whether it is being compared.
+        off: by how much it is another since then, rad: mean over the windows of a second.
+    """
+
+    def __init__(self) -> None:
+        """Nothing was seen."""
+        self._turn, self._place = TurnMemory(), math.nan
+        self._latest: deque[tuple[float, float, float]] = deque()
+        self._apart: deque[float] = deque(maxlen=LONG)
+        self.open, self.off = False, 0.0
+
+    def begin(self, *, sound: bool) -> None:
+        """A silence has ended, or a fault of heads, of which the latest windows were not `sound`."""
+        while sound and self._latest:
+            self._keep()
+        self._latest.clear()
+        self._apart.clear()
+        self.open = not math.isnan(self._place)
+
+    @property
+    def latest(self) -> float:
+        """The same in the latest window, rad."""
+        return self._apart[-1] if self._apart else 0.0
+
+    def judge(self, theta: float, moved: float, distance: float, noise: float) -> float:
+        """Size of what it is off by, rad; of less than the `noise` (rad) of a reading for `SHORT` windows nothing."""
+        if self.open:
+            before = self._turn.get(theta, moved)
+            self._apart.append(distance - (self._place if before is None else before[0]))
+            self.off = sum(self._apart) / len(self._apart)
+            self.open = len(self._apart) < SHORT or abs(self.off) > noise
+        if not self.open:
+            self.off = 0.0
+            self._latest.append((theta, moved, distance))
+            if len(self._latest) > LONG:  # a wrong head is found by then
+                self._keep()
+        return abs(self.off)
+
+    def _keep(self) -> None:
+        theta, moved, self._place = self._latest.popleft()
+        self._turn.put(theta, moved, (self._place, 0.0))
