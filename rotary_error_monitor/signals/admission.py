@@ -347,7 +347,7 @@ class ArrivalCheck:
 
 
 def _steps(values: NDArray[Any], before: float) -> NDArray[Any]:
-    """(n,) step to each of `values` (n,) from the one before; `np.diff` with `prepend` takes three times as long."""
+    """(n,) step to each of `values` (n,) from the one before; `np.diff` with `prepend` takes five times as long."""
     steps = np.empty_like(values)
     steps[0] = values[0] - before
     np.subtract(values[1:], values[:-1], out=steps[1:])
