@@ -5,8 +5,10 @@ from __future__ import annotations
 import functools
 import struct
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
@@ -144,17 +146,23 @@ def _decode(data: bytes, layout: _Layout, *, finite: bool) -> SampleBlock:
     count = width * len(layout.names)
     # The copy is aligned, and free of the message's memory.
     rows = np.frombuffer(data, "<f8", count, start).copy().reshape(width, len(layout.names))
-    known = np.isfinite(rows)
-    if not known[:, 0].all() or (finite and not known.all()):
-        row, column = np.argwhere(~known)[0]
-        raise InputError(
-            f"sample {row} of '{excerpt(layout.names[column])}' is {rows[row, column]}; samples must be finite"
-        )
-    far = np.abs(rows[:, 0]) >= _FARTHEST
-    if far.any():
-        row = int(np.argmax(far))
-        raise InputError(f"sample {row} has t = {rows[row, 0]:g} s; expected seconds after the stamp of the block")
+    if not (np.abs(rows[:, 0]) < _FARTHEST).all() or (finite and not np.isfinite(rows).all()):  # NaN is not below
+        _refuse_samples(rows, layout.names)
     return SampleBlock(seconds * NANOSECONDS + nanoseconds, layout.names, rows)
+
+
+def _refuse_samples(rows: NDArray[np.float64], names: tuple[str, ...]) -> NoReturn:
+    """Say which sample is not finite or has a time too far off.
+
+    Raises:
+        InputError: always.
+    """
+    known = np.isfinite(rows)
+    if not known.all():
+        row, column = np.argwhere(~known)[0]
+        raise InputError(f"sample {row} of '{excerpt(names[column])}' is {rows[row, column]}; samples must be finite")
+    row = int(np.argmax(np.abs(rows[:, 0]) >= _FARTHEST))
+    raise InputError(f"sample {row} has t = {rows[row, 0]:g} s; expected seconds after the stamp of the block")
 
 
 def _parse(data: bytes) -> _Layout:

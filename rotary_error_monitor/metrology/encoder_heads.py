@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,15 +175,23 @@ def estimate_ring_pose(
     spread = np.ascontiguousarray(variances.T)
     theta, v_x, v_y = _sum_over_heads(layout.weights, relative)
     theta = readings[:, 0] * layout.weights[0].sum() + theta
-    centre = np.stack([radius * np.tan(v_x), radius * np.tan(v_y)], axis=1)
-    scale = np.array([1.0, radius, radius])
-    products = layout.weights[:, None] * layout.weights[None] * (scale[:, None] * scale)[:, :, None]
-    covariance = np.moveaxis(_sum_over_heads(products.reshape(9, -1), spread).reshape(3, 3, -1), -1, 0)
+    centre = np.empty((len(theta), 2))
+    centre[:, 0], centre[:, 1] = radius * np.tan(v_x), radius * np.tan(v_y)
+    products = _products(layout, radius)
+    covariance = _sum_over_heads(products, spread).reshape(3, 3, -1).transpose(2, 0, 1)
     parity = _sum_over_heads(layout.parity, relative).T
     seen = centre
-    if set(layout.observable) != set(COMPONENTS):
+    if len(layout.observable) != len(COMPONENTS):
         seen = radius * np.stack([*_sum_over_heads(layout.view[0], relative)], axis=1)
     return RingPose(theta, centre, covariance, _disagreement(layout, relative, spread), parity, seen)
+
+
+@lru_cache(maxsize=64)
+def _products(layout: HeadLayout, radius: float) -> NDArray[np.float64]:
+    """(9, h) weights of the variances of the readings for the covariance of rotation (rad) and displacement (m)."""
+    scale = np.array([1.0, radius, radius])
+    products = layout.weights[:, None] * layout.weights[None] * (scale[:, None] * scale)[:, :, None]
+    return np.asarray(products.reshape(9, -1))
 
 
 def _disagreement(

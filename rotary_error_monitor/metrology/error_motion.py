@@ -100,7 +100,9 @@ class ErrorMotion:
 def rotate(vector: tuple[float, float], theta: NDArray[np.float64]) -> NDArray[np.float64]:
     """(m, 2) a vector of the rotor's frame in the base's, at rotations `theta` (m,)."""
     cos, sin = np.cos(theta), np.sin(theta)
-    return np.stack([vector[0] * cos - vector[1] * sin, vector[0] * sin + vector[1] * cos], axis=1)
+    turned = np.empty((len(theta), 2))
+    turned[:, 0], turned[:, 1] = vector[0] * cos - vector[1] * sin, vector[0] * sin + vector[1] * cos
+    return turned
 
 
 def remove_graduation(
@@ -166,8 +168,8 @@ def reading_variance(
     Args:
         noise: standard deviation of a sample before rounding.
         resolution: size of one step.
-        gain: (m,) sum of the squared weights of the samples.
-        travel: (m,) how far the signal moves over the samples.
+        gain: sum of the squared weights of the samples, of the shape of `travel` or one that goes with it.
+        travel: how far the signal moves over the samples, of any shape.
     """
     if resolution <= NO_STEP * noise:
         return gain * noise**2
@@ -195,6 +197,6 @@ def head_variance(encoder: Encoder, gain: NDArray[np.float64], travel: NDArray[n
 def tilt_variance(
     instrument: Autocollimator, gain: NDArray[np.float64], travel: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(m,) variance of one component of the resampled tilt, rad²; turbulence is too slow to be averaged."""
+    """Variance of components of the resampled tilt, rad², of the shape of `travel`; turbulence is not averaged."""
     slow = 0.0 if instrument.turbulence is None else instrument.turbulence.std**2
     return reading_variance(instrument.noise, instrument.resolution, gain, travel) + slow

@@ -7,10 +7,21 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic
 
+_AT_ONCE = 1 << 10
+"""Products of harmonics and rotations up to which all are computed at once: a loop costs by the operation, above that
+an operation costs by the number."""
+
 
 def planar_sum(harmonics: tuple[PlanarHarmonic, ...], theta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) sum of plane harmonics at rotations `theta` (n,) rad."""
+    """(n, 2) sum of plane harmonics at rotations `theta` (n,) rad; the same bits for each however many there are."""
     total = np.zeros((len(theta), 2))
+    if 0 < len(harmonics) * len(theta) <= _AT_ONCE:
+        angles = np.array([[row.order] for row in harmonics]) * theta
+        weights = np.array([[row.x, row.y] for row in harmonics])[..., None]
+        waves = weights[:, :, 0] * np.cos(angles)[:, None] + weights[:, :, 1] * np.sin(angles)[:, None]
+        for wave in waves:  # one after another, as below
+            total += wave.T
+        return total
     for row in harmonics:
         cos, sin = np.cos(row.order * theta), np.sin(row.order * theta)
         total[:, 0] += row.x[0] * cos + row.x[1] * sin

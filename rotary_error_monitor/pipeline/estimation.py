@@ -261,7 +261,7 @@ class Estimator:
         """The next tick near which there are samples: over a time without any nothing is reckoned."""
         begin_ns, nearest = tick * self._settings.period_ns, limit
         reach = self._settings.max_gap_ns // self._settings.period_ns + 1
-        for stream in self._streams.values():
+        for stream in self._streams.values() if tick < limit else ():  # live there is none behind it
             times = stream.times_ns
             place = int(np.searchsorted(times, begin_ns - self._settings.max_gap_ns))
             if place < len(times):

@@ -27,6 +27,7 @@ from rotary_error_monitor.pipeline.verdict import DOUBTS, Verdict
 _UNCERTAIN = ("head_scale", "tilt_scale", "lag", "unresolved", "unresolved_tilt")
 _BY_HEADS = (0, 1, 5)
 """Places of the components that the heads show."""
+_ROWS_BY_HEADS, _COLUMNS_BY_HEADS = np.transpose(list(product(_BY_HEADS, repeat=2)))
 
 
 @dataclass(frozen=True)
@@ -65,11 +66,12 @@ class Believed:
 
     def __init__(self, verdicts: Sequence[tuple[slice, Verdict]]) -> None:
         """What the verdicts say, each of some ticks, which follow one upon another from the first tick on."""
-        counts = [where.stop - where.start for where, _ in verdicts]
+        which = np.repeat(np.arange(len(verdicts)), [where.stop - where.start for where, _ in verdicts])
         columns = dict(zip(Verdict._fields, zip(*(verdict for _, verdict in verdicts), strict=True), strict=True))
 
         def spread(name: str, kind: type[np.generic] = np.float64) -> NDArray[Any]:
-            return np.repeat(np.array(columns[name], kind), counts, axis=0)
+            values = np.array(columns[name], kind)
+            return values[which]
 
         self.excluded, self.doubts = spread("excluded", np.int64), spread("doubts", np.int64)
         self.head_scale, self.tilt_scale = spread("head_scale"), spread("tilt_scale")
@@ -141,9 +143,8 @@ class Publication:
         believed.doubts[unsettled] |= 1 << DOUBTS.index("unverified")
         near = believed.within("radial", seen["surplus_x"], seen["surplus_y"])
         self._raise_uncertainty(motion, seen, disagreement, redundancy, believed)
-        doubts = {name: believed.has(name) for name in DOUBTS}
         radial = np.hypot(seen["surplus_x"] + seen["described_x"], seen["surplus_y"] + seen["described_y"])
-        ring = doubts["ring"] | (radial > self._most + SIGMAS * np.sqrt(seen["radial_variance"]))
+        ring = believed.has("ring") | (radial > self._most + SIGMAS * np.sqrt(seen["radial_variance"]))
         tilt = streams & self._bits["autocollimator"] == 0
         command = streams & self._bits["command"] == 0
         for which, places in ((ring, (0, 1)), (tilt, (3, 4)), (command, (5,))):
@@ -151,7 +152,7 @@ class Publication:
                 motion.hide(which, places)
         said = {name: getattr(believed, name) for name in ("doubts", *_UNCERTAIN)}
         motion = replace(motion, times_ns=ticks, streams=streams, **said)
-        agree = (disagreement <= believed.most) & near & ~doubts["heads"]
+        agree = (disagreement <= believed.most) & near & ~believed.has("heads")
         agree &= ~(command & self._commanded)  # without heads all is of the rotation that the command tells
         numbers = [motion.theta, *motion.components.T, *(said[name] for name in _UNCERTAIN)]
         finite = np.isfinite(motion.covariance.reshape(-1, 36)).all(axis=1) & np.isfinite(numbers).all(axis=0)
@@ -169,8 +170,7 @@ class Publication:
         bounds = np.ones(int(redundancy.max(initial=0)) + 1)
         bounds[1:] = [chi_square_bound(float(freedom)) for freedom in range(1, len(bounds))]
         heads = np.maximum(believed.head_scale**2, disagreement**2 / bounds[redundancy])
-        for row, column in product(_BY_HEADS, repeat=2):
-            motion.covariance[:, row, column] *= heads
+        motion.covariance[:, _ROWS_BY_HEADS, _COLUMNS_BY_HEADS] *= heads[:, None]
         unproven = np.where(believed.has("unverified"), self._unproven["radial"], 0.0)
         step = np.where(redundancy == 0, self._unseen, 0.0)
         # a head that is off shows as rotation as well as displacement where no other contradicts it

@@ -178,9 +178,9 @@ class TickMaker:
         stage, index = self._stage, evidence.INDEX
         tilt = remove_mirror(sampled.values, motion.theta, stage.mirror)
         surplus = tilt - planar_sum(stage.spindle.tilt, motion.theta)
+        variance = tilt_variance(stage.tilt_instrument, sampled.gain[:, None], sampled.travel)
         for axis, name in enumerate(("x", "y")):
-            variance = tilt_variance(stage.tilt_instrument, sampled.gain, sampled.travel[:, axis])
-            motion.covariance[:, 3 + axis, 3 + axis] = variance
+            motion.covariance[:, 3 + axis, 3 + axis] = variance[:, axis]
             seen[:, index[f"tilt_{name}"]] = sampled.values[:, axis]
             seen[:, index[f"tilt_surplus_{name}"]] = surplus[:, axis]
         motion.components[:, 3:5], motion.observable[:, 3:5] = tilt, True

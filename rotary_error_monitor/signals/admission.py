@@ -10,6 +10,7 @@ import math
 from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,8 +179,8 @@ class Admission:
             return values, None
         turned = _turned_by(values, self._turns) if self._turns else values
         last, since = self._last, self._newest_ns
-        steps = np.diff(turned[:, 0], prepend=turned[0, 0] if last is None else last[0])
-        passed = np.diff(times, prepend=times[0] if since is None else since) * 1e-9
+        steps = _steps(turned[:, 0], turned[0, 0] if last is None else last[0])
+        passed = _steps(times, times[0] if since is None else since) * 1e-9
         if bool((np.abs(steps) <= limits.speed * passed + limits.jitter).all()):
             return turned, None
         kept = np.ones(len(times), np.bool_)
@@ -343,6 +344,14 @@ class ArrivalCheck:
     def was_set_back(self, newest_ns: int | None, arrival_ns: int) -> bool:
         """Whether what was believed before is in the future now: the clock was set back."""
         return newest_ns is not None and newest_ns - arrival_ns > self.ahead_ns
+
+
+def _steps(values: NDArray[Any], before: float) -> NDArray[Any]:
+    """(n,) step to each of `values` (n,) from the one before; `np.diff` with `prepend` takes five times as long."""
+    steps = np.empty_like(values)
+    steps[0] = values[0] - before
+    np.subtract(values[1:], values[:-1], out=steps[1:])
+    return steps
 
 
 def _turned_by(values: NDArray[np.float64], turns: int) -> NDArray[np.float64]:

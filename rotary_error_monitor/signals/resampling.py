@@ -119,6 +119,11 @@ class _Cells:
     start: NDArray[np.int64]
     stop: NDArray[np.int64]
 
+    @property
+    def near(self) -> slice:
+        """Samples from the first to the last that belongs to a tick."""
+        return slice(int(self.start[0]), int(self.stop[-1])) if len(self.start) else slice(0, 0)
+
 
 def _spread(part: Resampled, chosen: NDArray[np.bool_]) -> Resampled:
     """A result for all ticks of which only the chosen ones are filled."""
@@ -200,17 +205,22 @@ def _fit(signals: list[_Cells], period_ns: int) -> list[Resampled]:
     """Quadratic by least squares in each cell of each signal, taken at its tick."""
     if not signals:
         return []
-    columns = [(cells, k) for cells in signals for k in range(cells.values.shape[1])]
-    counts = [len(cells.ticks) for cells, _ in columns]
-    total = sum(counts)
-    first = np.concatenate([cells.times[cells.start] - cells.ticks for cells, _ in columns])
-    sizes = np.concatenate([cells.stop - cells.start for cells, _ in columns])
-    picked = [_picked(cells) for cells in signals]
-    which = [i for i, cells in enumerate(signals) for _ in range(cells.values.shape[1])]
-    cell = np.repeat(np.arange(total), sizes)
-    u = np.concatenate([picked[i][0] for i in which]) / period_ns
-    y = np.concatenate([cells.values[picked[i][1], k] for (cells, k), i in zip(columns, which, strict=True)])
+    columns = [(cells, cells.near, k) for cells in signals for k in range(cells.values.shape[1])]
+    times = np.concatenate([cells.times[near] for cells, near, _ in columns])
+    values = np.concatenate([cells.values[near, k] for cells, near, k in columns])
+    ticks = np.concatenate([cells.ticks for cells, _, _ in columns])
+    total = len(ticks)
+    # where the part of each column begins among all of them, less where it begins among its own samples
+    shifts = np.cumsum([0, *(near.stop - near.start for _, near, _ in columns[:-1])])
+    shifts -= [near.start for _, near, _ in columns]
+    start = np.concatenate([cells.start + shift for (cells, _, _), shift in zip(columns, shifts, strict=True)])
+    sizes = np.concatenate([cells.stop - cells.start for cells, _, _ in columns])
     begin = np.cumsum(sizes) - sizes
+    cell = np.repeat(np.arange(total), sizes)
+    picked = np.arange(len(cell)) + (start - begin)[cell]
+    u = (times[picked] - ticks[cell]) / period_ns
+    y = values[picked]
+    first = times[start] - ticks
     reference = y[begin]  # relative to one sample, so that a large unwrapped angle loses no digits
     y = y - reference[cell]
     u2 = u * u
@@ -241,10 +251,3 @@ def _fit(signals: list[_Cells], period_ns: int) -> list[Resampled]:
             )
         )
     return results
-
-
-def _picked(cells: _Cells) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Time of each sample after its tick (ns), and its index."""
-    sizes = cells.stop - cells.start
-    index = np.arange(int(sizes.sum())) + np.repeat(cells.start - (np.cumsum(sizes) - sizes), sizes)
-    return cells.times[index] - np.repeat(cells.ticks, sizes), index

@@ -18,6 +18,9 @@ DISTANCES = 5
 
 _BEGINNING = np.iinfo(np.int64).min // 2
 
+_ROOM = 4
+"""Times the samples that are in memory for which there is room: each is then moved once in three blocks or less."""
+
 
 @dataclass(frozen=True)
 class Gap:
@@ -59,8 +62,9 @@ class SampleStream:
         self.begin_ns: int | None = None
         self.patience_ns = patience_ns
         self._expected_ns: int | None = None
-        self._times = np.empty(0, np.int64)
-        self._values = np.empty((0, len(self.names)))
+        self._all_times = np.empty(0, np.int64)
+        self._all_values = np.empty((0, len(self.names)))
+        self._keep(0, 0)
         self._spacing_ns = 0.0
         self._distances: deque[int] = deque(maxlen=DISTANCES)
         self._block_samples = 1
@@ -118,20 +122,19 @@ class SampleStream:
             self._spacing_ns = median(self._distances)
         self._block_samples = len(times)
         self.block_duration_ns = int(times[-1]) - int(times[0])
-        self._times = np.concatenate([self._times, times])
-        self._values = np.concatenate([self._values, values])
+        self._append(times, values)
         return len(times)
 
     def turn_by(self, turns: int) -> None:
         """Take whole turns out of the readings (first column, rad), of those in memory and of all that come."""
         self.admission.turn_by(turns)
-        self._values = self._values.copy()
+        self._move(len(self._times))
         self._values[:, 0] -= TURN * turns
 
     def clear(self) -> None:
         """Forget all samples, as before the first one; counts stay."""
         self.admission.forget()
-        self._times, self._values = self._times[:0], self._values[:0]
+        self._keep(self._end, self._end)
         self._gaps.clear()
         self._distances.clear()
         self._expected_ns = self.begin_ns = None
@@ -140,7 +143,7 @@ class SampleStream:
         """Forget samples stamped before `before_ns`, but the last `margin` of them."""
         first = int(np.searchsorted(self._times, before_ns)) - margin
         if first > 0:
-            self._times, self._values = self._times[first:].copy(), self._values[first:].copy()
+            self._keep(self._begin + first, self._end)
             oldest = int(self._times[0])
             refusals = self.admission.refusals
             if len(refusals):
@@ -185,6 +188,26 @@ class SampleStream:
                 until = max(until, gap.usable_ns)
             whole &= (ticks_ns + reach < gap.last_ns) | (ticks_ns >= until)
         return whole
+
+    def _keep(self, begin: int, end: int) -> None:
+        """Have the samples from `begin` to before `end` of all for which there is room in memory."""
+        self._begin, self._end = begin, end
+        self._times, self._values = self._all_times[begin:end], self._all_values[begin:end]
+
+    def _append(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """Put samples behind those in memory, where nobody has looked yet: what was handed out stays as it was."""
+        if self._end + len(times) > len(self._all_times):
+            self._move(_ROOM * (len(self._times) + len(times)))
+        begin, end = self._end, self._end + len(times)
+        self._all_times[begin:end], self._all_values[begin:end] = times, values
+        self._keep(self._begin, end)
+
+    def _move(self, room: int) -> None:
+        """Move the samples in memory to a new place that has room for so many."""
+        count, times, values = len(self._times), self._times, self._values
+        self._all_times, self._all_values = np.empty(room, np.int64), np.empty((room, len(self.names)))
+        self._all_times[:count], self._all_values[:count] = times, values
+        self._keep(0, count)
 
     def _note_gap(self, newest: int | None, first: int) -> None:
         last, since = (newest, newest) if newest is not None else (_BEGINNING, self._expected_ns)

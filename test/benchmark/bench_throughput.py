@@ -7,17 +7,25 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from rotary_error_monitor.bags.reader import BagReader
+from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
 from rotary_error_monitor.codec.messages import Decoder
+from rotary_error_monitor.nodes import messages
+from rotary_error_monitor.nodes.qos import profile
 from rotary_error_monitor.testing import Cell, NodeProcess
 from rotary_error_monitor.testing.domains import own_domain
 
 DURATION = float(os.environ.get("BENCH_SECONDS", "60"))
+RATE_SECONDS = float(os.environ.get("BENCH_RATE_SECONDS", "10"))
+RATES = (50_000.0, 100_000.0, 200_000.0)
+BLOCK_PERIODS = (0.005, 0.01, 0.02)
 PER_SAMPLE = Path(__file__).with_name("per_sample.py")
 
 
@@ -26,12 +34,28 @@ def cpu_seconds(process: NodeProcess) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-@pytest.mark.parametrize("rate", [10_000.0, 50_000.0])
-def test_blocks_from_heads_to_tool_offset(rate, tmp_path):
-    """Four heads and autocollimator in processes of their own, blocks of 5 ms, through to the recorded tool offset."""
-    bag = tmp_path / "bag"
+@dataclass
+class Carried:
+    """What a cell carried of blocks of all instruments in `duration` s.
+
+    Attributes:
+        lost: samples that the recorder lacks, by stream; of `error_motion` and `tool_offset` ticks.
+        published: age of the newest tick of each block of offsets as it was published, s.
+        recorded: the same as it reached the recorder, s.
+        used: part of a core that each process took, by its name.
+    """
+
+    duration: float
+    lost: dict[str, int]
+    published: NDArray[np.float64]
+    recorded: NDArray[np.float64]
+    used: dict[str, float]
+
+
+def carried(rate: float, block_period: float, duration: float, bag: Path) -> Carried:
+    """Four heads and autocollimator in processes of their own, through to the recorded tool offset."""
     with Cell() as cell:
-        mock = {"mock.seed": 1, "mock.epoch": time.time_ns(), "rate": rate, "block_period": 0.005}
+        mock = {"mock.seed": 1, "mock.epoch": time.time_ns(), "rate": rate, "block_period": block_period}
         processes = [cell.start("recorder", folder=str(bag))]
         cell.wait_for_status("recorder: state", "active", 60)
         processes.append(cell.start("mock_controller", machine="xyzac_trt", **mock))
@@ -44,23 +68,78 @@ def test_blocks_from_heads_to_tool_offset(rate, tmp_path):
         cell.wait_until(
             lambda: not cell.status("compensation: correction").message.startswith("held"), "the cell to correct", 60
         )
+        published = listen_for_ages(cell)
         cell.spin_for(3)
+        published.clear()
         begin, begin_ns = [cpu_seconds(process) for process in processes], time.time_ns()
-        cell.spin_for(DURATION)
-        used = [(cpu_seconds(p) - b) / DURATION for p, b in zip(processes, begin, strict=True)]
+        cell.spin_for(duration)
+        used = [(cpu_seconds(p) - b) / duration for p, b in zip(processes, begin, strict=True)]
         end_ns = time.time_ns()
+        ages = np.array(published)
+    reader = BagReader(bag)
+    return Carried(
+        (end_ns - begin_ns) * 1e-9,
+        lost(reader, begin_ns, end_ns),
+        ages,
+        offset_ages(reader, begin_ns, end_ns),
+        {process.name: share for process, share in zip(processes, used, strict=True)},
+    )
+
+
+def listen_for_ages(cell: Cell) -> list[float]:
+    """Ages, s, of the newest tick of each block of offsets at its publication, as they come.
+
+    The middleware says when a message was handed to it; a bag does not keep that.
+    """
+    topic, decoder, ages = cell.wire.topic("tool_offset_samples"), BlockDecoder(), []
+
+    def note(data: bytes, about: dict[str, int]) -> None:
+        ages.append((about["source_timestamp"] - int(decoder.decode(data).times_ns[-1])) * 1e-9)
+
+    kind = messages.message_class(topic.type)
+    cell.node.create_subscription(kind, topic.name, note, profile(topic), raw=True)
+    return ages
+
+
+def percentiles(ages: NDArray[np.float64]) -> str:
+    return ", ".join(f"p{part} {np.percentile(ages, part) * 1e3:.1f} ms" for part in (50, 99))
+
+
+@pytest.mark.parametrize("rate", [10_000.0, 50_000.0])
+def test_blocks_from_heads_to_tool_offset(rate, tmp_path):
+    found = carried(rate, 0.005, DURATION, tmp_path / "bag")
     print(f"\n{rate:.0f} samples a second from each of 5 instruments, blocks of 5 ms, {DURATION:.0f} s")
-    missing = lost(BagReader(bag), begin_ns, end_ns)
+    missing = dict(found.lost)
     ticks = {name: missing.pop(name) for name in ("error_motion", "tool_offset")}
     print("  samples lost: " + ", ".join(f"{k} {v}" for k, v in missing.items()))
-    print(f"  of {round((end_ns - begin_ns) / 1e6)} ticks {ticks['error_motion']} have no estimate")
+    print(f"  of {round(found.duration * 1e3)} ticks {ticks['error_motion']} have no estimate")
     print(f"  {ticks['tool_offset']} no offset: held where encoder and joint states part, as the mock stage reverses")
-    ages = offset_ages(BagReader(bag), begin_ns, end_ns)
-    print(f"  age of the newest offset of a block at the recorder: p50 {np.percentile(ages, 50) * 1e3:.1f} ms, "
-          f"p99 {np.percentile(ages, 99) * 1e3:.1f} ms")  # fmt: skip
-    for process, share in zip(processes, used, strict=True):
-        print(f"  {process.name:<16} {100 * share:5.1f} % of a core")
-    print(f"  {'all':<16} {100 * sum(used):5.1f} % of a core")
+    print(f"  age of the newest offset of a block at its publication: {percentiles(found.published)}")
+    print(f"  the same at the recorder: {percentiles(found.recorded)}; {len(found.recorded) / found.duration:.0f}/s")
+    for name, share in found.used.items():
+        print(f"  {name:<16} {100 * share:5.1f} % of a core")
+    print(f"  {'all':<16} {100 * sum(found.used.values()):5.1f} % of a core")
+
+
+def test_the_highest_rate_without_loss(tmp_path):
+    """Rates are tried upwards for each size of block, until samples are lost or the cell does not begin to correct."""
+    print(f"\nhighest rate of each of 5 instruments that loses nothing in {RATE_SECONDS:.0f} s")
+    for block_period in BLOCK_PERIODS:
+        highest = 0.0
+        for rate in RATES:
+            try:
+                found = carried(rate, block_period, RATE_SECONDS, tmp_path / f"{block_period * 1e3:.0f}_{rate:.0f}")
+            except TimeoutError as error:  # it never began to correct
+                print(f"  {rate:8.0f}/s in blocks of {block_period * 1e3:3.0f} ms: {str(error).splitlines()[0]}")
+                break
+            missing = {name: count for name, count in found.lost.items() if count and name != "tool_offset"}
+            node = {name: f"{100 * found.used[name]:.0f} %" for name in ("error_estimator", "compensation")}
+            print(f"  {rate:8.0f}/s in blocks of {block_period * 1e3:3.0f} ms: lost {missing or 'nothing'}; age at "
+                  f"publication {percentiles(found.published)}; of a core {node}")  # fmt: skip
+            if missing:
+                break
+            highest = rate
+        print(f"  blocks of {block_period * 1e3:.0f} ms: {5 * highest:.0f} samples a second in all")
 
 
 def lost(reader, begin_ns, end_ns):

@@ -50,3 +50,37 @@ def test_another_rate_of_single_samples_is_learnt(step):
     stream = taken([*range(20), *range(20 + step, 20 + 30 * step, step)], 1, 10**9)
     assert stream.rate == pytest.approx(100.0 / step)
     assert stream.lost <= 3 * step
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_samples_are_those_of_all_blocks_and_what_was_handed_out_stays(seed):
+    """Against plain concatenation, over blocks of any size, trims, whole turns and beginnings anew."""
+    rng = np.random.default_rng(seed)
+    stream, time_ns = SampleStream(["angle"], 10**9), 0
+    times, values = np.empty(0, np.int64), np.empty((0, 1))
+    handed: list[tuple[np.ndarray, np.ndarray]] = []
+    for _ in range(300):
+        count = int(rng.integers(1, 40))
+        new = time_ns + 1000 * np.arange(1, count + 1)
+        time_ns = int(new[-1])
+        rows = rng.normal(size=(count, 1))
+        stream.push(block_from_samples(new, ["angle"], rows))
+        times, values = np.concatenate([times, new]), np.concatenate([values, rows])
+        what = rng.random()
+        if what < 0.5:
+            before_ns = int(times[rng.integers(len(times))])
+            first = max(int(np.searchsorted(times, before_ns)) - 3, 0)
+            stream.trim(before_ns)
+            times, values = times[first:], values[first:]
+        elif what < 0.55:
+            stream.clear()
+            times, values = times[:0], values[:0]
+        np.testing.assert_array_equal(stream.times_ns, times)
+        np.testing.assert_array_equal(stream.values, values)
+        handed.append((stream.times_ns, stream.times_ns.copy()))
+        handed.append((stream.values, stream.values.copy()))
+        if 0.55 < what < 0.6:
+            stream.turn_by(1)
+            values = values - 2 * np.pi
+    for view, copy in handed:
+        np.testing.assert_array_equal(view, copy)
