@@ -9,7 +9,7 @@ from rotary_error_monitor.metrology.surface_range import flatness_bounds
 
 Array = NDArray[np.float64]
 
-KINDS = ("waves", "waves, few points", "waves, scattered points", "bows and a twist", "corners")
+KINDS = ("waves", "waves, few points", "waves, scattered points", "bows and a twist", "corners", "waves across")
 SIZES = ((7.54e-6, 60e-9), (3e-6, 60e-9), (3e-6, 0.2e-6))
 """Flatness before compensation and after it (Zhou et al. 2023), with the noise of a height, m."""
 
@@ -38,6 +38,11 @@ def form(rng: np.random.Generator, kind: str, u: Array, v: Array) -> Array:
         a, b, twist = rng.normal(size=3)
         return np.asarray(a * u**2 + b * v**2 + twist * u * v)
     heights = np.zeros_like(u)
+    if kind == "waves across":
+        for i, k in ((i, k) for i in range(4) for k in range(3) if i + k):
+            wave = np.cos(np.pi * (i * u + k * v) + rng.uniform(0, 2 * np.pi))
+            heights = heights + rng.normal() / (i + k) * wave
+        return heights
     for along in (u, v):
         for k in range(1, 6):
             heights = heights + rng.normal() / k * np.cos(np.pi * k * along + rng.uniform(0, 2 * np.pi))
