@@ -180,7 +180,7 @@ def uncertain_offsets_text(found: UncertainOffsets) -> str:
     return (
         f"position error at {len(error)} poses: {_rms(error):.3f} µm rms, {error.max():.3f} µm at most\n"
         f"its standard uncertainty: {_rms(deviation):.2g} µm rms, {deviation.max():.2g} µm at most\n"
-        f"95 % of the machines that the description allows are within {found.position_bound.max() * 1e6:.3f} µm"
+        f"95 % of the machines that the description allows are within {found.largest_bound * 1e6:.3f} µm everywhere"
     )
 
 

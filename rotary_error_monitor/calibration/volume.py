@@ -24,6 +24,15 @@ Limits = Mapping[str, tuple[float, float]]
 _FEWEST_DRAWS = 20
 """Of fewer, the value that 95 % do not exceed would be the largest of all."""
 
+_MOST_DRAWS = 2000
+"""Of so many the value that 95 % do not exceed is the 94.5 to 95.5 % one (one standard deviation)."""
+
+_LEAST_DRAWS = 100
+"""The same: 93 to 97 %."""
+
+_WORK = 50_000_000
+"""Poses times machines that are computed where more than the least are: some seconds."""
+
 _PART = 2048
 """Poses that are taken through all draws at once: with their offsets they stay in the processor's cache."""
 
@@ -54,11 +63,14 @@ class UncertainOffsets:
         offset: (n, 6) of the machine as described, m and rad.
         deviation: (n, 6) standard uncertainty of each component, m and rad.
         position_bound: (n,) length of the offset's shift that 95 % of the machines drawn do not exceed, m.
+        largest_bound: the same of the largest at any of the poses, m: no less than the largest of `position_bound`, for
+            machines that are at their worst elsewhere count as well.
     """
 
     offset: Array
     deviation: Array
     position_bound: Array
+    largest_bound: float
 
 
 @dataclass(frozen=True)
@@ -136,7 +148,7 @@ def estimate_uncertain_offsets(
     described = arrange_machine(machine)
     models = [arrange_machine(drawn) for drawn in drawn_machines(machine, draws, seed)]
     offset, rank = predict_tool_offset(described, poses, direction=direction), _bound_rank(draws)
-    deviation, bound = np.empty_like(offset), np.empty(len(offset))
+    deviation, bound, largest = np.empty_like(offset), np.empty(len(offset)), np.zeros(draws)
     for first in range(0, len(offset), _PART):
         part = slice(first, first + _PART)
         to = None if direction is None else direction[part]
@@ -150,7 +162,13 @@ def estimate_uncertain_offsets(
             squares += drawn
         deviation[part] = np.sqrt(squares / draws)
         bound[part] = np.sqrt(np.partition(lengths, rank, axis=0)[rank])
-    return UncertainOffsets(offset, deviation, bound)
+        np.maximum(largest, lengths.max(axis=1), out=largest)
+    return UncertainOffsets(offset, deviation, bound, float(np.sqrt(np.sort(largest)[rank])))
+
+
+def draws_for(poses: int) -> int:
+    """How many machines are drawn for so many poses: as many as some seconds allow."""
+    return min(_MOST_DRAWS, max(_LEAST_DRAWS, _WORK // poses))
 
 
 def rank_errors(

@@ -21,6 +21,7 @@ from rotary_error_monitor.calibration.controller_tables import (
 from rotary_error_monitor.calibration.parameters import Orders
 from rotary_error_monitor.calibration.steps import calibrate_machine, calibrate_positioning
 from rotary_error_monitor.calibration.volume import (
+    draws_for,
     estimate_uncertain_offsets,
     estimate_volumetric_map,
     rank_errors,
@@ -235,9 +236,8 @@ def _errors(arguments: argparse.Namespace) -> int:
     if poses is not None:
         if slower := describe_kernel():
             print(f"note: {slower}", file=sys.stderr)
-        print(
-            reports.uncertain_offsets_text(estimate_uncertain_offsets(machine, sample_volume(machine, poses, limits)))
-        )
+        volume = sample_volume(machine, poses, limits)
+        print(reports.uncertain_offsets_text(estimate_uncertain_offsets(machine, volume, draws=draws_for(poses))))
     if arguments.figure:
         from rotary_error_monitor.report.calibration import draw_errors
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
@@ -11,55 +14,140 @@ Array = NDArray[np.float64]
 DRAWS = 1000
 """Simulated surfaces: 95 % are 93.6 to 96.4 % by them (two standard deviations)."""
 
-DEGREES = range(2, 19)
-"""Of polynomial surfaces that are tried: up to nine waves along a side."""
+PART = 100
+"""Surfaces that are simulated at once, so that ten thousand points need some 30 MB."""
 
-FURTHER = 2
-"""Degrees beyond the best one."""
+FEWEST_POINTS = 12
+"""Twice as many heights as a surface of degree 2 has coefficients."""
+
+HIGHEST_DEGREE = 30
+"""Of polynomial surfaces: up to fifteen waves along a side."""
+
+DETERMINED = 0.75
+"""Coefficients for each point at most: the others tell the noise."""
 
 DEPENDENT = 1e-8
 """Part of the largest new direction below which a polynomial is a sum of the others: what is left is rounding."""
+
+POWERS = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0, 16.0, 23.0, 32.0])
+"""Of the degree by which the variance of coefficients falls off, which are tried: 0 is detail from point to point, 4
+to 6 a corner, 32 a surface of degree 2 alone."""
+
+SIZES = np.geomspace(1e-4, 10.0, 21)
+"""Variance of coefficients that is tried, in that of those found."""
+
+STATED = 50.0
+"""Readings that the stated noise counts for beside those of the surface: it is known to a tenth (1 / sqrt(2 * 50))."""
+
+QUIET = 0.2
+"""Part of a coefficient that is of the surface, below which it tells of the noise."""
 
 LACK = 4.0
 """Standard deviations of chi-square by which a surface has more than noise beside a polynomial."""
 
 
+@dataclass(frozen=True)
+class _Told:
+    """Heights as coefficients of orthonormal polynomials.
+
+    Attributes:
+        basis: (n, k) polynomials at the points.
+        plane: (k,) which are of the plane.
+        groups: (k,) each, which are along the first, along the second, and over both, with their degrees.
+        found: (k,) coefficients, m.
+    """
+
+    basis: Array
+    plane: NDArray[np.bool_]
+    groups: tuple[tuple[NDArray[np.bool_], Array], ...]
+    found: Array
+
+    def shares(self, noise: float) -> Iterator[tuple[NDArray[np.bool_], Array, Array]]:
+        """Of each group: (g, j) parts of its coefficients that are of the surface, and (g,) how probable they are."""
+        for chosen, degrees in self.groups:
+            found = self.found[chosen]
+            shape = (degrees / 2) ** -POWERS[:, None]
+            usual = float(found @ found) / shape.sum(axis=1)
+            prior = ((usual[:, None] * SIZES)[:, :, None] * shape[:, None]).reshape(-1, found.size)
+            total = prior + noise**2
+            log = -0.5 * (np.square(found) / total + np.log(total)).sum(axis=1)
+            weight = np.exp(log - log.max())
+            yield chosen, prior / total, weight / weight.sum()
+
+
 def flatness_bounds(first: Array, second: Array, heights: Array, noise: float) -> tuple[float, float] | None:
     """95 % interval for the range of true heights at points (n,) m about their least squares plane, m.
 
-    `heights` (n,) m about their plane have independent errors of standard deviation `noise`, m, which make their range
-    larger rather than smaller. So the interval is that of a polynomial surface through them, by simulated errors of its
-    coefficients (a fixed seed), reversed about what was found (Davison and Hinkley, Bootstrap Methods and their
-    Application, 1997, Section 5.2.1). Its degree is two more than the best by Akaike's criterion (1974), so that what
-    it misses is small beside its uncertainty. None where noise does not explain what is left.
+    `heights` (n,) m about their plane have independent errors of standard deviation `noise`, m, known to a tenth, which
+    make their range larger rather than smaller. By how much is simulated (a fixed seed): probable surfaces are drawn
+    from the posterior of polynomial coefficients, whose prior variance falls off with a power of the degree (size and
+    power as probable as the heights make them), and noise is added to each. The interval is that of range less error.
+    None where noise does not explain what polynomials leave, and of fewer than 12 points.
     """
-    u, v = _scaled(first), _scaled(second)
-    degrees = [k for k in DEGREES if (k + 1) * (k + 2) <= heights.size]  # twice as many heights as coefficients
-    if not degrees:
+    if heights.size < FEWEST_POINTS:
         return None
-    basis, told = _orthonormal(_polynomials(u, v, degrees[-1]))
-    columns = np.array([(k + 1) * (k + 2) // 2 for k in degrees])
-    counts = np.cumsum(told)[columns - 1]
-    squares = (float(heights @ heights) - np.cumsum((basis.T @ heights) ** 2)[counts - 1]) / noise**2
-    best = min(int(np.argmin(squares + 2 * counts)) + FURTHER, len(degrees) - 1)
-    freedom = heights.size - counts[best]
-    if squares[best] > freedom + LACK * np.sqrt(2 * freedom):
+    told = _expand(_scaled(first), _scaled(second), heights)
+    squares, freedom = _noise_squares(told, heights, noise)
+    if squares / noise**2 > freedom + LACK * np.sqrt(2 * freedom):
         return None
-    basis = basis[:, : counts[best]]
+    known = STATED + freedom
+    common = float(np.sqrt((STATED * noise**2 + squares) / known))
+    larger = np.quantile(_enlarged(told, common, known), [0.025, 0.975])
+    low, high = float(np.ptp(heights)) - larger[::-1]
+    return max(0.0, float(low)), max(0.0, float(high))
+
+
+def _noise_squares(told: _Told, heights: Array, noise: float) -> tuple[float, float]:
+    """Sum of squares of what is noise alone, m², and its degrees of freedom."""
+    share = np.zeros(told.found.size)
+    for chosen, parts, weight in told.shares(noise):
+        share[chosen] = weight @ parts
+    quiet = (share < QUIET) & ~told.plane
+    squares = float(heights @ heights - told.found @ told.found)
+    squares += float(np.square(told.found[quiet]) @ (1 - share[quiet]))
+    return squares, float(heights.size - told.found.size + quiet.sum())
+
+
+def _enlarged(told: _Told, noise: float, known: float) -> Array:
+    """(DRAWS,) by how much noise makes the range of probable surfaces larger, m; `known` degrees of freedom has it."""
     rng = np.random.default_rng(0)
-    fitted = basis @ (basis.T @ heights)
-    # noise of all points, of which the fit takes its part, for the signs of the basis are nobody's choice
-    drawn = [float(np.ptp(fitted + noise * (basis @ (basis.T @ rng.normal(size=heights.size))))) for _ in range(DRAWS)]
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    middle = 2 * float(np.ptp(fitted))
-    return max(0.0, middle - float(high)), max(0.0, middle - float(low))
+    groups, plane = list(told.shares(noise)), told.basis[:, told.plane]
+    result = []
+    for _ in range(DRAWS // PART):
+        share = np.zeros((PART, told.found.size))
+        for chosen, parts, weight in groups:
+            share[:, chosen] = parts[rng.choice(weight.size, PART, p=weight)]
+        scale = noise * np.sqrt(known / rng.chisquare(known, PART))[:, None]
+        # noise of all points and its part in the basis, for the signs of the basis are nobody's choice
+        other = rng.normal(size=(PART, len(told.basis))) @ told.basis
+        surface = (share * told.found + scale * np.sqrt(share) * other) @ told.basis.T
+        errors = scale * rng.normal(size=(PART, len(told.basis)))
+        errors -= (errors @ plane) @ plane.T
+        result.append(np.ptp(surface + errors, axis=1) - np.ptp(surface, axis=1))
+    return np.concatenate(result)
+
+
+def _expand(u: Array, v: Array, heights: Array) -> _Told:
+    """Heights (n,) m by polynomials of positions (n,) from -1 to 1: products of Legendre's, the plane first."""
+    degree = HIGHEST_DEGREE
+    while (degree + 1) * (degree + 2) / 2 > DETERMINED * heights.size:
+        degree -= 1
+    one, other = (part.ravel() for part in np.indices((degree + 1, degree + 1)))
+    order = np.argsort(one + other, kind="stable")
+    # on a grid of few rows higher degrees across them are sums of lower ones
+    order = order[
+        (one + other <= degree)[order] & (one < np.unique(u).size)[order] & (other < np.unique(v).size)[order]
+    ]
+    columns = np.asarray(legendre.legvander2d(u, v, [degree, degree])[:, order], dtype=np.float64)
+    basis, kept = _orthonormal(columns)
+    i, k = one[order][kept], other[order][kept]
+    groups = ((k == 0) & (i > 1), (i == 0) & (k > 1), (i > 0) & (k > 0))
+    sorted_out = tuple((chosen, (i + k)[chosen].astype(np.float64)) for chosen in groups if chosen.any())
+    return _Told(basis, i + k <= 1, sorted_out, basis.T @ heights)
 
 
 def _orthonormal(columns: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """(n, m) orthonormal directions of (n, k) columns in their order, and (k,) which are no sum of those before.
-
-    On a grid of few rows high degrees across them are sums of lower ones: their directions would be rounding.
-    """
+    """(n, m) orthonormal directions of (n, k) columns in their order, and (k,) which are no sum of those before."""
     told = np.ones(columns.shape[1], dtype=np.bool_)
     while True:
         basis, upper = np.linalg.qr(columns[:, told])
@@ -74,11 +162,3 @@ def _scaled(positions: Array) -> Array:
     """From -1 to 1."""
     middle, half = (positions.max() + positions.min()) / 2, float(np.ptp(positions)) / 2
     return np.asarray((positions - middle) / half, dtype=np.float64)
-
-
-def _polynomials(u: Array, v: Array, degree: int) -> Array:
-    """(n, k) products of Legendre polynomials of this total degree, the plane first."""
-    both = legendre.legvander2d(u, v, [degree, degree])
-    total = np.add.outer(np.arange(degree + 1), np.arange(degree + 1)).ravel()
-    chosen = np.argsort(total, kind="stable")[: int((total <= degree).sum())]
-    return np.asarray(both[:, chosen], dtype=np.float64)
