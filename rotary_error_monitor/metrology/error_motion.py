@@ -172,7 +172,7 @@ def reading_variance(
         travel: how far the signal moves over the samples, of any shape.
     """
     if resolution <= NO_STEP * noise:
-        return gain * noise**2
+        return gain * noise**2 + np.zeros_like(travel)
     steps = np.pi * travel / resolution
     shared = np.exp(-((2 * np.pi * noise / resolution) ** 2)) / (1.0 + 2.0 * steps * steps)
     rounding = (gain + np.maximum(1.0 - gain, 0.0) * shared) * resolution**2 / 12

@@ -79,6 +79,15 @@ def test_turbulence_is_not_averaged():
     np.testing.assert_allclose(extra, (4e-7) ** 2)
 
 
+@pytest.mark.parametrize("resolution", [0.0, 1e-12, 1e-7])
+def test_each_component_has_its_variance_with_and_without_steps(resolution):
+    gain, travel = np.array([[0.1], [0.2], [0.3]]), np.zeros((3, 2))
+    found = motion.reading_variance(1e-6, resolution, gain, travel)
+    assert found.shape == (3, 2)
+    np.testing.assert_allclose(found[:, 0], found[:, 1])
+    assert np.all(found >= gain * 1e-12)
+
+
 def test_quadrants_give_the_tilt_whatever_the_light():
     dark = np.array([0.01, 0.02, 0.0, 0.01])
     tilt = np.array([[1e-4, -2e-4], [0.0, 3e-4]])
