@@ -21,7 +21,7 @@ from rotary_error_monitor.gap import judgement, posterior, weighing
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.hypotheses import HypothesisTable
 from rotary_error_monitor.kinds.machine import problem as machine
-from rotary_error_monitor.kinds.stage import noise_learning
+from rotary_error_monitor.kinds.stage import noise_learning, nuisances
 from rotary_error_monitor.kinds.stage import problem as stage
 
 WHOLE = "nothing"
@@ -105,8 +105,10 @@ def _no_slow_noise(stack: ExitStack) -> None:
 
 
 def _no_uncertainty(stack: ExitStack) -> None:
-    stack.enter_context(patch.object(stage, "uncertain_parameters", lambda description: ()))
-    stack.enter_context(patch.object(stage, "uncertain_warmings", lambda twin, recording: ()))
+    stack.enter_context(patch.object(nuisances, "uncertain_parameters", lambda description: ()))
+    for name in ("uncertain_warmings", "uncertain_forces"):
+        stack.enter_context(patch.object(stage, name, lambda twin, recording: ()))
+    stack.enter_context(patch.object(stage, "steps_of", lambda description, recording: {}))
     stack.enter_context(patch.object(machine, "uncertain_shifts", lambda description: ()))
 
 

@@ -48,8 +48,10 @@ def row_weights(twin: StageTwin, steps: Mapping[str, float]) -> dict[str, Array]
     their rows themselves.
     """
     found = {}
-    for name in (name for name, step in steps.items() if step > 0.0 and instrument_of(name) != HEAD):
-        stage, step, response = twin.stage, steps[name], twin.stage.response(name)
+    for name in twin.times:  # of a stretch of a recording, which may lack a sensor
+        stage, step, response = twin.stage, steps.get(name, 0.0), twin.stage.response(name)
+        if step == 0.0 or instrument_of(name) == HEAD:
+            continue
         before, stated = noise_before_steps(stage, name), sensor_of(name).noise(stage, name) * abs(response.gain)
         paths = response.readings(twin.predict((), [name])[name])
         repeated = np.stack([repeated_errors(path, before, step) for path in paths.T], axis=1)
