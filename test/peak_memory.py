@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -28,10 +29,21 @@ class Measured:
     peak: float
 
 
-def measured(arguments: Sequence[str | Path], part: int = 0) -> Measured:
-    """Run a command of the package, with parts of so many rows, or of as many as it has by itself."""
+_STEADY = {"PYTHONHASHSEED": "0", "MALLOC_MMAP_THRESHOLD_": "131072", "MALLOC_TRIM_THRESHOLD_": "131072"}
+"""What the C library takes by itself at its start: later it raises both as it goes, and keeps some MB more or less."""
+
+
+def measured(arguments: Sequence[str | Path], part: int = 0, steady: bool = False) -> Measured:
+    """Run a command of the package, with parts of so many rows, or of as many as it has by itself.
+
+    `steady` has what was given back leave the process at once, so that two runs can be compared to 1 MB.
+    """
     done = subprocess.run(
-        [sys.executable, "-c", _RUN, str(part), *map(str, arguments)], capture_output=True, text=True, check=False
+        [sys.executable, "-c", _RUN, str(part), *map(str, arguments)],
+        env={**os.environ, **(_STEADY if steady else {})},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     found = re.search(r"VmHWM:\s+(\d+) kB", done.stderr)
     assert found, done.stderr

@@ -14,8 +14,12 @@ from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock, block_from_bytes
 
 CDR_LITTLE_ENDIAN = b"\x00\x01"
-_BODY = 4  # the encapsulation header ends here; alignment counts from it
-_STAMP_END = 12
+BODY = 4
+"""Bytes of the encapsulation header; alignment counts from its end."""
+
+STAMP_END = BODY + 8
+"""Where the stamp of a header, which begins a message, ends: seconds and nanoseconds have four bytes each."""
+
 _FLOAT64 = 8  # sensor_msgs/msg/PointField.FLOAT64, and its size
 _FARTHEST = 2**31
 """Seconds that a sample may lie from its block's stamp: as far as stamps of ROS messages reach."""
@@ -113,7 +117,7 @@ class BlockDecoder:
         if (
             layout is None
             or data[:2] != CDR_LITTLE_ENDIAN
-            or data[_STAMP_END : layout.size_at] != layout.frame
+            or data[STAMP_END : layout.size_at] != layout.frame
             or data[layout.size_at + 8 : layout.data_at] != layout.description
         ):
             self._layout = layout = _parse(data)
@@ -141,7 +145,7 @@ def _extent(data: bytes, layout: _Layout) -> tuple[int, int]:
 
 
 def _decode(data: bytes, layout: _Layout, *, finite: bool) -> SampleBlock:
-    seconds, nanoseconds = struct.unpack_from("<iI", data, _BODY)
+    seconds, nanoseconds = struct.unpack_from("<iI", data, BODY)
     width, start = _extent(data, layout)
     count = width * len(layout.names)
     # The copy is aligned, and free of the message's memory.
@@ -169,7 +173,7 @@ def _parse(data: bytes) -> _Layout:
     """Walk through the message: header, height, width, fields, is_bigendian, point_step, row_step, data."""
     if data[:2] != CDR_LITTLE_ENDIAN:
         raise InputError(f"no sample block: encoding {data[:2].hex()}; expected little-endian CDR (0001)")
-    _, position = _string(data, _STAMP_END)
+    _, position = _string(data, STAMP_END)
     size_at = _align(position)
     (count,) = struct.unpack_from("<I", data, size_at + 8)
     position = size_at + 12
@@ -190,7 +194,7 @@ def _parse(data: bytes) -> _Layout:
     return _Layout(
         size_at=size_at,
         data_at=data_at,
-        frame=data[_STAMP_END:size_at],
+        frame=data[STAMP_END:size_at],
         description=data[size_at + 8 : data_at],
         names=tuple(name for name, *_ in fields),
         point_step=point_step,

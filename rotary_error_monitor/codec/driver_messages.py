@@ -11,10 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from rotary_error_monitor.codec.cdr_blocks import CDR_LITTLE_ENDIAN
-
-_BODY = 4  # the encapsulation header ends here; alignment counts from it
-_STAMP_END = 12
+from rotary_error_monitor.codec.cdr_blocks import BODY, CDR_LITTLE_ENDIAN, STAMP_END
 
 
 @dataclass(slots=True)
@@ -106,9 +103,9 @@ class DriverReader:
 
 def _read(data: bytes, layout: _Layout) -> DriverMessage | None:
     """The message, if it has that layout."""
-    if len(data) < _BODY + layout.form.size:
+    if len(data) < BODY + layout.form.size:
         return None
-    fields = layout.form.unpack_from(data, _BODY)
+    fields = layout.form.unpack_from(data, BODY)
     for place, value in layout.fixed:
         if fields[place] != value:
             return None
@@ -143,7 +140,7 @@ class _Walk:
 
     def __init__(self, data: bytes) -> None:
         self._data = data
-        self._at = _STAMP_END
+        self._at = STAMP_END
         self._form = "<iI"
         self._fields = 2
         self._fixed: list[tuple[slice, tuple[int | bytes, ...]]] = []
@@ -180,7 +177,7 @@ class _Walk:
         return _Layout(struct.Struct(self._form), tuple(self._fixed), frame, names, numbers)
 
     def _align(self, size: int) -> None:
-        gap = (_BODY - self._at) % size
+        gap = (BODY - self._at) % size
         self._form += f"{gap}x"
         self._at += gap
 

@@ -18,8 +18,9 @@ DISTANCES = 5
 
 _BEGINNING = np.iinfo(np.int64).min // 2
 
-_ROOM = 4
-"""Times the samples that are in memory for which there is room: each is then moved once in three blocks or less."""
+_ROOM = 2
+"""Times the samples that are in memory for which there is room: each is then moved about once, and no more is held than
+while a copy is made."""
 
 
 @dataclass(frozen=True)

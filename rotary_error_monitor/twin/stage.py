@@ -30,7 +30,8 @@ Signals = dict[str, Array]
 """Arrays (n, k) by stream."""
 
 NEIGHBOURS = 25
-"""Samples of a load cell that are judged together."""
+"""Samples of a load cell that are judged together: their mean has a fifth of the noise of one, and at 100 Hz they last
+a quarter of a second, which is shorter than a force acts on a shaft."""
 
 _STEADY = 0.5
 """Time, s, in which a stage's temperature stays what it is: samples of the sensor are averaged over it."""
