@@ -14,7 +14,7 @@ LOCKS := requirements/build.lock requirements/cell.lock
 UV_COMPILE := build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --no-header --upgrade
 
-.PHONY: help setup run run-linuxcnc test test-live test-models test-others test-python312 rates lint bench fuzz soak faults faults-doc docs lock policy clean
+.PHONY: help setup run run-linuxcnc test test-live test-models test-others test-models-rates test-others-rates test-python312 rates lint bench fuzz soak faults faults-doc docs lock policy clean
 
 help: ## what the targets do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -89,9 +89,14 @@ COVERAGE ?= yes
 MEASURED := $(filter yes,$(COVERAGE))
 COVERED := $(BIN)/python $(if $(MEASURED),-m coverage run)
 
+# What failed stands once more at the end, where half an hour of output ends: whoever reads only that sees it.
+FAILED := build/failed_tests.txt
+PARTS := test-live test-models test-others test-models-rates test-others-rates
 test: setup lint ## lint, type check and all tests, with coverage of at least 90 % (ALSO=test-python312: that beside them)
 	$(if $(MEASURED),$(BIN)/python -m coverage erase)
-	$(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target test-live test-models test-others $(ALSO)
+	@mkdir -p $(dir $(FAILED)) && : > $(FAILED)
+	FAILED_TESTS=$(CURDIR)/$(FAILED) $(MAKE) --no-print-directory --jobs 3 --keep-going --output-sync=target $(PARTS) $(ALSO) \
+		|| { cat $(FAILED); exit 1; }
 	$(if $(MEASURED),$(BIN)/python -m coverage combine --quiet)
 	$(if $(MEASURED),$(BIN)/python -m coverage report)
 
@@ -100,10 +105,14 @@ test-live:
 
 test-models:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(RATES),$(MODELS))
-	$(BESIDE) $(BIN)/python $(call PYTEST,,$(MODEL_RATES))
 
 test-others:
 	$(BESIDE) $(COVERED) $(call PYTEST,$(LIVE) $(MODELS) $(RATES))
+
+test-models-rates:
+	$(BESIDE) $(BIN)/python $(call PYTEST,,$(MODEL_RATES))
+
+test-others-rates:
 	$(BESIDE) $(BIN)/python $(call PYTEST,,$(CELL_RATES))
 
 rates: setup ## rates over many seeds that take too long for `make test` (SWEEPS=1 make test-live: all of a newcomer's cases)

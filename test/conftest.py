@@ -49,6 +49,13 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     metafunc.parametrize("case", [pytest.param(folder, id=folder.name) for folder in folders] or [absent])
 
 
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """What failed goes to the file that the environment names too: `make test` shows it at its end."""
+    if report.failed and (failed := os.environ.get("FAILED_TESTS")):
+        with Path(failed).open("a", encoding="utf-8") as file:
+            file.write(f"FAILED {report.nodeid} ({report.when})\n{report.longreprtext[-6000:]}\n\n")
+
+
 @pytest.fixture(autouse=True)
 def _scheduled_as_before() -> Iterator[None]:
     """No test leaves this process, and with it all that later tests start, with another claim to the processors."""

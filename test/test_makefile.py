@@ -8,7 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PARTS = ("test-live", "test-models", "test-others")
+PARTS = ("test-live", "test-models", "test-others", "test-models-rates", "test-others-rates")
 
 
 def is_below(path, places):
