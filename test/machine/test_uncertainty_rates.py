@@ -5,12 +5,13 @@ Machines are drawn here number by number, their offsets are pytransform3d's prod
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from draws import ALL
+from kernels import FORMS, computing_by, is_built
 from numpy.typing import NDArray
 
 from rotary_error_monitor.calibration.volume import draws_for, estimate_uncertain_offsets, sample_volume
@@ -27,6 +28,13 @@ CHI_SQUARE_3 = 7.815
 
 LEAST, MOST = (0.93, 0.97) if ALL else (0.87, 0.99)
 """Of 120 at 95 %, 104 or fewer, or 119 or more, come by chance less often than once in a hundred."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def form() -> Iterator[None]:
+    """By the form that users have: other tests hold both against one another, to the last digits."""
+    with computing_by(FORMS[not is_built()]):
+        yield
 
 
 def described(name: str, *, ideal: bool = False) -> MachineDescription:
