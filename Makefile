@@ -118,13 +118,14 @@ test-others-rates:
 rates: setup ## rates over many seeds that take too long for `make test` (SWEEPS=1 make test-live: all of a newcomer's cases)
 	SWEEPS=1 $(BIN)/python $(call PYTEST,,$(SWEEPS) $(DRAWN))
 
-# What computes without processes, and of these the nodes' life cycle and the installed package.
+# What computes without processes, and beside it the nodes' life cycle, whose processes have to answer in time.
 PYTHON312 ?= python3.12
 IN_312 := $(addprefix test/,bags/test_reader.py codec description/test_stage.py description/test_wire.py distribution machine \
-	metrology/test_encoder_heads.py metrology/test_positioning.py nodes/test_managed.py recordings/test_replay.py signals test_cli.py)
+	metrology/test_encoder_heads.py metrology/test_positioning.py recordings/test_replay.py signals test_cli.py)
 test-python312: ## the same packages with Python 3.12, in build/python312, and a part of the tests there
 	$(BESIDE) $(MAKE) --no-print-directory setup VENV=build/python312 PYTHON=$(PYTHON312)
 	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 $(BESIDE) build/python312/bin/python -m pytest -q $(PYTEST_ARGS) $(IN_312)
+	AMENT_PREFIX_PATH=$(CURDIR)/build/python312 $(ON_TIME) build/python312/bin/python -m pytest -q $(PYTEST_ARGS) test/nodes/test_managed.py
 
 lint: setup ## ruff and mypy
 	$(BIN)/ruff check .
