@@ -15,16 +15,13 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.assembly_doubts import ARCSEC
 from rotary_error_monitor.description.stage import AngularTable, PlanarTable
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
 from rotary_error_monitor.metrology.periodic_curves import TO_A_WAVE, interpolation_bound
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly
-
-Array = NDArray[np.float64]
-
 
 DEGREES = 360
 """Angles of a table are a multiple of these, so that they are easy to read."""

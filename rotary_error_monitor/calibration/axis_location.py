@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.description.machine import Body, Displacement, MachineDescription, Vector
 from rotary_error_monitor.errors import InputError
@@ -17,7 +18,6 @@ from rotary_error_monitor.machine.location_names import SPINDLE
 from rotary_error_monitor.machine.topology import branches, way
 from rotary_error_monitor.metrology.axis_fits import LineFit, estimate_location_errors, estimate_squareness
 
-Array = NDArray[np.float64]
 Points = tuple[Array, Array]
 
 ZERO = "zero"

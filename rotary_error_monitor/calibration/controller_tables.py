@@ -14,16 +14,14 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
 from rotary_error_monitor.machine.components import arrange_components
 from rotary_error_monitor.machine.correction import solve_axis_corrections
 from rotary_error_monitor.machine.kinematics import arrange_machine
-
-Array = NDArray[np.float64]
 
 MOST_ROWS = 256
 """LinuxCNC refuses longer COMP_FILEs."""

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.calibration.identification import ProbedPoses
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
@@ -30,8 +30,6 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.kinematics import arrange_machine, axis_columns, stand
 from rotary_error_monitor.metrology.positioning import PositioningRuns, estimate_deviations
 from rotary_error_monitor.metrology.repeated_runs import Run
-
-Array = NDArray[np.float64]
 
 LENGTH = 100.0
 """Longest axis, m."""

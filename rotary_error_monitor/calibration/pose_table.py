@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.measurements import axis_columns_of, check_within_travel, directions_of
 from rotary_error_monitor.description.csv_tables import Column, read_table
 from rotary_error_monitor.description.machine import MachineDescription
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.identification import Identification, check_held_out, identify_machine
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.calibration.measurements import (
@@ -37,8 +37,6 @@ from rotary_error_monitor.metrology.positioning import (
 )
 from rotary_error_monitor.metrology.positioning_bounds import PositioningBounds, bound_positioning
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
-
-Array = NDArray[np.float64]
 
 TURN = 2 * math.pi
 

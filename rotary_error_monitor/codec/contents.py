@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.signals.blocks import SampleBlock
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

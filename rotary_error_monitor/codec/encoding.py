@@ -12,10 +12,10 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 from rosbags.typesys.stores import ros2_jazzy as ros
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.codec.cdr_blocks import encode_block
 from rotary_error_monitor.codec.contents import (
     TYPES,
-    Array,
     Content,
     JointState,
     PointStamped,

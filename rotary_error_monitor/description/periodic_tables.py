@@ -16,13 +16,11 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.quantities import Tilt
 from rotary_error_monitor.description.sections import Place, Section
-
-Array = NDArray[np.float64]
 
 TURN = 2 * math.pi
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Parameter, Role, Values
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, RotorState, StageEffect
 
 _COMPONENTS = {"x": 0, "y": 1}
 

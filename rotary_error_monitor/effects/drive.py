@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Parameter, Role, Values
-from rotary_error_monitor.effects.rotor import COMMAND, Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import COMMAND, RotorState, StageEffect
 
 
 class ReversalBacklash(StageEffect):

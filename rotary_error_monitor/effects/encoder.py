@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values
-from rotary_error_monitor.effects.rotor import COMMAND, HEAD, Array, RotorState, StageEffect, head_locations
+from rotary_error_monitor.effects.rotor import COMMAND, HEAD, RotorState, StageEffect, head_locations
 
 _FLATTEST = 0.01
 """Least slope of the reading over the angle: a larger error turns it back, and no one angle can be told from it."""

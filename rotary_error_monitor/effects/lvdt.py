@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import Lvdt, StageDescription
 from rotary_error_monitor.effects.effect import Parameter, Values
-from rotary_error_monitor.effects.rotor import LVDT, Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import LVDT, RotorState, StageEffect
 
 _COMPONENTS = {"x": 0, "y": 1}
 

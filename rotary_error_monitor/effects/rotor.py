@@ -7,12 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Effect, Searched, Values
-
-Array = NDArray[np.float64]
 
 HEAD = "head"
 AUTOCOLLIMATOR = "autocollimator"

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
 from rotary_error_monitor.effects.autocollimator import planar_row
 from rotary_error_monitor.effects.effect import Estimate, Parameter, Role, Searched, Values
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LISTED, LVDT, Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LISTED, LVDT, RotorState, StageEffect
 
 
 class SpindleRadial(StageEffect):

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.arrays import Array
 
 ARCS_A_WAVE = 80
 """Arcs that one wave of the highest order is cut into, at least: its power comes out 0.06 % too small at most."""

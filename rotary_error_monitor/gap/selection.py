@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.hypotheses import Hypothesis, HypothesisTable
@@ -19,7 +20,7 @@ from rotary_error_monitor.gap.normal import acting_on, combine
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.posterior import Powers, powers_of, summed
 from rotary_error_monitor.gap.prior_conflict import find_left
-from rotary_error_monitor.gap.problem import FIRST_ORDER, Array, Candidate, Columns, Finding, Problem
+from rotary_error_monitor.gap.problem import FIRST_ORDER, Candidate, Columns, Finding, Problem
 from rotary_error_monitor.gap.steps import Selection, Step
 from rotary_error_monitor.twin.finite import UnpredictableError
 

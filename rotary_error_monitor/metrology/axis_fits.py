@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
-
-Array = NDArray[np.float64]
 
 MEDIAN_OF_TWO_SQUARES = 2 * math.log(2)
 """Median of the sum of two squared standard normal values."""

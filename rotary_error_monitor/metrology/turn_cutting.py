@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
+
 TURN = 2 * math.pi
 
 _HALF = math.sqrt(math.log(2) / 2) / math.pi

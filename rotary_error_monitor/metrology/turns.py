@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.turn_cutting import RunCutter, TurnGrid
 from rotary_error_monitor.signals.rows import Keep, Rows, RowsInMemory, parts_of
 
-Array = NDArray[np.float64]
 TURN = 2 * math.pi
 
 MOST_WAVES = 150

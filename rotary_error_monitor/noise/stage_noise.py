@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.special import gamma
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.noise.head_grid import align_heads, rate_of, standstill_weight
@@ -37,8 +38,6 @@ from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, few_at_once, predictor, segments_of
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_kinds, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
-
-Array = NDArray[np.float64]
 
 SPIKE = 6.0
 """A sample further than this many standard deviations from its neighbours' median is a spike: one in 10^9 by chance."""

@@ -7,18 +7,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.health import FallOut, FallOuts
 from rotary_error_monitor.analysis.result import ToolOffset
 from rotary_error_monitor.analysis.signals import Estimates
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.recordings.replayed import LongReplay, Replay
 from rotary_error_monitor.signals.rows import parts_of, place_of
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 _UNPROVEN = sum(1 << DOUBTS.index(name) for name in ("unverified", "unverified_tilt"))
 

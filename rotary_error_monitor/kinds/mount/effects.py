@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Harmonic, MachineDescription
 from rotary_error_monitor.effects.effect import Effect, Parameter, Role, Values
 from rotary_error_monitor.effects.machine_effect import positioning_error
-
-Array = NDArray[np.float64]
 
 _POINTING = "Wallace 2002, A rigorous algorithm for telescope pointing (Proc. SPIE 4848)"
 

@@ -13,10 +13,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Complex
 from rotary_error_monitor.effects.effect import Effect, Parameter, Role, Values, order_of
 from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription
-
-Complex = NDArray[np.complex128]
 
 _HEYDEMANN = "Heydemann 1981, Appl. Opt. 20, 3382"
 
