@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -33,7 +33,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages, parameters
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, status_name
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.qos import onlooker_profile
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -202,10 +202,7 @@ async def _answer(client: Client, request: messages.Message) -> messages.Message
     return future.result()
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: Dashboard(NAME), args)
-
+main = program(Dashboard, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

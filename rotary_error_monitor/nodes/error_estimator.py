@@ -6,7 +6,7 @@ ros2 run rotary_error_monitor error_estimator --ros-args -p stage:=my_stage.yaml
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from std_srvs.srv import Trigger
@@ -21,7 +21,7 @@ from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.pace import Pace
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.estimation import COMMAND, Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST, figures_of, radial_block
@@ -318,10 +318,7 @@ class ErrorEstimator(ManagedNode):
         }
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: ErrorEstimator(NAME), args)
-
+main = program(ErrorEstimator, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

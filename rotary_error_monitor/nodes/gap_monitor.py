@@ -22,7 +22,7 @@ from rotary_error_monitor.kinds.stage.admission import SHORTEST
 from rotary_error_monitor.nodes.diagnosis_process import DiagnosisProcess, Outcome
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.recent_turns import RecentTurns
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
@@ -288,10 +288,7 @@ def _repeated(option: str, values: Sequence[Path]) -> list[str]:
     return [part for value in values for part in (option, str(value))]
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: GapMonitor(NAME), args)
-
+main = program(GapMonitor, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

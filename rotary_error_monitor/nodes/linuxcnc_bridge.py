@@ -12,7 +12,7 @@ import os
 import shlex
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from std_srvs.srv import Trigger
 
@@ -42,7 +42,7 @@ from rotary_error_monitor.nodes.correction_listener import ControllerReport, Cor
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, RateMeter
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 
 NAME = "linuxcnc_bridge"
 SILENCE = 0.3
@@ -347,10 +347,7 @@ class LinuxcncBridge(ManagedNode):
             yield "another hand has changed the offsets"
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: LinuxcncBridge(NAME), args)
-
+main = program(LinuxcncBridge, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -3,8 +3,7 @@
 A node of the package is a `ManagedNode` with things of its own: its `settings`, `open()` which builds what it works
 with, `conditions()` which says how it fares, and `release()` where something must be put away. Its module ends in
 
-    def main(args: Sequence[str] | None = None) -> int:
-        return run(MyNode, args)
+    main = program(MyNode, "my_node")
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.nodes import compensation, messages, parameters
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, status_name
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.opcua.board import Board, Status
 from rotary_error_monitor.opcua.model import CellDescription, information_model
 from rotary_error_monitor.pipeline.corrections import OFFSET
@@ -272,10 +272,7 @@ def _is_loopback(address: str) -> bool:
         return address == "localhost"
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: OpcuaServer(NAME), args)
-
+main = program(OpcuaServer, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())

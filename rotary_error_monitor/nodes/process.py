@@ -58,6 +58,11 @@ def run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None = None
     return code
 
 
+def program(node_class: Callable[[str], ManagedNode], name: str) -> Callable[[], int]:
+    """Entry point of an executable that runs one node, called `name`, as `run` does."""
+    return partial(run, partial(node_class, name))
+
+
 def _let_go() -> None:
     """Delete what is left of the node, so that its participant leaves the domain while everything else still stands.
 

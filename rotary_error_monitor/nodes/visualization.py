@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from builtin_interfaces.msg import Duration
@@ -31,7 +31,7 @@ from rotary_error_monitor.nodes.compensation_settings import MOUNTING
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.frame_broadcaster import FrameBroadcaster
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.last_turn import LastTurn, Picture
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -179,10 +179,7 @@ def _points(rows: NDArray[np.float64]) -> list[Point]:
     return [Point(x=x, y=y, z=z) for x, y, z in rows.tolist()]
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: Visualization(NAME), args)
-
+main = program(Visualization, NAME)
 
 if __name__ == "__main__":
     sys.exit(main())
