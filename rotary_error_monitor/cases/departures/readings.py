@@ -46,16 +46,12 @@ class Saturating(Form):
     """The detector's third-order error saturates; strength at a tilt of 100 arcsec."""
 
     most: ClassVar[float] = 100.0
+    signed = False  # one shape only
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"saturates: cubic divided by 1 + {self.strength:.3g} (tilt / 100 arcsec)²"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """One shape only."""
-        return cls()
 
     def look(self, tilt: Plane, scene: Scene) -> Plane:
         """Bent axes."""
@@ -219,16 +215,12 @@ class SlowLoss(Form):
     """Counts are lost one after another, over the strength in s, not at once."""
 
     most: ClassVar[float] = 12.0
+    signed = False  # one shape only
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"lost little by little within {self.strength:.2g} s"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """One shape only."""
-        return cls()
 
     def read(self, angle: Reals, stream: str, scene: Scene) -> Reals:
         """Ramp in the reading."""
