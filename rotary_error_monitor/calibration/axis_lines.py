@@ -48,9 +48,6 @@ from rotary_error_monitor.metrology.tracker import TrackerNoise, estimate_point_
 FALSE_ALARM = 1e-3
 """Probability that clean readings are found to hold one that stands off."""
 
-LEAST_ANGLE = 0.1
-"""Rotary axes at a smaller angle, rad, count as parallel: they have a distance in two directions, not one."""
-
 
 @dataclass(frozen=True)
 class SquarenessResult:

@@ -88,11 +88,6 @@ class FlatnessPrediction:
     comparisons: tuple[GrindingComparison, ...]
 
     @property
-    def error_matrix(self) -> Array:
-        """(n, m) what straightness adds to the height of the surface, m."""
-        return predict_error_matrix(self.curves[0].errors, self.curves[1].errors)
-
-    @property
     def trajectory(self) -> Array:
         """(n, m) what the vertical axis adds over the workpiece, m (Zhou et al. 2023, Figure 15)."""
         return predict_corrections(*self.curves)

@@ -111,11 +111,6 @@ def _middles(arcs: int, orders: int) -> NDArray[np.complex128]:
     return np.asarray(np.exp(-1j * np.pi / arcs * np.arange(orders + 1)), np.complex128)
 
 
-def order_sums(angle: Array, rows: Array, orders: int) -> NDArray[np.complex128]:
-    """`Angles.sums` of angles (n,) that are looked at once."""
-    return Angles(angle).sums(rows, orders)
-
-
 def order_spectrum(angle: Array, rows: Array, orders: int) -> Array:
     """`Angles.spectrum` of angles (n,) that are looked at once."""
     return Angles(angle).spectrum(rows, orders)

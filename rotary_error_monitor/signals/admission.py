@@ -26,7 +26,6 @@ SPIKE = "a spike"
 FUTURE = "stamped in the future"
 OLD = "too old at arrival"
 
-HALF_TURN = math.pi
 TURN = 2 * math.pi
 
 SPIKE_SIGMAS = 8.0
