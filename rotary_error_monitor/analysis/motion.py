@@ -17,8 +17,9 @@ from rotary_error_monitor.metrology.circles import CENTRES, Centre, find_centre
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.order_spectrum import OrderSpectrum, estimate_orders, orders_like_radial
 from rotary_error_monitor.metrology.spindle_figures import SignalNoise, Value, estimate_values
-from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TURN, TurnProfiles
+from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TurnProfiles
 from rotary_error_monitor.signals.rows import Keep, RowsInMemory
+from rotary_error_monitor.units import TURN
 
 Array = NDArray[np.float64]
 

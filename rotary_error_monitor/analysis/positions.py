@@ -17,8 +17,8 @@ from rotary_error_monitor.metrology.positioning import (
     check_standard_test,
     estimate_positioning,
 )
-from rotary_error_monitor.metrology.turns import TURN
 from rotary_error_monitor.signals.rows import parts_of
+from rotary_error_monitor.units import TURN
 
 Array = NDArray[np.float64]
 

@@ -24,10 +24,11 @@ from rotary_error_monitor.metrology.error_motion import reading_variance, rotate
 from rotary_error_monitor.metrology.lvdt_comparison import BOUND, MAX_GAP_NS, LvdtComparison
 from rotary_error_monitor.metrology.reference_fit import ReferenceFit, fit_reference
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
-from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TURN, TurnProfiles, cut_turns
+from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TurnProfiles, cut_turns
 from rotary_error_monitor.pipeline.publication import AssemblyVariance
 from rotary_error_monitor.pipeline.reference_readings import Reference
 from rotary_error_monitor.signals.resampling import resample
+from rotary_error_monitor.units import TURN
 
 Array = NDArray[np.float64]
 

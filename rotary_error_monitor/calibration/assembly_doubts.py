@@ -17,8 +17,8 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly
+from rotary_error_monitor.units import ARCSEC
 
-ARCSEC = 648000 / np.pi
 CHANGED = 0.01
 """Probability that an unchanged stage is said to have changed, by any of what is compared: a look costs little."""
 

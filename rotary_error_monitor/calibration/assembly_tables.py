@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.calibration.assembly_doubts import ARCSEC
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
 from rotary_error_monitor.metrology.periodic_curves import TO_A_WAVE, interpolation_bound
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly
+from rotary_error_monitor.units import ARCSEC
 
 DEGREES = 360
 """Angles of a table are a multiple of these, so that they are easy to read."""

@@ -37,8 +37,7 @@ from rotary_error_monitor.metrology.positioning import (
 )
 from rotary_error_monitor.metrology.positioning_bounds import PositioningBounds, bound_positioning
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
-
-TURN = 2 * math.pi
+from rotary_error_monitor.units import ARCSEC, TURN
 
 LARGEST_GAP = 1.2
 """Targets of a rotary axis further apart, rad, do not go all round."""
@@ -203,7 +202,7 @@ def _noted(figures: PositioningFigures, bounds: PositioningBounds) -> dict[str, 
 def _outlying_readings(outliers: Sequence[Outlier], runs: PositioningRuns) -> tuple[str, ...]:
     if not outliers:
         return ()
-    scale, unit = (648000 / math.pi, "arcsec") if runs.rotary else (1e6, "µm")
+    scale, unit = (ARCSEC, "arcsec") if runs.rotary else (1e6, "µm")
     worst = outliers[0]
     return (
         f"{len(outliers)} reading(s) stand off from the others at their target, by up to {worst.excess * scale:+.3f} "

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from rotary_error_monitor.units import ARCSEC
+
 ANGLE_UNITS = {
     "rad": 1.0,
     "deg": 180 / math.pi,
@@ -12,6 +14,6 @@ ANGLE_UNITS = {
     "mrad": 1e3,
     "urad": 1e6,
     "arcmin": 10800 / math.pi,
-    "arcsec": 648000 / math.pi,
+    "arcsec": ARCSEC,
 }
 """What one radian reads in each unit."""

@@ -24,7 +24,7 @@ from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_blo
 from rotary_error_monitor.dashboard.board import PORT, Action, Board
 from rotary_error_monitor.dashboard.cards import Clock, Drawn
 from rotary_error_monitor.dashboard.health import Status, label_of
-from rotary_error_monitor.dashboard.model import MICRO, CellModel
+from rotary_error_monitor.dashboard.model import CellModel
 from rotary_error_monitor.dashboard.server import WebServer
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.settings import Setting
@@ -36,6 +36,7 @@ from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.qos import onlooker_profile
 from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.units import MICRO
 
 NAME = "dashboard"
 _GATHER = 0.05

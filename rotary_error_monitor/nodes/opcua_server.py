@@ -34,6 +34,7 @@ from rotary_error_monitor.pipeline.corrections import OFFSET
 from rotary_error_monitor.pipeline.observability import possible_components
 from rotary_error_monitor.security.opcua_certificate import APPLICATION, application_uri
 from rotary_error_monitor.security.users import load_users
+from rotary_error_monitor.units import MICRO
 
 if TYPE_CHECKING:
     from rotary_error_monitor.opcua.server import Access, CellServer, Reset
@@ -42,9 +43,6 @@ NAME = "opcua_server"
 _NONE, _ENCRYPTED = "None", "Basic256Sha256"
 _PATIENCE = 2.0
 """s for which a reset is waited for."""
-
-_MICRO = 1e6
-"""µm in a metre, µrad in a radian."""
 
 
 class OpcuaServer(ManagedNode):
@@ -217,12 +215,12 @@ class OpcuaServer(ManagedNode):
         position = message.pose.pose.position
         values = [position.x, position.y, position.z, *messages.rotation_vector(message.pose.pose.orientation).tolist()]
         for name, value in zip(OFFSET, values, strict=True):
-            self._board.note(f"corrected_offset/{name}", _MICRO * value, stamp_ns)
+            self._board.note(f"corrected_offset/{name}", MICRO * value, stamp_ns)
 
     def _note_axes(self, folder: str, letters: Sequence[str], message: JointState, stamp_ns: int) -> None:
         positions, _ = messages.joint_motion(message)
         for letter in positions.keys() & set(letters):
-            self._board.note(f"{folder}/{letter}", _MICRO * positions[letter], stamp_ns)
+            self._board.note(f"{folder}/{letter}", MICRO * positions[letter], stamp_ns)
 
     def _note_temperature(self, path: str, message: Temperature, stamp_ns: int) -> None:
         self._board.note(path, message.temperature, stamp_ns)

@@ -9,13 +9,12 @@ import numpy as np
 
 from rotary_error_monitor.cases.departures.departure import Part, Reals, sign
 from rotary_error_monitor.cases.departures.forms import Form
+from rotary_error_monitor.cases.draws import ARCSEC
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults import instruments as seen
 from rotary_error_monitor.plant.environment import lagged_warming
 from rotary_error_monitor.plant.geometry import Plane
 from rotary_error_monitor.plant.stage import Fault, Scene
-
-ARCSEC = np.pi / 180 / 3600
 
 
 @dataclass(frozen=True, kw_only=True)

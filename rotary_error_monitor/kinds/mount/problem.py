@@ -26,8 +26,7 @@ from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.modulations import mount_departures
 from rotary_error_monitor.kinds.mount.sky import estimate_repeatability, sky_conditions, sky_patches
 from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
-
-ARCSEC = np.degrees(1.0) * 3600
+from rotary_error_monitor.units import ARCSEC
 
 ORDERS = 4
 """Orders of either axis that are looked for in what is left: gears and runout of a mount's axes make one to three."""
