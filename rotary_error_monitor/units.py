@@ -1,0 +1,17 @@
+"""Angles and times that formulas need, and how many of the units that people read there are in those of SI."""
+
+from __future__ import annotations
+
+import math
+
+TURN = 2 * math.pi
+"""A whole turn, rad."""
+
+ARCSEC = 648000 / math.pi
+"""Arcseconds in a radian."""
+
+MICRO = 1e6
+"""µm in a metre, µrad in a radian."""
+
+HOUR = 3600.0
+"""Seconds in an hour."""
