@@ -234,22 +234,6 @@ def _are_apart(
     )
 
 
-def compare_stays(stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array) -> tuple[Stay, ...]:
-    """Comparison at each height, of what is in memory.
-
-    Args:
-        stamp_ns: (n,) times of the estimate.
-        motion: error motion at these times.
-        lvdt: as described.
-        times_ns: (k,) times of the LVDT's samples.
-        radial: (k, 2) the samples, m.
-    """
-    if len(stamp_ns) < 2 or len(times_ns) < 2:
-        return ()
-    estimates = ArrayMotion(stamp_ns, motion.theta, motion)
-    return stays_of(estimates, int(np.diff(stamp_ns).min()), lvdt, ArraySamples(times_ns, radial))
-
-
 def stays_of(estimates: LongMotion, period_ns: int, lvdt: Lvdt, samples: LongSamples) -> tuple[Stay, ...]:
     """Comparison at each height.
 

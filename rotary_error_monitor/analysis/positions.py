@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.analysis.rotation import ArrayCourse, Course, Stretch
+from rotary_error_monitor.analysis.rotation import Course, Stretch
 from rotary_error_monitor.analysis.runs import rests
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import (
@@ -50,28 +50,6 @@ class LongPositions(Course, Protocol):
     def deviation(self, first: int, last: int) -> Array:
         """Rotation less command from one estimate to before another, rad, NaN where not observable."""
         ...
-
-
-@dataclass(frozen=True)
-class ArrayPositions(ArrayCourse):
-    """The same in memory; `ecc` (n,) is rotation less command, rad."""
-
-    ecc: Array
-
-    def deviation(self, first: int, last: int) -> Array:
-        """As `LongPositions.deviation`."""
-        return self.ecc[first:last]
-
-
-def estimate_stops(stamp_ns: NDArray[np.int64], theta: Array, ecc: Array) -> Positioning:
-    """Positioning by the stops of a recording that is in memory.
-
-    Args:
-        stamp_ns: (n,) timestamps (ns).
-        theta: (n,) rotation, rad.
-        ecc: (n,) rotation less command, rad, NaN where not observable.
-    """
-    return positioning_of(ArrayPositions(stamp_ns, theta, ecc))
 
 
 def positioning_of(estimates: LongPositions) -> Positioning:

@@ -295,14 +295,10 @@ def frame_of(machine: MachineDescription, name: str) -> tuple[Rotation, Array]:
 
     Gives the rotation, which maps the body's coordinates to the base's, and the origin, m.
     """
-    bodies = {body.name: body for body in machine.bodies}
-    way: list[Body] = []
-    while name in bodies:
-        way.append(bodies[name])
-        name = bodies[name].parent
+    carriers = way(machine, name)
     rotation, place = Rotation.identity(), np.zeros(3)
-    for number, body in enumerate(way[::-1]):
-        steps = [body.pose] if number == len(way) - 1 else [body.pose, body.location_error]
+    for body in carriers:
+        steps = [body.pose] if body is carriers[-1] else [body.pose, body.location_error]
         for step in steps:
             rotation, place = _moved(rotation, place, step)
     return rotation, place

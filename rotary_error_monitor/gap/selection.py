@@ -57,7 +57,7 @@ def select_causes(
     """
     search = _Search(problem, false_alarms)
     progress("residual")
-    steps = [search.assess(fit_causes(problem, ()), None)]
+    steps = [search.assess(fit_causes(problem, ()))]
     while not steps[-1].settled and len(steps) <= most and search.can_grow(steps[-1]):
         progress(f"{len(steps)} effect{'s' if len(steps) > 1 else ''}")
         grown = search.grow(steps[-1], len(steps))
@@ -78,7 +78,7 @@ class _Search:
         self._promising: list[tuple[str, str, bytes]] = []
         self.dropped: dict[tuple[str, str], None] = {}
 
-    def assess(self, fit: Fit, hypothesis: Hypothesis | None) -> Step:
+    def assess(self, fit: Fit) -> Step:
         """Test what a fit leaves."""
         # What was learnt beside fewer causes may have been one of these.
         if self._problem.learn_noise(fit.causes):
@@ -93,7 +93,6 @@ class _Search:
         best, chance = self._entering(table, larger, base, powers)
         return Step(
             fit.without_data(),
-            hypothesis,
             table,
             tuple(findings),
             self._log_alarm(findings),
@@ -115,7 +114,7 @@ class _Search:
             if fit is not None:
                 # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the
                 # causes.
-                return self.assess(fit, best)
+                return self.assess(fit)
         return None
 
     def _fit_or_drop(self, step: Step, hypothesis: Hypothesis) -> Fit | None:
@@ -179,7 +178,7 @@ class _Search:
             lost = dataclasses.replace(full, reduction=reduction, dof=dof)
             if lost.log_p_value - table.log_prior(members[k]) > step.log_alarm_entering:
                 fit = fit_causes(self._problem, table.causes(fewer))
-                return self.assess(fit, fewer)
+                return self.assess(fit)
         return step
 
     def _entering(
