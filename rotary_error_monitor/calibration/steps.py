@@ -13,11 +13,8 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.identification import Identification, check_held_out, identify_machine
 from rotary_error_monitor.calibration.machine_file import MachineFile
-from rotary_error_monitor.calibration.measurements import (
-    read_positioning,
-    read_positioning_poses,
-    read_probed_poses,
-)
+from rotary_error_monitor.calibration.machine_poses import read_positioning_poses, read_probed_poses
+from rotary_error_monitor.calibration.measurements import read_positioning
 from rotary_error_monitor.calibration.parameters import Orders, list_parameters
 from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits

@@ -15,7 +15,7 @@ from rotary_error_monitor.files import check_outputs, check_places, write_all
 from rotary_error_monitor.recordings.formats import FORMATS
 
 if TYPE_CHECKING:  # takes long to load, and is needed once the arguments are right
-    from rotary_error_monitor.calibration.pose_table import Poses
+    from rotary_error_monitor.calibration.machine_poses import Poses
 
 SIGNS = {"+": 1.0, "-": -1.0, "+1": 1.0, "1": 1.0, "-1": -1.0, "0": 0.0}
 """Directions of travel by how they may be written."""
@@ -103,8 +103,7 @@ def _poses(arguments: argparse.Namespace, machine: MachineDescription) -> Poses:
     """
     import numpy as np
 
-    from rotary_error_monitor.calibration.measurements import check_within_travel
-    from rotary_error_monitor.calibration.pose_table import Poses, read_poses
+    from rotary_error_monitor.calibration.machine_poses import Poses, check_within_travel, read_poses
 
     if arguments.program:
         return read_poses(arguments.program, machine)

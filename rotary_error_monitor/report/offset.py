@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.calibration.pose_table import Poses
+from rotary_error_monitor.calibration.machine_poses import Poses
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.machine.budget import BodyPart, OffsetBudget
 from rotary_error_monitor.machine.characteristic import body_numbers
