@@ -14,7 +14,7 @@ from typing import NoReturn, Self
 
 from mcap.writer import CompressionType
 
-from rotary_error_monitor.bags.kept_files import KeptFile, KeptFiles
+from rotary_error_monitor.bags.kept_files import KeptFile, KeptFiles, check_kept
 from rotary_error_monitor.bags.lock import BagLock, holder
 from rotary_error_monitor.bags.metadata import TopicEntry, qos_profiles, type_definition, write_metadata
 from rotary_error_monitor.bags.part import BagPart, Recordable
@@ -104,7 +104,7 @@ class BagWriter:
         self.notes: dict[str, str] = {}
         self._topics = {topic.name: topic for topic in topics}
         self._definitions = {topic.type: _definition(topic) for topic in self._topics.values()}
-        _check_kept(keep_size, keep_duration, max_file_size, max_file_duration)
+        check_kept(keep_size, keep_duration, max_file_size, max_file_duration)
         self._limits = max_file_size, max_file_duration
         self._compression = CompressionType[compression.upper()]
         self._periods = flush_period, sync_period
@@ -327,18 +327,6 @@ class BagWriter:
         counts = self.counts - self._kept.removed
         topics = [TopicEntry(t.name, t.type, qos_profiles(t.qos), counts[t.name]) for t in self._topics.values()]
         write_metadata(self._lock.place, topics, [*self._kept, self._part.entry], self.notes)
-
-
-def _check_kept(keep_size: int, keep_duration: float, max_file_size: int, max_file_duration: float) -> None:
-    """Only whole files go, and the one at hand stays."""
-    if (keep_size or keep_duration) and not (max_file_size or max_file_duration):
-        raise InputError("keep_size or keep_duration without files that end: give max_file_size or max_file_duration")
-    if 0 < keep_size < 2 * max_file_size:
-        raise InputError(
-            f"keep_size of {keep_size} bytes: expected at least two files of {max_file_size}, or 0 for all"
-        )
-    if 0.0 < keep_duration < max_file_duration:
-        raise InputError(f"keep_duration of {keep_duration} s: expected a file of {max_file_duration} s or more, or 0")
 
 
 def _new_folder(folder: Path) -> BagLock:

@@ -21,7 +21,7 @@ from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitte
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
-from rotary_error_monitor.noise.stage_noise import Jitter
+from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed
 from rotary_error_monitor.twin.stage import Signals
 

@@ -350,8 +350,7 @@ class StageProblem:
         """What was left out of the recording, and sensors noisier than the twin says."""
         found = [*self.recording.remarks, *left_out(self.twin, partial(self._raw_residual, ()), self.noise.std)]
         found += [f"{name}: {count} spikes left out" for name, count in self.spikes().items() if count]
-        found += motion_remarks(self.recording, int(self.noise.uncommanded.sum()))
-        found += self.noise.slow_remarks()
+        found += [*motion_remarks(self.recording, int(self.noise.uncommanded.sum())), *self.noise.slow_remarks()]
         time = self.noise.grid.time
         found += [
             f"rotation: a wave at {line:.2f} Hz was taken for jitter of the rotor's own; recorded at one speed only, "
