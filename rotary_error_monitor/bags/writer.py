@@ -19,11 +19,10 @@ from rotary_error_monitor.bags.lock import BagLock, holder
 from rotary_error_monitor.bags.metadata import TopicEntry, qos_profiles, type_definition, write_metadata
 from rotary_error_monitor.bags.part import BagPart, Recordable
 from rotary_error_monitor.bags.storage import RecordFile, Reserve
-from rotary_error_monitor.codec.contents import TYPES, Content
+from rotary_error_monitor.codec.contents import TYPES, Content, complete_ns
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.wire import Qos, Wire
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.signals.blocks import SampleBlock
 
 RESERVE = ".reserve"
 REMOVED = "files removed for what shall be kept at most"
@@ -369,17 +368,13 @@ def write_messages(
         qos = known[name].qos if name in known else DEFAULT_QOS
         topics.append(BagTopic(name, kind, qos))
     rows = sorted(
-        ((_complete_ns(value), name, value) for name, values in contents.items() for value in values),
+        ((complete_ns(value), name, value) for name, values in contents.items() for value in values),
         key=lambda row: row[:2],
     )
     with BagWriter(folder, topics) as writer:
         writer.notes |= notes or {}
         for time_ns, name, value in rows:
             writer.write(name, encode(value, known[name].frame if name in known else ""), time_ns)
-
-
-def _complete_ns(content: Content) -> int:
-    return content.newest_ns if isinstance(content, SampleBlock) else content.stamp_ns
 
 
 def _definition(topic: Recordable) -> str:

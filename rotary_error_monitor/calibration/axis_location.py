@@ -238,7 +238,7 @@ def _placed(
             raise InputError(f"{source}: feature {name}: {error}") from error
         # along the axis nothing is seen of its place: that stays
         shift, is_seen = errors.shift + (old @ direction) * direction, np.abs(direction) < ALONG
-        if name == reference or (name == SPINDLE and not _is_carried(machine, reference, name)):
+        if name == reference or (name == SPINDLE and (reference == ZERO or not carries(machine, reference, name))):
             shift, is_seen = old, np.zeros(3, dtype=np.bool_)
         elif reference in lines:
             shift, is_seen = _along_normal(rotation.inv().apply(lines[reference].direction), direction, old, shift)
@@ -247,10 +247,6 @@ def _placed(
         changed = replace(body, location_error=found[name])
         machine = replace(machine, bodies=tuple(changed if each is body else each for each in machine.bodies))
     return found, known
-
-
-def _is_carried(machine: MachineDescription, reference: str, name: str) -> bool:
-    return reference != ZERO and carries(machine, reference, name)
 
 
 def _vector(values: Array) -> Vector:

@@ -134,7 +134,9 @@ def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> Prob
     reader.check_topics([pose, tool_probe])
     contents = reader.read([name for name in (pose, tool_probe, thermometer) if name in reader.topics])
     joints = {content.stamp_ns: content for content in contents[pose]}
-    warmth = {content.stamp_ns: content for content in contents.get(thermometer, [])}
+    warmth = {
+        each.stamp_ns: each.temperature for each in contents.get(thermometer, []) if isinstance(each, Temperature)
+    }
     rows: list[tuple[Array, Array, float, Array]] = []
     for probe in contents[tool_probe]:
         assert isinstance(probe, PointStamped)
@@ -144,7 +146,7 @@ def _poses_of_bag(path: Path, machine: MachineDescription, noise: float) -> Prob
                 f"±{LINEAR_ERROR:g} m: is it in m, and minus the ideal position?"
             )
         position, direction = _axes_of(joints.get(probe.stamp_ns), machine, f"{path}: probe at {probe.stamp_ns} ns")
-        rows.append((position, direction, _warmth(warmth.get(probe.stamp_ns), machine), probe.point))
+        rows.append((position, direction, warmth.get(probe.stamp_ns, machine.reference_temperature), probe.point))
     positions, directions, temperatures, deviations = (np.array(column) for column in zip(*rows, strict=True))
     return ProbedPoses(positions, directions, temperatures, deviations, noise)
 
@@ -161,10 +163,6 @@ def _axes_of(state: Content | None, machine: MachineDescription, where: str) -> 
     check_within_travel(where, machine, state.position[order])
     direction = np.sign(state.velocity[order]) if len(state.velocity) else np.zeros(len(order))
     return state.position[order], direction
-
-
-def _warmth(content: Content | None, machine: MachineDescription) -> float:
-    return content.temperature if isinstance(content, Temperature) else machine.reference_temperature
 
 
 def check_within_travel(where: str, machine: MachineDescription, pose: Array) -> None:

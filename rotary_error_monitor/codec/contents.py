@@ -61,3 +61,8 @@ TYPES: Mapping[type, str] = {
     PoseWithCovariance: "geometry_msgs/msg/PoseWithCovarianceStamped",
 }
 SAMPLE_BLOCK = TYPES[SampleBlock]
+
+
+def complete_ns(content: Content) -> int:
+    """When all of it was measured, timestamp (ns): of a block its last sample."""
+    return content.newest_ns if isinstance(content, SampleBlock) else content.stamp_ns

@@ -20,7 +20,7 @@ from rotary_error_monitor.gap.normal import acting_on, combine
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.posterior import Powers, powers_of, summed
 from rotary_error_monitor.gap.prior_conflict import find_left
-from rotary_error_monitor.gap.problem import FIRST_ORDER, Candidate, Columns, Finding, Problem
+from rotary_error_monitor.gap.problem import FIRST_ORDER, Candidate, Columns, Problem
 from rotary_error_monitor.gap.steps import Selection, Step
 from rotary_error_monitor.twin.finite import UnpredictableError
 
@@ -95,7 +95,7 @@ class _Search:
             fit.without_data(),
             table,
             tuple(findings),
-            self._log_alarm(findings),
+            float(np.log(self._level / max(len(findings), 1))),
             best,
             chance,
             float(np.log(self._level)),
@@ -160,9 +160,6 @@ class _Search:
         best = sorted(larger, key=lambda hypothesis: -hypothesis.log_evidence)[:SHORTLIST]
         found = [table.candidates[hypothesis.members[-1]] for hypothesis in best]
         self._promising = list(dict.fromkeys([*self._promising, *((*c.key, c.start.tobytes()) for c in found)]))
-
-    def _log_alarm(self, findings: Sequence[Finding]) -> float:
-        return float(np.log(self._level / max(len(findings), 1)))
 
     def _members(self, step: Step) -> tuple[int, ...]:
         found = (step.table.position(cause.key) for cause in step.fit.causes)

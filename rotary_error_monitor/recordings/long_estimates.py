@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -74,7 +73,8 @@ class ReplayedEstimates:
     @property
     def turned(self) -> float:
         """From the smallest to the largest rotation, rad."""
-        ends = [(float(theta.min()), float(theta.max())) for _, theta in self._courses()]
+        courses = (self.read(first, last)[1] for first, last in parts_of(0, len(self)))
+        ends = [(float(theta.min()), float(theta.max())) for theta in courses]
         return max(high for _, high in ends) - min(low for low, _ in ends)
 
     def fall_outs(self, bits: dict[str, int]) -> tuple[FallOut, ...]:
@@ -100,9 +100,6 @@ class ReplayedEstimates:
         if not before.count or not after.count:
             return None
         return ToolOffset(before.rms, before.largest, after.rms, after.largest)
-
-    def _courses(self) -> Iterator[tuple[Times, Array]]:
-        return (self.read(first, last) for first, last in parts_of(0, len(self)))
 
 
 class _Sizes:
