@@ -15,3 +15,15 @@ MICRO = 1e6
 
 HOUR = 3600.0
 """Seconds in an hour."""
+
+ANGLE_UNITS = {
+    "rad": 1.0,
+    "deg": 180 / math.pi,
+    "turn": 0.5 / math.pi,
+    "gon": 200 / math.pi,
+    "mrad": 1e3,
+    "urad": 1e6,
+    "arcmin": 10800 / math.pi,
+    "arcsec": ARCSEC,
+}
+"""What one radian reads in each unit, by the names that parameters have for them."""
