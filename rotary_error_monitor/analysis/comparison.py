@@ -9,9 +9,9 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.rotation import ArrayCourse, Course, span_of
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.description.stage import Lvdt
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion, rotate
@@ -19,9 +19,6 @@ from rotary_error_monitor.metrology.lvdt_comparison import MAX_GAP_NS, LvdtAgree
 from rotary_error_monitor.metrology.reference_fit import ReferenceFit, fit_reference
 from rotary_error_monitor.signals.resampling import resample
 from rotary_error_monitor.signals.rows import parts_of
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 WINDOW_NS = 1_000_000_000
 """Time in which a height is found, ns: with some 10 µrad of tilt and 0.05 µm of noise to a tenth of a millimetre."""

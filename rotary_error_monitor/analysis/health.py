@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Times = NDArray[np.int64]
+from rotary_error_monitor.arrays import Times
 
 LEAST_FALL_OUT = 0.01
 """Shortest time without an instrument that is told, s: single samples are refused now and then."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.analysis.runs import Segment, segments_of
 from rotary_error_monitor.analysis.segment_turns import SegmentTurns
 from rotary_error_monitor.analysis.signals import RADIAL, ROTATING, LongEstimates, SignalName
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.circles import CENTRES, Centre, find_centre
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
@@ -20,8 +21,6 @@ from rotary_error_monitor.metrology.spindle_figures import SignalNoise, Value, e
 from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TurnProfiles
 from rotary_error_monitor.signals.rows import Keep, RowsInMemory
 from rotary_error_monitor.units import TURN
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

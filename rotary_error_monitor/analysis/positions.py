@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.rotation import Course, Stretch
 from rotary_error_monitor.analysis.runs import rests
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import (
     PositioningFigures,
@@ -19,8 +19,6 @@ from rotary_error_monitor.metrology.positioning import (
 )
 from rotary_error_monitor.signals.rows import parts_of
 from rotary_error_monitor.units import TURN
-
-Array = NDArray[np.float64]
 
 LEAST_REST_NS = 200_000_000
 """Shortest stop that is one, ns; its first half is left to the drive to settle."""

@@ -10,10 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.signals.rows import parts_of
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 WINDOW_NS = 100_000_000
 """Time over which a speed is taken, ns: some periods of what a drive trembles at."""

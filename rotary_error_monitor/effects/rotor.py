@@ -8,7 +8,7 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.arrays import Array as Array  # for effects of other packages
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Effect, Parameter, Searched, Values
 

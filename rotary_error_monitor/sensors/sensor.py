@@ -5,9 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
-from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription, Turbulence
-from rotary_error_monitor.effects.rotor import RotorState
+from rotary_error_monitor.effects.rotor import Array, RotorState
 
 
 class Pose(Protocol):
