@@ -7,8 +7,6 @@ ros2 run rotary_error_monitor autocollimator --ros-args -p source:=iio -p iio.se
 
 from __future__ import annotations
 
-import sys
-
 from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import SensorNode
 
@@ -25,4 +23,4 @@ class Autocollimator(SensorNode):
 main = program(Autocollimator, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

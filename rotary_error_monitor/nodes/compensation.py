@@ -8,7 +8,6 @@ ros2 service call /compensation/reset std_srvs/srv/Trigger
 from __future__ import annotations
 
 import math
-import sys
 
 import numpy as np
 from sensor_msgs.msg import JointState, Temperature
@@ -262,4 +261,4 @@ class Compensation(ManagedNode):
 main = program(Compensation, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

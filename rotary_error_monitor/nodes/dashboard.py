@@ -6,7 +6,6 @@ ros2 run rotary_error_monitor dashboard --ros-args -p port:=8088
 from __future__ import annotations
 
 import asyncio
-import sys
 import time
 from collections.abc import Awaitable, Callable
 
@@ -206,4 +205,4 @@ async def _answer(client: Client, request: messages.Message) -> messages.Message
 main = program(Dashboard, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -6,8 +6,6 @@ ros2 run rotary_error_monitor encoder_head --ros-args -p head:=a -p source:=join
 
 from __future__ import annotations
 
-import sys
-
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
@@ -54,4 +52,4 @@ class EncoderHead(SensorNode):
 main = program(EncoderHead, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -5,7 +5,6 @@ ros2 run rotary_error_monitor error_estimator --ros-args -p stage:=my_stage.yaml
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -321,4 +320,4 @@ class ErrorEstimator(ManagedNode):
 main = program(ErrorEstimator, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

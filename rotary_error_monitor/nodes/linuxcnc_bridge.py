@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import os
 import shlex
-import sys
 import time
 from collections.abc import Iterator
 
@@ -350,4 +349,4 @@ class LinuxcncBridge(ManagedNode):
 main = program(LinuxcncBridge, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -6,8 +6,6 @@ ros2 run rotary_error_monitor listed_sensor --ros-args -p sensor:=top -p source:
 
 from __future__ import annotations
 
-import sys
-
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import Topic
@@ -72,4 +70,4 @@ class ListedSensorNode(SensorNode):
 main = program(ListedSensorNode, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -6,8 +6,6 @@ ros2 run rotary_error_monitor lvdt --ros-args -p source:=vector3 -p vector3.topi
 
 from __future__ import annotations
 
-import sys
-
 from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import SensorNode
 
@@ -24,4 +22,4 @@ class Lvdt(SensorNode):
 main = program(Lvdt, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

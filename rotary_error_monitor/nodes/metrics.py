@@ -5,7 +5,6 @@ ros2 run rotary_error_monitor metrics --ros-args -p port:=9464
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -133,4 +132,4 @@ class Metrics(ManagedNode):
 main = program(Metrics, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

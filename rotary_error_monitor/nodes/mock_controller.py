@@ -5,7 +5,6 @@ ros2 run rotary_error_monitor mock_controller --ros-args -p machine:=xyzac_trt
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
@@ -134,4 +133,4 @@ class MockController(ManagedNode):
 main = program(MockController, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

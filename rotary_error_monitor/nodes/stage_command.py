@@ -6,8 +6,6 @@ ros2 run rotary_error_monitor stage_command --ros-args -p source:=joint_state -p
 
 from __future__ import annotations
 
-import sys
-
 from rotary_error_monitor.nodes.messages import STAGE_JOINT
 from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import SensorNode
@@ -26,4 +24,4 @@ class StageCommand(SensorNode):
 main = program(StageCommand, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

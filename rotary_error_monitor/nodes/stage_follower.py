@@ -7,7 +7,6 @@ ros2 run rotary_error_monitor stage_follower
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 
 from rotary_error_monitor.errors import InputError
@@ -79,4 +78,4 @@ class StageFollower(ManagedNode):
 main = program(StageFollower, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

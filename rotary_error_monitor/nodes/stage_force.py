@@ -5,8 +5,6 @@ ros2 run rotary_error_monitor stage_force --ros-args -p source:=wrench -p wrench
 
 from __future__ import annotations
 
-import sys
-
 from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import SensorNode
 
@@ -23,4 +21,4 @@ class StageForce(SensorNode):
 main = program(StageForce, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -5,8 +5,6 @@ ros2 run rotary_error_monitor stage_temperature --ros-args -p source:=temperatur
 
 from __future__ import annotations
 
-import sys
-
 from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import THERMOMETER, SensorNode
 
@@ -27,4 +25,4 @@ class StageTemperature(SensorNode):
 main = program(StageTemperature, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -9,7 +9,6 @@ installed, `/tf` has the frames of stage and rotor, not magnified, and of the ma
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 
 import numpy as np
@@ -182,4 +181,4 @@ def _points(rows: NDArray[np.float64]) -> list[Point]:
 main = program(Visualization, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())
