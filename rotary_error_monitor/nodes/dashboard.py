@@ -37,7 +37,6 @@ from rotary_error_monitor.nodes.qos import onlooker_profile
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.units import MICRO
 
-NAME = "dashboard"
 _GATHER = 0.05
 """s that messages gather: the page is drawn a few times a second, and each wake-up costs."""
 
@@ -202,7 +201,7 @@ async def _answer(client: Client, request: messages.Message) -> messages.Message
     return future.result()
 
 
-main = program(Dashboard, NAME)
+main = program(Dashboard, "dashboard")
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -26,7 +26,6 @@ from rotary_error_monitor.pipeline.observability import possible_components, unc
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST, figures_of, radial_block
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
-NAME = "error_estimator"
 _POSE_PERIOD, _FIGURES_PERIOD = 50_000_000, 20_000_000  # ns, between two messages for people and for plotting
 _WATCH_PERIOD = 0.05  # s, between two looks whether there is something to say at once
 _SILENT_AFTER = 0.5  # s without an estimate from which it is said: beyond what a computer that is busy takes
@@ -317,7 +316,7 @@ class ErrorEstimator(ManagedNode):
         }
 
 
-main = program(ErrorEstimator, NAME)
+main = program(ErrorEstimator, "error_estimator")
 
 if __name__ == "__main__":
     raise SystemExit(main())

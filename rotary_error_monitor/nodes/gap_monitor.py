@@ -26,7 +26,6 @@ from rotary_error_monitor.pipeline.recent_turns import RecentTurns
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
-NAME = "gap_monitor"
 _DAY = 86_400.0
 _LOOK_PERIOD = 0.2
 _STALE_AFTER = 1.0
@@ -287,7 +286,7 @@ def _repeated(option: str, values: Sequence[Path]) -> list[str]:
     return [part for value in values for part in (option, str(value))]
 
 
-main = program(GapMonitor, NAME)
+main = program(GapMonitor, "gap_monitor")
 
 if __name__ == "__main__":
     raise SystemExit(main())

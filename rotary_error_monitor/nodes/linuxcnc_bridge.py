@@ -43,7 +43,6 @@ from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
 from rotary_error_monitor.nodes.process import program
 
-NAME = "linuxcnc_bridge"
 SILENCE = 0.3
 """After this long without a word, s, the link counts as hung."""
 
@@ -346,7 +345,7 @@ class LinuxcncBridge(ManagedNode):
             yield "another hand has changed the offsets"
 
 
-main = program(LinuxcncBridge, NAME)
+main = program(LinuxcncBridge, "linuxcnc_bridge")
 
 if __name__ == "__main__":
     raise SystemExit(main())

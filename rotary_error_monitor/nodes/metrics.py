@@ -19,7 +19,6 @@ from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.process import program
 
-NAME = "metrics"
 PREFIX = "rotary_error_monitor"
 _STALE_AFTER = 5.0
 """s after which a status is left out: five reports that did not come. Absence is what Prometheus alarms on."""
@@ -129,7 +128,7 @@ class Metrics(ManagedNode):
         return [Condition("server", Level.OK, "serving", figures)]
 
 
-main = program(Metrics, NAME)
+main = program(Metrics, "metrics")
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -24,7 +24,6 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.sources.mock import MOCK, RATE, MockSource, mock_settings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
 
-NAME = "mock_controller"
 _FORCE_PERIOD = 50_000_000
 _JOINT_STATE_PERIOD = 10_000_000
 _TEMPERATURE_PERIOD = NANOSECONDS
@@ -130,7 +129,7 @@ class MockController(ManagedNode):
         return listener
 
 
-main = program(MockController, NAME)
+main = program(MockController, "mock_controller")
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -20,7 +20,6 @@ from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.follower import FollowedSource, FollowedStage
 from rotary_error_monitor.sources.mock import MOCK, RATE, mock_settings
 
-NAME = "stage_follower"
 _STALE_AFTER = 0.5
 
 
@@ -75,7 +74,7 @@ class StageFollower(ManagedNode):
         self._watch.observe(block, self.now_ns())
 
 
-main = program(StageFollower, NAME)
+main = program(StageFollower, "stage_follower")
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -34,7 +34,6 @@ from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.last_turn import LastTurn, Picture
 from rotary_error_monitor.signals.blocks import SampleBlock
 
-NAME = "visualization"
 _LATE_AFTER, _STALE_AFTER = 0.5, 1.0
 """Age, s, from which an estimate is late for a picture of now, and of the last one from which its silence is told: with
 the next diagnostics."""
@@ -178,7 +177,7 @@ def _points(rows: NDArray[np.float64]) -> list[Point]:
     return [Point(x=x, y=y, z=z) for x, y, z in rows.tolist()]
 
 
-main = program(Visualization, NAME)
+main = program(Visualization, "visualization")
 
 if __name__ == "__main__":
     raise SystemExit(main())
