@@ -69,7 +69,6 @@ class LongMotion(Course, Protocol):
 
     def motion(self, first: int, last: int) -> tuple[Times, ErrorMotion]:
         """Timestamps (ns) and error motion from one estimate to before another."""
-        ...
 
 
 class LongSamples(Protocol):
@@ -77,7 +76,6 @@ class LongSamples(Protocol):
 
     def between(self, begin_ns: int, end_ns: int) -> tuple[Times, Array]:
         """Timestamps (ns), ascending, and samples (k, 2), m, from one time to before another."""
-        ...
 
 
 @dataclass(frozen=True)

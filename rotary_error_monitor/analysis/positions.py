@@ -47,7 +47,6 @@ class LongPositions(Course, Protocol):
 
     def deviation(self, first: int, last: int) -> Array:
         """Rotation less command from one estimate to before another, rad, NaN where not observable."""
-        ...
 
 
 def positioning_of(estimates: LongPositions) -> Positioning:

@@ -25,15 +25,12 @@ class Course(Protocol):
 
     def __len__(self) -> int:
         """How many there are."""
-        ...
 
     def read(self, first: int, last: int) -> tuple[Times, Array]:
         """Timestamps (ns) and rotation (rad, unwrapped) from one sample to before another."""
-        ...
 
     def place(self, time_ns: int) -> int:
         """Number of the first sample that is not before a time; n where all are."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,6 @@ class LongEstimates(Course, Protocol):
 
     def part(self, first: int, last: int) -> Estimates:
         """Estimates from one to before another."""
-        ...
 
 
 @dataclass(frozen=True)
