@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
-from rotary_error_monitor.effects.effect import Parameter, Role, Values
+from rotary_error_monitor.effects.effect import Parameter, Values, planar_wave_of_order
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, ComponentGain, RotorState, StageEffect
 
 
@@ -110,11 +110,7 @@ class MirrorFlatness(StageEffect):
     title = "mirror's flatness of one order"
     remedy = "Calibrate the mirror (`calibrate assembly`), or state the order among mirror.flatness."
     source = "Lou et al. 2019, Section 2.3 (mirror on the rotor)"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
-        Parameter("x", "rad", 3e-6, 2, bound=1e-2),
-        Parameter("y", "rad", 3e-6, 2, bound=1e-2),
-    )
+    parameters = planar_wave_of_order("rad", 3e-6, bound=1e-2)
     stands_out_in = (AUTOCOLLIMATOR,)
     acts_on = (AUTOCOLLIMATOR,)
     orders = 100

@@ -9,7 +9,7 @@ import numpy as np
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
-from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values
+from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values, wave_of_order
 from rotary_error_monitor.effects.rotor import COMMAND, HEAD, RotorState, StageEffect
 
 _FLATTEST = 0.01
@@ -59,11 +59,7 @@ class GraduationError(StageEffect):
     title = "graduation error of one order"
     remedy = "Calibrate the graduation (`calibrate assembly`) and state it among encoder.graduation."
     source = "Lou et al. 2019, Section 2.2; Geckeler et al. 2006 (Fourier description of division errors)"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
-        Parameter("cos", "rad", 3e-6, bound=1e-3),
-        Parameter("sin", "rad", 3e-6, bound=1e-3),
-    )
+    parameters = wave_of_order("rad", 3e-6, bound=1e-3)
     stands_out_in = (HEAD, COMMAND)
     acts_on = (HEAD,)
     orders = 100

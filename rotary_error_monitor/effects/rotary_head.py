@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotary_error_monitor.description.machine import Harmonic, MachineDescription
-from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values
+from rotary_error_monitor.effects.effect import Parameter, Searched, Values, wave_of_order
 from rotary_error_monitor.effects.machine_effect import ROTARY, MachineEffect, axes_of, moved, positioning_error
 
 _NOWHERE = np.zeros(3)
@@ -19,11 +19,7 @@ class RotaryHarmonic(MachineEffect):
     remedy = "Calibrate the rotary axis and add the harmonic to the machine file, or to the controller's table."
     source = "ISO 230-1, 3.4.17 (ECC); eccentricity and shape of scale or gear"
     axes = ROTARY
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=12, least=1),
-        Parameter("cos", "rad", 1e-5, bound=1e-2),
-        Parameter("sin", "rad", 1e-5, bound=1e-2),
-    )
+    parameters = wave_of_order("rad", 1e-5, bound=1e-2, highest=12)
     searched = Searched.ORDER
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
