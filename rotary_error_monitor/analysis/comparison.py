@@ -9,9 +9,9 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.rotation import ArrayCourse, Course, span_of
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.description.stage import Lvdt
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion, rotate
@@ -19,9 +19,6 @@ from rotary_error_monitor.metrology.lvdt_comparison import MAX_GAP_NS, LvdtAgree
 from rotary_error_monitor.metrology.reference_fit import ReferenceFit, fit_reference
 from rotary_error_monitor.signals.resampling import resample
 from rotary_error_monitor.signals.rows import parts_of
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 WINDOW_NS = 1_000_000_000
 """Time in which a height is found, ns: with some 10 µrad of tilt and 0.05 µm of noise to a tenth of a millimetre."""
@@ -72,7 +69,6 @@ class LongMotion(Course, Protocol):
 
     def motion(self, first: int, last: int) -> tuple[Times, ErrorMotion]:
         """Timestamps (ns) and error motion from one estimate to before another."""
-        ...
 
 
 class LongSamples(Protocol):
@@ -80,7 +76,6 @@ class LongSamples(Protocol):
 
     def between(self, begin_ns: int, end_ns: int) -> tuple[Times, Array]:
         """Timestamps (ns), ascending, and samples (k, 2), m, from one time to before another."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -232,22 +227,6 @@ def _are_apart(
         abs(one - other) > max(MOVED, APART * float(np.hypot(std, other_std)))
         for (one, std), (other, other_std) in pairwise(found)
     )
-
-
-def compare_stays(stamp_ns: Times, motion: ErrorMotion, lvdt: Lvdt, times_ns: Times, radial: Array) -> tuple[Stay, ...]:
-    """Comparison at each height, of what is in memory.
-
-    Args:
-        stamp_ns: (n,) times of the estimate.
-        motion: error motion at these times.
-        lvdt: as described.
-        times_ns: (k,) times of the LVDT's samples.
-        radial: (k, 2) the samples, m.
-    """
-    if len(stamp_ns) < 2 or len(times_ns) < 2:
-        return ()
-    estimates = ArrayMotion(stamp_ns, motion.theta, motion)
-    return stays_of(estimates, int(np.diff(stamp_ns).min()), lvdt, ArraySamples(times_ns, radial))
 
 
 def stays_of(estimates: LongMotion, period_ns: int, lvdt: Lvdt, samples: LongSamples) -> tuple[Stay, ...]:

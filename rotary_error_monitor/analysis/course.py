@@ -12,10 +12,8 @@ from scipy.special import stdtrit
 
 from rotary_error_monitor.analysis.motion import SegmentFigures
 from rotary_error_monitor.analysis.signals import ROTATING
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE, Value
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 LEAST_WARMING = 0.1
 """Change of temperature from which a slope over it is told, K: thermometers of machines resolve some hundredths."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Times = NDArray[np.int64]
+from rotary_error_monitor.arrays import Times
 
 LEAST_FALL_OUT = 0.01
 """Shortest time without an instrument that is told, s: single samples are refused now and then."""
@@ -108,19 +108,3 @@ class FallOuts:
         ]
         longest = sorted(told, key=lambda each: -each.duration)[:MOST_FALL_OUTS]
         return tuple(sorted(longest, key=lambda each: each.begin))
-
-
-def fall_outs(
-    stamp_ns: Times, streams: NDArray[np.int64], bits: Mapping[str, int], period_ns: int
-) -> tuple[FallOut, ...]:
-    """What `FallOuts` finds in estimates that are in memory.
-
-    Args:
-        stamp_ns: (n,) timestamps (ns) of the estimates.
-        streams: (n,) bit mask of what was used.
-        bits: bit of each instrument.
-        period_ns: distance of two estimates, ns.
-    """
-    found = FallOuts(bits, period_ns)
-    found.add(stamp_ns, streams)
-    return found.found

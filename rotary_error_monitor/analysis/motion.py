@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from rotary_error_monitor.analysis.runs import Segment, segments_of
 from rotary_error_monitor.analysis.segment_turns import SegmentTurns
 from rotary_error_monitor.analysis.signals import RADIAL, ROTATING, LongEstimates, SignalName
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.circles import CENTRES, Centre, find_centre
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.order_spectrum import OrderSpectrum, estimate_orders, orders_like_radial
 from rotary_error_monitor.metrology.spindle_figures import SignalNoise, Value, estimate_values
-from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TURN, TurnProfiles
+from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TurnProfiles
 from rotary_error_monitor.signals.rows import Keep, RowsInMemory
-
-Array = NDArray[np.float64]
+from rotary_error_monitor.units import TURN
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,11 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp
 from scipy.stats import chi2
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
 
 MOST_ROUNDS = 20
 """Times that slope and steps are found in turn: three settle nearly all, and none is needed to keep the rate."""

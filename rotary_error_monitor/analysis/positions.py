@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotary_error_monitor.analysis.rotation import ArrayCourse, Course, Stretch
+from rotary_error_monitor.analysis.rotation import Course, Stretch
 from rotary_error_monitor.analysis.runs import rests
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import (
     PositioningFigures,
@@ -17,10 +17,8 @@ from rotary_error_monitor.metrology.positioning import (
     check_standard_test,
     estimate_positioning,
 )
-from rotary_error_monitor.metrology.turns import TURN
 from rotary_error_monitor.signals.rows import parts_of
-
-Array = NDArray[np.float64]
+from rotary_error_monitor.units import TURN
 
 LEAST_REST_NS = 200_000_000
 """Shortest stop that is one, ns; its first half is left to the drive to settle."""
@@ -49,29 +47,6 @@ class LongPositions(Course, Protocol):
 
     def deviation(self, first: int, last: int) -> Array:
         """Rotation less command from one estimate to before another, rad, NaN where not observable."""
-        ...
-
-
-@dataclass(frozen=True)
-class ArrayPositions(ArrayCourse):
-    """The same in memory; `ecc` (n,) is rotation less command, rad."""
-
-    ecc: Array
-
-    def deviation(self, first: int, last: int) -> Array:
-        """As `LongPositions.deviation`."""
-        return self.ecc[first:last]
-
-
-def estimate_stops(stamp_ns: NDArray[np.int64], theta: Array, ecc: Array) -> Positioning:
-    """Positioning by the stops of a recording that is in memory.
-
-    Args:
-        stamp_ns: (n,) timestamps (ns).
-        theta: (n,) rotation, rad.
-        ecc: (n,) rotation less command, rad, NaN where not observable.
-    """
-    return positioning_of(ArrayPositions(stamp_ns, theta, ecc))
 
 
 def positioning_of(estimates: LongPositions) -> Positioning:

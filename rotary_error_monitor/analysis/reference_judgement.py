@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtri, ndtr, ndtri, stdtrit
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.lvdt_comparison import BOUND
-
-Array = NDArray[np.float64]
 
 CHANCE = 0.01
 """Largest probability that a monitor and a reference are said to disagree that are as their descriptions say, over all

@@ -10,10 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.signals.rows import parts_of
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 WINDOW_NS = 100_000_000
 """Time over which a speed is taken, ns: some periods of what a drive trembles at."""
@@ -27,15 +25,12 @@ class Course(Protocol):
 
     def __len__(self) -> int:
         """How many there are."""
-        ...
 
     def read(self, first: int, last: int) -> tuple[Times, Array]:
         """Timestamps (ns) and rotation (rad, unwrapped) from one sample to before another."""
-        ...
 
     def place(self, time_ns: int) -> int:
         """Number of the first sample that is not before a time; n where all are."""
-        ...
 
 
 @dataclass(frozen=True)

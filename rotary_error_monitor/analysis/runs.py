@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.rotation import ArrayCourse, Course, Moving, Stretch, Stretches, moving_parts
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
+from rotary_error_monitor.arrays import Array, Times
 
 STEADY = 0.02
 """Part by which the speed may change within a window in a run of constant speed."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.rotation import speeds_in
 from rotary_error_monitor.analysis.runs import Segment
@@ -20,12 +19,12 @@ from rotary_error_monitor.analysis.signals import (
     signals_of,
     survey,
 )
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.spindle_figures import SignalNoise
 from rotary_error_monitor.metrology.turns import RunSurvey, TurnCutter, TurnProfiles
 from rotary_error_monitor.signals.rows import Keep, parts_of
 
-Array = NDArray[np.float64]
 _Part = tuple[bool, Estimates, list[list[Signal]]]
 
 _SUMS = 4

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.rotation import Course
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
 from rotary_error_monitor.metrology.error_motion import radial_covariance_at, radial_error_motion_at, remove_mirror
 from rotary_error_monitor.metrology.spindle_figures import sensitive_direction
 from rotary_error_monitor.pipeline.publication import AssemblyVariance
 from rotary_error_monitor.signals.rows import parts_of
-
-Array = NDArray[np.float64]
 
 RADIAL, TILT, AXIAL = "radial", "tilt", "axial"
 ROTATING = "rotating"
@@ -67,7 +66,6 @@ class LongEstimates(Course, Protocol):
 
     def part(self, first: int, last: int) -> Estimates:
         """Estimates from one to before another."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from rotary_error_monitor.analysis.partition import Course, fit_course
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 DAY_NS = 86_400_000_000_000
 """Slopes are told for a day: wear of a stage that is in use shows over days to months."""

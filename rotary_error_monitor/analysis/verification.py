@@ -18,18 +18,18 @@ from rotary_error_monitor.analysis.rotation import speeds_in
 from rotary_error_monitor.analysis.runs import Segment, find_segments
 from rotary_error_monitor.analysis.signals import RADIAL, Estimates, Signal, radial_at, signals_of, survey
 from rotary_error_monitor.analysis.verification_result import AxisFigures, ReferenceComparison, TurningComparison
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import reading_variance, rotate
 from rotary_error_monitor.metrology.lvdt_comparison import BOUND, MAX_GAP_NS, LvdtComparison
 from rotary_error_monitor.metrology.reference_fit import ReferenceFit, fit_reference
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
-from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TURN, TurnProfiles, cut_turns
+from rotary_error_monitor.metrology.turns import MOST_WAVES, SAMPLES_A_WAVE, TurnProfiles, cut_turns
 from rotary_error_monitor.pipeline.publication import AssemblyVariance
 from rotary_error_monitor.pipeline.reference_readings import Reference
 from rotary_error_monitor.signals.resampling import resample
-
-Array = NDArray[np.float64]
+from rotary_error_monitor.units import TURN
 
 FEWEST = 8
 """Stretches in which the scatter of a direction is seen, at least: fewer turns are cut."""

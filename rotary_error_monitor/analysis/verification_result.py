@@ -8,14 +8,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.reference_judgement import Judgement
 from rotary_error_monitor.analysis.result import Figure
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.lvdt_comparison import LvdtComparison
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from rotary_error_monitor.bags.metadata import FileEntry
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
 
@@ -84,3 +85,19 @@ class KeptFiles:
         if 0 < self._most_bytes < next_size + self.size:
             return True
         return 0 < self._longest_ns < now_ns - self._files[0].entry.end_ns
+
+
+def check_kept(keep_size: int, keep_duration: float, max_file_size: int, max_file_duration: float) -> None:
+    """Hold that what shall be kept (bytes, s) fits the files (bytes, s): whole ones go, and the one at hand stays.
+
+    Raises:
+        InputError: files have no end, or what shall be kept is less than two of them.
+    """
+    if (keep_size or keep_duration) and not (max_file_size or max_file_duration):
+        raise InputError("keep_size or keep_duration without files that end: give max_file_size or max_file_duration")
+    if 0 < keep_size < 2 * max_file_size:
+        raise InputError(
+            f"keep_size of {keep_size} bytes: expected at least two files of {max_file_size}, or 0 for all"
+        )
+    if 0.0 < keep_duration < max_file_duration:
+        raise InputError(f"keep_duration of {keep_duration} s: expected a file of {max_file_duration} s or more, or 0")

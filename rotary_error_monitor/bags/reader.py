@@ -14,7 +14,7 @@ from rotary_error_monitor.bags.order import GROUP, Order, Ordering
 from rotary_error_monitor.bags.recorded_files import RawMessage
 from rotary_error_monitor.bags.window import Window
 from rotary_error_monitor.codec.cdr_blocks import BlockDecoder
-from rotary_error_monitor.codec.contents import SAMPLE_BLOCK, TYPES, Content
+from rotary_error_monitor.codec.contents import SAMPLE_BLOCK, TYPES, Content, complete_ns
 from rotary_error_monitor.codec.messages import Decoder, check_type, stamp_of
 from rotary_error_monitor.errors import InputError, excerpt, one_line
 from rotary_error_monitor.files import exists
@@ -142,7 +142,7 @@ class BagReader:
             kept = content if window is None else window.cut(ready.topic, content)
             if kept is not None:
                 arrival_ns = ready.log_time_ns + order.behind_ns
-                yield ready.topic, kept, arrival_ns if order.timely else max(arrival_ns, _newest_ns(kept))
+                yield ready.topic, kept, arrival_ns if order.timely else max(arrival_ns, complete_ns(kept))
 
     def _by_stamp(self, names: Collection[str], order: Order) -> Iterator[RawMessage]:
         """Messages by stamp, topic, and when they were recorded: what waits is what later ones may come before.
@@ -281,7 +281,3 @@ class BagReader:
             raise InputError(
                 f"{self.path}: {one_line(message.topic)}, message with stamp {stamp} ns: {error}"
             ) from error
-
-
-def _newest_ns(content: Content) -> int:
-    return content.newest_ns if isinstance(content, SampleBlock) else content.stamp_ns

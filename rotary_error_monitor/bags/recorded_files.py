@@ -92,7 +92,6 @@ class RecordedFile(Protocol):
         Raises:
             InputError: it cannot be read, or costs more than a recording of its size.
         """
-        ...
 
     def messages(self, names: Collection[str]) -> Iterator[RawMessage]:
         """Messages of these topics in the order of the file; what is damaged is left out.
@@ -100,7 +99,6 @@ class RecordedFile(Protocol):
         Raises:
             InputError: as `survey`.
         """
-        ...
 
 
 def open_file(path: Path) -> RecordedFile:

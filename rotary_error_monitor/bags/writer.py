@@ -10,21 +10,19 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import NoReturn, Self
 
 from mcap.writer import CompressionType
 
-from rotary_error_monitor.bags.kept_files import KeptFile, KeptFiles
+from rotary_error_monitor.bags.kept_files import KeptFile, KeptFiles, check_kept
 from rotary_error_monitor.bags.lock import BagLock, holder
 from rotary_error_monitor.bags.metadata import TopicEntry, qos_profiles, type_definition, write_metadata
 from rotary_error_monitor.bags.part import BagPart, Recordable
 from rotary_error_monitor.bags.storage import RecordFile, Reserve
-from rotary_error_monitor.codec.contents import TYPES, Content
+from rotary_error_monitor.codec.contents import TYPES, Content, complete_ns
 from rotary_error_monitor.codec.messages import encode
 from rotary_error_monitor.description.wire import Qos, Wire
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.signals.blocks import SampleBlock
 
 RESERVE = ".reserve"
 REMOVED = "files removed for what shall be kept at most"
@@ -105,7 +103,7 @@ class BagWriter:
         self.notes: dict[str, str] = {}
         self._topics = {topic.name: topic for topic in topics}
         self._definitions = {topic.type: _definition(topic) for topic in self._topics.values()}
-        _check_kept(keep_size, keep_duration, max_file_size, max_file_duration)
+        check_kept(keep_size, keep_duration, max_file_size, max_file_duration)
         self._limits = max_file_size, max_file_duration
         self._compression = CompressionType[compression.upper()]
         self._periods = flush_period, sync_period
@@ -212,9 +210,7 @@ class BagWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _new_part(self) -> BagPart:
@@ -332,18 +328,6 @@ class BagWriter:
         write_metadata(self._lock.place, topics, [*self._kept, self._part.entry], self.notes)
 
 
-def _check_kept(keep_size: int, keep_duration: float, max_file_size: int, max_file_duration: float) -> None:
-    """Only whole files go, and the one at hand stays."""
-    if (keep_size or keep_duration) and not (max_file_size or max_file_duration):
-        raise InputError("keep_size or keep_duration without files that end: give max_file_size or max_file_duration")
-    if 0 < keep_size < 2 * max_file_size:
-        raise InputError(
-            f"keep_size of {keep_size} bytes: expected at least two files of {max_file_size}, or 0 for all"
-        )
-    if 0.0 < keep_duration < max_file_duration:
-        raise InputError(f"keep_duration of {keep_duration} s: expected a file of {max_file_duration} s or more, or 0")
-
-
 def _new_folder(folder: Path) -> BagLock:
     """The lock of a folder that was not there before."""
     try:
@@ -384,17 +368,13 @@ def write_messages(
         qos = known[name].qos if name in known else DEFAULT_QOS
         topics.append(BagTopic(name, kind, qos))
     rows = sorted(
-        ((_complete_ns(value), name, value) for name, values in contents.items() for value in values),
+        ((complete_ns(value), name, value) for name, values in contents.items() for value in values),
         key=lambda row: row[:2],
     )
     with BagWriter(folder, topics) as writer:
         writer.notes |= notes or {}
         for time_ns, name, value in rows:
             writer.write(name, encode(value, known[name].frame if name in known else ""), time_ns)
-
-
-def _complete_ns(content: Content) -> int:
-    return content.newest_ns if isinstance(content, SampleBlock) else content.stamp_ns
 
 
 def _definition(topic: Recordable) -> str:

@@ -34,9 +34,8 @@ PATIENCE = 3600.0
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Result of a run: the hash told beforehand, that of the opened truth, and the outcome of each case."""
+    """Result of a run: the hash of the opened truth, which is the one told beforehand, and the outcome of each case."""
 
-    promised: str
     opened: str
     outcomes: tuple[Outcome, ...]
 
@@ -82,7 +81,7 @@ def run_benchmark(
         raise InputError(f"the opened truth has hash {opened}, but {promised} was promised")
     truths = json.loads(sealed)["truths"]
     outcomes = [score_case(plan, truth, *answer) for plan, truth, answer in zip(plans, truths, answers, strict=True)]
-    return Benchmark(promised, opened, tuple(outcomes))
+    return Benchmark(opened, tuple(outcomes))
 
 
 def _one_case(

@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.cases.departures import Part, acting
 from rotary_error_monitor.cases.faults import make_fault
 from rotary_error_monitor.cases.making import MachineCase, StageCase
@@ -28,7 +28,6 @@ from rotary_error_monitor.plant.machine import MachineFault, MachinePlant
 from rotary_error_monitor.plant.stage import HEAD, Fault, StagePlant
 from rotary_error_monitor.twin.stage_parameters import uncertain_parameters
 
-Array = NDArray[np.float64]
 Parts = tuple[Part, ...]
 
 JITTER_BAND = 20.0

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.calibration.assembly_doubts import Centres, doubt_assembly
 from rotary_error_monitor.calibration.assembly_tables import MeasuredCurve, mirror_curve, ring_curve, written_names
@@ -36,8 +37,7 @@ from rotary_error_monitor.metrology.ring_assembly import RingAssembly, estimate_
 from rotary_error_monitor.metrology.rotation_fit import HIGHEST
 from rotary_error_monitor.metrology.shaft_recording import ShaftRecording, record_shaft
 from rotary_error_monitor.signals.blocks import SampleBlock
-
-Array = NDArray[np.float64]
+from rotary_error_monitor.units import ARCSEC
 
 NOTHING = 0.01
 """Part of a reading's noise below which an order of a curve that the file has is none: no calculation notices it."""
@@ -221,7 +221,7 @@ def misfit_lines(result: AssemblyResult) -> list[str]:
     ring, mirror = result.ring, result.mirror
     lines = [] if ring.fit.fits else [ring.fit.sentence("heads", result.radius * 1e6, "µm at the ring")]
     if mirror is not None and not mirror.fit.fits:
-        lines.append(mirror.fit.sentence("autocollimator", 648000 / np.pi, "arcsec"))
+        lines.append(mirror.fit.sentence("autocollimator", ARCSEC, "arcsec"))
     return [*lines, *result.contradictions]
 
 

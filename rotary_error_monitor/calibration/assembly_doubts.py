@@ -11,16 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly
+from rotary_error_monitor.units import ARCSEC
 
-Array = NDArray[np.float64]
-
-ARCSEC = 648000 / np.pi
 CHANGED = 0.01
 """Probability that an unchanged stage is said to have changed, by any of what is compared: a look costs little."""
 

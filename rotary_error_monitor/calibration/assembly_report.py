@@ -12,8 +12,8 @@ from rotary_error_monitor.calibration.assembly_tables import MeasuredCurve, show
 from rotary_error_monitor.calibration.head_comparison import AssemblyComparison, Signal, figures
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly
+from rotary_error_monitor.units import ARCSEC
 
-ARCSEC = 648000 / np.pi
 MOST_ORDERS = 8
 """Orders that a line names, the lowest first: as many as stand in it beside the words."""
 

@@ -15,16 +15,12 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotary_error_monitor.calibration.assembly_doubts import ARCSEC
-from rotary_error_monitor.description.stage import AngularTable, PlanarTable
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
 from rotary_error_monitor.metrology.periodic_curves import TO_A_WAVE, interpolation_bound
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly
-
-Array = NDArray[np.float64]
-
+from rotary_error_monitor.units import ARCSEC
 
 DEGREES = 360
 """Angles of a table are a multiple of these, so that they are easy to read."""
@@ -109,23 +105,6 @@ def mirror_curve(mirror: MirrorAssembly) -> MeasuredCurve:
     bound = interpolation_bound(orders, sizes.tolist(), angles[1])
     values = np.stack([x @ found, y @ found], axis=1)
     return MeasuredCurve("flatness", angles, values, _std([x, y], spread, bound), bound, tuple(orders))
-
-
-def angular_table(curve: MeasuredCurve) -> AngularTable:
-    """The curve as a stage has it."""
-    return AngularTable(
-        angles=tuple(curve.angles.tolist()),
-        values=tuple(curve.values[:, 0].tolist()),
-        uncertainties=tuple(curve.std.tolist()),
-    )
-
-
-def planar_table(curve: MeasuredCurve) -> PlanarTable:
-    """The curve of a vector as a stage has it."""
-    x, y = curve.values.T.tolist()
-    return PlanarTable(
-        angles=tuple(curve.angles.tolist()), x=tuple(x), y=tuple(y), uncertainties=tuple(curve.std.tolist())
-    )
 
 
 def written_names(curves: Sequence[MeasuredCurve], output: Path) -> dict[str, Path]:

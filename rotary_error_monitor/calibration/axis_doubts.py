@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.machine_file import MachineFile
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.metrology.axis_fits import LineFit
-
-Array = NDArray[np.float64]
 
 LEAST_OF_TRAVEL = 0.02
 """Part of an axis' travel that its points span at least: metres taken for mm span a thousandth."""

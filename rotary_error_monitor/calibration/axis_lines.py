@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from rotary_error_monitor.calibration.axis_doubts import implausible_lengths, left_handed, less_sure
@@ -46,13 +45,8 @@ from rotary_error_monitor.metrology.axis_fits import (
 from rotary_error_monitor.metrology.axis_fits import estimate_squareness as squareness_between
 from rotary_error_monitor.metrology.tracker import TrackerNoise, estimate_point_covariance, estimate_points
 
-Array = NDArray[np.float64]
-
 FALSE_ALARM = 1e-3
 """Probability that clean readings are found to hold one that stands off."""
-
-LEAST_ANGLE = 0.1
-"""Rotary axes at a smaller angle, rad, count as parallel: they have a distance in two directions, not one."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.steps import Job
 from rotary_error_monitor.description.machine import Body, Displacement, MachineDescription, Vector
 from rotary_error_monitor.errors import InputError
@@ -17,7 +18,6 @@ from rotary_error_monitor.machine.location_names import SPINDLE
 from rotary_error_monitor.machine.topology import branches, way
 from rotary_error_monitor.metrology.axis_fits import LineFit, estimate_location_errors, estimate_squareness
 
-Array = NDArray[np.float64]
 Points = tuple[Array, Array]
 
 ZERO = "zero"
@@ -238,7 +238,7 @@ def _placed(
             raise InputError(f"{source}: feature {name}: {error}") from error
         # along the axis nothing is seen of its place: that stays
         shift, is_seen = errors.shift + (old @ direction) * direction, np.abs(direction) < ALONG
-        if name == reference or (name == SPINDLE and not _is_carried(machine, reference, name)):
+        if name == reference or (name == SPINDLE and (reference == ZERO or not carries(machine, reference, name))):
             shift, is_seen = old, np.zeros(3, dtype=np.bool_)
         elif reference in lines:
             shift, is_seen = _along_normal(rotation.inv().apply(lines[reference].direction), direction, old, shift)
@@ -247,10 +247,6 @@ def _placed(
         changed = replace(body, location_error=found[name])
         machine = replace(machine, bodies=tuple(changed if each is body else each for each in machine.bodies))
     return found, known
-
-
-def _is_carried(machine: MachineDescription, reference: str, name: str) -> bool:
-    return reference != ZERO and carries(machine, reference, name)
 
 
 def _vector(values: Array) -> Vector:
@@ -295,14 +291,10 @@ def frame_of(machine: MachineDescription, name: str) -> tuple[Rotation, Array]:
 
     Gives the rotation, which maps the body's coordinates to the base's, and the origin, m.
     """
-    bodies = {body.name: body for body in machine.bodies}
-    way: list[Body] = []
-    while name in bodies:
-        way.append(bodies[name])
-        name = bodies[name].parent
+    carriers = way(machine, name)
     rotation, place = Rotation.identity(), np.zeros(3)
-    for number, body in enumerate(way[::-1]):
-        steps = [body.pose] if number == len(way) - 1 else [body.pose, body.location_error]
+    for body in carriers:
+        steps = [body.pose] if body is carriers[-1] else [body.pose, body.location_error]
         for step in steps:
             rotation, place = _moved(rotation, place, step)
     return rotation, place

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.calibration.axis_location import Origin, carries
 from rotary_error_monitor.description.machine import MachineDescription
@@ -15,8 +14,6 @@ from rotary_error_monitor.machine.location_names import AxisLine, nominal_lines
 from rotary_error_monitor.metrology import axis_relations as relations
 from rotary_error_monitor.metrology.axis_fits import LineFit
 from rotary_error_monitor.metrology.axis_relations import Relation
-
-Array = NDArray[np.float64]
 
 SQUARE = 1e-6
 """Cosine below which nominal directions are square, sine below which they run alike, distance in m that is none."""

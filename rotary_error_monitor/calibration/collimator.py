@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from rotary_error_monitor.calibration.assembly_doubts import ARCSEC, CHANGED
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.calibration.assembly_doubts import CHANGED
 from rotary_error_monitor.calibration.collimator_steps import Quadrants, read_steps
 from rotary_error_monitor.calibration.stage_document import kept_figures, set_value
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, hash_source, number
@@ -30,8 +30,7 @@ from rotary_error_monitor.metrology.two_axis_calibration import (
     calibrate_two_axes,
 )
 from rotary_error_monitor.metrology.two_axis_fit import NAMES, Reference, numbers_of, response_of
-
-Array = NDArray[np.float64]
+from rotary_error_monitor.units import ARCSEC
 
 PART = "autocollimator"
 KEPT = ("zero", "roll")

@@ -9,13 +9,10 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from rotary_error_monitor.calibration.assembly_doubts import ARCSEC
 from rotary_error_monitor.calibration.collimator import CollimatorResult
 from rotary_error_monitor.metrology.two_axis_calibration import COVERAGE
 from rotary_error_monitor.metrology.two_axis_fit import numbers_of
-
-HOUR = 3600.0
-"""Seconds in an hour: data sheets of autocollimators state drift by the hour."""
+from rotary_error_monitor.units import ARCSEC, HOUR
 
 
 def collimator_text(result: CollimatorResult, output: Path) -> str:

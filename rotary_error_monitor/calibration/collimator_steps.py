@@ -16,13 +16,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.metrology.tilt import tilt_from_quadrants
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings
-
-Array = NDArray[np.float64]
 
 UNITS = ("arcsec", "urad", "mrad", "rad", "deg")
 LARGEST = 0.1

@@ -14,16 +14,15 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
 from rotary_error_monitor.machine.components import arrange_components
 from rotary_error_monitor.machine.correction import solve_axis_corrections
 from rotary_error_monitor.machine.kinematics import arrange_machine
-
-Array = NDArray[np.float64]
+from rotary_error_monitor.units import ARCSEC
 
 MOST_ROWS = 256
 """LinuxCNC refuses longer COMP_FILEs."""
@@ -231,7 +230,7 @@ def volumetric_table(
         raise InputError(f"no correction at {', '.join(machine.letters)} = {pose}; narrow the grid")
     linear = np.array([axis.kind == "linear" for axis in machine.axes])
     where = np.where(linear, 1e3, 180 / math.pi)
-    what = np.where(linear, 1e6, 648000 / math.pi)
+    what = np.where(linear, 1e6, ARCSEC)
     header = [f"{a.letter}_{'mm' if a.kind == 'linear' else 'deg'}" for a in machine.axes]
     header += [f"d{a.letter}_{'um' if a.kind == 'linear' else 'arcsec'}" for a in machine.axes]
     rows = np.concatenate([positions * where, result.corrections * what], axis=1) + 0.0

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import MOST_LINES
@@ -32,7 +32,6 @@ from rotary_error_monitor.metrology.guideway_compensation import (
 )
 from rotary_error_monitor.metrology.straightness import estimate_straightness
 
-Array = NDArray[np.float64]
 Workpiece = Mapping[str, tuple[float, float]]
 
 ROWS = 281
@@ -87,11 +86,6 @@ class FlatnessPrediction:
     curves: tuple[WorkpieceCurve, WorkpieceCurve]
     errors: VerticalErrors
     comparisons: tuple[GrindingComparison, ...]
-
-    @property
-    def error_matrix(self) -> Array:
-        """(n, m) what straightness adds to the height of the surface, m."""
-        return predict_error_matrix(self.curves[0].errors, self.curves[1].errors)
 
     @property
     def trajectory(self) -> Array:

@@ -14,14 +14,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
 from rotary_error_monitor.metrology.error_motion import rotate
 from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
 from rotary_error_monitor.metrology.mirror_assembly import MirrorAssembly
 from rotary_error_monitor.metrology.ring_assembly import RingAssembly
 from rotary_error_monitor.metrology.shaft_recording import ShaftRecording, check_heads
-
-Array = NDArray[np.float64]
 
 PARTS = (360, 180, 120, 72, 36)
 """Parts of a turn over which readings of one direction may be averaged to be compared: of 1 to 10 degrees."""

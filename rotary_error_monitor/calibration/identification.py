@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 from scipy.stats import chi2
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.parameters import Parameter, apply_parameters, value_of
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
-
-Array = NDArray[np.float64]
 
 TYPICAL_SIZE = {"m": 10e-6, "rad": 10e-6, "1/K": 10e-6}
 """Errors of an uncalibrated machine tool; the scale of what counts as seen."""

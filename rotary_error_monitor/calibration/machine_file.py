@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.yaml_document import YamlDocument, number, numbers
 from rotary_error_monitor.calibration.yaml_text import Rows
 from rotary_error_monitor.description.machine import (
@@ -26,8 +26,6 @@ from rotary_error_monitor.description.provenance import Calibrated
 from rotary_error_monitor.description.sections import write
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.location_names import SPINDLE
-
-Array = NDArray[np.float64]
 
 SQUARENESS = "squareness"
 """Name under `calibration` of what a laser tracker or the poses say about linear axes."""

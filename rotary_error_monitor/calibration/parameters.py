@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import (
     DIRECTIONS,
     Axis,
@@ -18,8 +18,6 @@ from rotary_error_monitor.description.machine import (
     Vector,
 )
 from rotary_error_monitor.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

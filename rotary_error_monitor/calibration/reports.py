@@ -16,8 +16,8 @@ from rotary_error_monitor.calibration.controller_tables import CompensationChang
 from rotary_error_monitor.calibration.steps import MachineResult, PositioningResult
 from rotary_error_monitor.calibration.volume import ErrorCost, UncertainOffsets
 from rotary_error_monitor.machine.location_names import SPINDLE
+from rotary_error_monitor.units import ARCSEC
 
-ARCSEC = 648000 / math.pi
 MOST_ROWS = 12
 
 

@@ -9,15 +9,12 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.identification import Identification, check_held_out, identify_machine
 from rotary_error_monitor.calibration.machine_file import MachineFile
-from rotary_error_monitor.calibration.measurements import (
-    read_positioning,
-    read_positioning_poses,
-    read_probed_poses,
-)
+from rotary_error_monitor.calibration.machine_poses import read_positioning_poses, read_probed_poses
+from rotary_error_monitor.calibration.measurements import read_positioning
 from rotary_error_monitor.calibration.parameters import Orders, list_parameters
 from rotary_error_monitor.calibration.verdict import Verdict, judge_calibration
 from rotary_error_monitor.calibration.volume import Limits
@@ -37,10 +34,7 @@ from rotary_error_monitor.metrology.positioning import (
 )
 from rotary_error_monitor.metrology.positioning_bounds import PositioningBounds, bound_positioning
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
-
-Array = NDArray[np.float64]
-
-TURN = 2 * math.pi
+from rotary_error_monitor.units import ARCSEC, TURN
 
 LARGEST_GAP = 1.2
 """Targets of a rotary axis further apart, rad, do not go all round."""
@@ -205,7 +199,7 @@ def _noted(figures: PositioningFigures, bounds: PositioningBounds) -> dict[str, 
 def _outlying_readings(outliers: Sequence[Outlier], runs: PositioningRuns) -> tuple[str, ...]:
     if not outliers:
         return ()
-    scale, unit = (648000 / math.pi, "arcsec") if runs.rotary else (1e6, "µm")
+    scale, unit = (ARCSEC, "arcsec") if runs.rotary else (1e6, "µm")
     worst = outliers[0]
     return (
         f"{len(outliers)} reading(s) stand off from the others at their target, by up to {worst.excess * scale:+.3f} "

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.steps import share_of_travel
 from rotary_error_monitor.calibration.straightness_runs import Placed
 from rotary_error_monitor.description.machine import Axis
@@ -22,8 +22,6 @@ from rotary_error_monitor.metrology.run_agreement import (
 from rotary_error_monitor.metrology.splicing import SplicedProfile
 from rotary_error_monitor.metrology.straightness import Straightness
 from rotary_error_monitor.metrology.unresolved import find_unresolved
-
-Array = NDArray[np.float64]
 
 LEAST_OF_TRAVEL = 0.01
 """Part of the travel that readings cover at least: metres taken for mm cover a thousandth."""

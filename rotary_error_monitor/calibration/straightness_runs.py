@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.measurements import Placement, read_straightness
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import Axis
@@ -17,8 +17,6 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.reference_mirror import Mirror, Segment
 from rotary_error_monitor.metrology.repeated_runs import RepeatedRuns, Run, combine_runs
 from rotary_error_monitor.metrology.splicing import SplicedProfile, splice_segments
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

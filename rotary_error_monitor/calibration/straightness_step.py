@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.steps import Job, own_component
 from rotary_error_monitor.calibration.straightness_doubts import Doubts, find_doubts, unit_doubts
 from rotary_error_monitor.calibration.straightness_runs import Measured, Placed, Reading, measure_straightness
@@ -19,8 +19,6 @@ from rotary_error_monitor.metrology.profile_comparison import ProfileComparison,
 from rotary_error_monitor.metrology.reference_mirror import Mirror
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.metrology.splicing import SplicedProfile
-
-Array = NDArray[np.float64]
 
 MOST_TABLE_ROWS = 101
 """Rows of a table in the machine file, so that it can still be read."""

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.parameters import without_errors
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
@@ -18,7 +18,6 @@ from rotary_error_monitor.machine.kinematics import arrange_machine, stand
 from rotary_error_monitor.machine.location_names import location_errors
 from rotary_error_monitor.machine.uncertainty import drawn_machines
 
-Array = NDArray[np.float64]
 Limits = Mapping[str, tuple[float, float]]
 
 _FEWEST_DRAWS = 20

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction
 from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.surface_range import flatness_bounds
-
-Array = NDArray[np.float64]
 
 FEWEST_POINTS = 9
 """Points of a surface: three each way, for a plane and what bends it along, across and over the corners."""

@@ -7,16 +7,14 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.cases.departures.departure import Varied
 from rotary_error_monitor.cases.departures.halves import MACHINE_HALVES, STAGE_HALVES, PoseOnlyOneWay
 from rotary_error_monitor.cases.draws import AT_A_HEAD, LOCATIONS, ORDERED_PLACES, ORDERS
 from rotary_error_monitor.cases.faults import VOCABULARY, Named, UnsuitableSeedError, make_fault
 from rotary_error_monitor.cases.faults.axes import AxisFault
 from rotary_error_monitor.cases.response import Response
-
-Array = NDArray[np.float64]
 
 CORRELATIONS = (0.6, 0.8)
 """Range of the correlation of a mimic with the known effect that resembles it most: 0.71 is half of the power."""

@@ -8,16 +8,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.cases.departures.departure import AnyFault, acting
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic, topic_named
 from rotary_error_monitor.plant.machine import MachineFault, MachinePlant, Poses
 from rotary_error_monitor.plant.stage import Fault, StagePlant, fields_of
 from rotary_error_monitor.signals.blocks import NANOSECONDS
-
-Array = NDArray[np.float64]
 
 TRACKER_NOISE = 1.5e-6  # m
 INPUTS = ("command", "force", "temperature")

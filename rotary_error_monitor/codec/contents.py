@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.signals.blocks import SampleBlock
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -65,3 +61,8 @@ TYPES: Mapping[type, str] = {
     PoseWithCovariance: "geometry_msgs/msg/PoseWithCovarianceStamped",
 }
 SAMPLE_BLOCK = TYPES[SampleBlock]
+
+
+def complete_ns(content: Content) -> int:
+    """When all of it was measured, timestamp (ns): of a block its last sample."""
+    return content.newest_ns if isinstance(content, SampleBlock) else content.stamp_ns

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.codec.contents import (
     TYPES,
-    Array,
     Content,
     JointState,
     PointStamped,

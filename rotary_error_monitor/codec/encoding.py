@@ -12,10 +12,10 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 from rosbags.typesys.stores import ros2_jazzy as ros
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.codec.cdr_blocks import encode_block
 from rotary_error_monitor.codec.contents import (
     TYPES,
-    Array,
     Content,
     JointState,
     PointStamped,
@@ -39,12 +39,8 @@ def cdr_from_content(content: Content, frame: str) -> bytes:
     return bytes(typestore().serialize_cdr(message, TYPES[type(content)]))
 
 
-def _time(stamp_ns: int) -> ros.builtin_interfaces__msg__Time:
-    return ros.builtin_interfaces__msg__Time(*divmod(stamp_ns, NANOSECONDS))
-
-
 def _header(stamp_ns: int, frame: str) -> ros.std_msgs__msg__Header:
-    return ros.std_msgs__msg__Header(_time(stamp_ns), frame)
+    return ros.std_msgs__msg__Header(ros.builtin_interfaces__msg__Time(*divmod(stamp_ns, NANOSECONDS)), frame)
 
 
 def _array(values: ArrayLike) -> Array:

@@ -6,7 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from rotary_error_monitor.commands.questions import add_question, files_of, question_of
+from rotary_error_monitor.commands.questions import add_question, question_of
+from rotary_error_monitor.commands.values import files_of
 from rotary_error_monitor.errors import one_line
 
 _EPILOG = (

@@ -8,7 +8,7 @@ from datetime import date
 from pathlib import Path
 
 from rotary_error_monitor.calibration.assembly import calibrate_assembly
-from rotary_error_monitor.calibration.assembly_doubts import ARCSEC, Centres
+from rotary_error_monitor.calibration.assembly_doubts import Centres
 from rotary_error_monitor.calibration.assembly_report import assembly_text
 from rotary_error_monitor.calibration.collimator import KEPT, calibrate_autocollimator
 from rotary_error_monitor.calibration.collimator_report import collimator_text
@@ -28,6 +28,7 @@ from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.files import check_outputs
 from rotary_error_monitor.metrology.mirror_assembly import DELAY_STD
 from rotary_error_monitor.metrology.two_axis_fit import Reference
+from rotary_error_monitor.units import ARCSEC
 
 
 def add(steps: Subparsers[argparse.ArgumentParser]) -> None:

@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from rotary_error_monitor.commands.questions import add_heights, add_results, files_of, heights_of
-from rotary_error_monitor.commands.values import naming_of
+from rotary_error_monitor.commands.questions import add_heights, add_results, heights_of
+from rotary_error_monitor.commands.values import files_of, naming_of
 from rotary_error_monitor.errors import one_line
 
 _EPILOG = (

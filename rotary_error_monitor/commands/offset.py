@@ -8,14 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotary_error_monitor.commands.values import finite, number_of, split_word
+from rotary_error_monitor.commands.values import files_of, finite, number_of, split_word
 from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
-from rotary_error_monitor.recordings.formats import FORMATS, outputs_of
+from rotary_error_monitor.recordings.formats import FORMATS
 
 if TYPE_CHECKING:  # takes long to load, and is needed once the arguments are right
-    from rotary_error_monitor.calibration.pose_table import Poses
+    from rotary_error_monitor.calibration.machine_poses import Poses
 
 SIGNS = {"+": 1.0, "-": -1.0, "+1": 1.0, "1": 1.0, "-1": -1.0, "0": 0.0}
 """Directions of travel by how they may be written."""
@@ -87,13 +87,9 @@ def _outputs(arguments: argparse.Namespace) -> Mapping[str, Path]:
     for name in ("direction", "temperature"):
         if getattr(arguments, name) not in ([], None) and not arguments.at:
             raise InputError(f"--{name} belongs to --at; a program has columns for it")
-    if arguments.output is None:
-        if arguments.format:
-            raise InputError(f"--format is {arguments.format}; it needs -o OUT, by which its files are named")
-        return {}
-    if arguments.array:
+    if arguments.array and arguments.output is not None:
         raise InputError(f"-o is {arguments.output}; what --array prints is not written: redirect it by > to a file")
-    outputs = outputs_of(arguments.output, arguments.format)
+    outputs = files_of(arguments)
     check_outputs(outputs.values(), [machine_path(arguments.machine), arguments.program])
     check_places(outputs.values())
     return outputs
@@ -107,8 +103,7 @@ def _poses(arguments: argparse.Namespace, machine: MachineDescription) -> Poses:
     """
     import numpy as np
 
-    from rotary_error_monitor.calibration.measurements import check_within_travel
-    from rotary_error_monitor.calibration.pose_table import Poses, read_poses
+    from rotary_error_monitor.calibration.machine_poses import Poses, check_within_travel, read_poses
 
     if arguments.program:
         return read_poses(arguments.program, machine)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotary_error_monitor.commands.values import add_naming, naming_of
 from rotary_error_monitor.description.error_motion_limits import limits_of
-from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.turns import MOST_WAVES
-from rotary_error_monitor.recordings.formats import FORMATS, outputs_of
+from rotary_error_monitor.recordings.formats import FORMATS
 
 if TYPE_CHECKING:  # takes long to load, and is needed once the arguments are right
     from rotary_error_monitor.recordings.analysis import Question
@@ -86,16 +84,3 @@ def question_of(arguments: argparse.Namespace) -> Question:
     check_waves(arguments.waves, f"--waves is {arguments.waves}")
     limits = limits_of(arguments.limits, arguments.twin)
     return Question(limits, heights, arguments.waves, naming_of(arguments))
-
-
-def files_of(arguments: argparse.Namespace) -> Mapping[str, Path]:
-    """File of each format; none where no output is given.
-
-    Raises:
-        InputError: a format that there is not, or one without an output.
-    """
-    if arguments.output is None:
-        if arguments.format:
-            raise InputError(f"--format is {arguments.format}; it needs -o OUT, by which its files are named")
-        return {}
-    return outputs_of(arguments.output, arguments.format)

@@ -6,7 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from rotary_error_monitor.commands.questions import add_question, files_of, question_of
+from rotary_error_monitor.commands.questions import add_question, question_of
+from rotary_error_monitor.commands.values import files_of
 from rotary_error_monitor.commands.work import add_work, bar_of, check_work
 from rotary_error_monitor.errors import one_line
 from rotary_error_monitor.gap.options import FALSE_ALARMS, check_false_alarms

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 from rotary_error_monitor.bags.naming import Naming, read_naming
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.recordings.formats import outputs_of
 
 
 def positive(text: str) -> float:
@@ -130,3 +132,16 @@ def add_effect_files(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.py",
         help="file with effects of your own; it runs as code, with all that you may do",
     )
+
+
+def files_of(arguments: argparse.Namespace) -> Mapping[str, Path]:
+    """File of each format; none where no output is given.
+
+    Raises:
+        InputError: a format that there is not, or one without an output.
+    """
+    if arguments.output is None:
+        if arguments.format:
+            raise InputError(f"--format is {arguments.format}; it needs -o OUT, by which its files are named")
+        return {}
+    return outputs_of(arguments.output, arguments.format)

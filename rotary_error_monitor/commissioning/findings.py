@@ -14,8 +14,8 @@ from rotary_error_monitor.commissioning.found import Found, FoundTilt, Shown
 from rotary_error_monitor.commissioning.layouts import Layout, Weighed
 from rotary_error_monitor.commissioning.streams import Recorded, StreamFigures
 from rotary_error_monitor.commissioning.units import RADIAN, Unit
-from rotary_error_monitor.description.angle_units import ANGLE_UNITS
 from rotary_error_monitor.description.stage import StageDescription
+from rotary_error_monitor.units import ANGLE_UNITS
 
 SIGMAS = 4.0
 """Standard uncertainties from which a parameter differs from what is described."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.description.angle_units import ANGLE_UNITS
+from rotary_error_monitor.units import ANGLE_UNITS
 
 Array = NDArray[np.float64]
 

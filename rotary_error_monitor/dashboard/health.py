@@ -213,7 +213,7 @@ def verdict_of(rows: Iterable[Row]) -> Verdict:
 
 def label_of(topic: Topic) -> str:
     """Plain words for a topic: the head or sensor that it is of, or what it holds."""
-    return _words(topic.key if topic.head is None else topic.frame)
+    return (topic.key if topic.head is None else topic.frame).removesuffix("_samples").replace("_", " ")
 
 
 def plain_node(name: str) -> str:
@@ -224,10 +224,6 @@ def plain_node(name: str) -> str:
         last = _SHOWN[executable] + last.removeprefix(executable)
     words = last.replace("_", " ")
     return f"{space}: {words}" if space else words
-
-
-def _words(key: str) -> str:
-    return key.removesuffix("_samples").replace("_", " ")
 
 
 def _reason(what: str, message: str) -> str:

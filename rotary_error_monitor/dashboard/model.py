@@ -13,6 +13,7 @@ from rotary_error_monitor.dashboard.trend import DayTrend
 from rotary_error_monitor.dashboard.turns import LastTurns
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
+from rotary_error_monitor.units import MICRO
 
 OLD_AFTER = 1.0
 """s after which a value is greyed: it tells nothing of now."""
@@ -20,8 +21,6 @@ OLD_AFTER = 1.0
 RADIAL, BEFORE, AFTER = "radial error motion", "tool offset, uncorrected", "tool offset, corrected"
 TREND = (RADIAL, BEFORE, AFTER)
 
-MICRO = 1e6
-"""µm in a metre, µrad in a radian: what people at a machine read."""
 
 _MOST_AXES = 32
 """Axes of a machine that are shown: whoever publishes a thousand names shall not fill the page."""

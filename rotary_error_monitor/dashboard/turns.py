@@ -6,8 +6,7 @@ import numpy as np
 
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.last_turn import LastTurn, Picture, magnification_of
-
-TURN = 2 * np.pi
+from rotary_error_monitor.units import TURN
 
 
 class LastTurns:

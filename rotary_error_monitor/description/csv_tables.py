@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.column_layout import SCALES, ColumnLayout, plain_name
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from rotary_error_monitor.description.angle_units import ANGLE_UNITS
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.sections import from_content, read, stated
 from rotary_error_monitor.description.yaml_files import read_yaml
 from rotary_error_monitor.errors import InputError, excerpt
+from rotary_error_monitor.units import ANGLE_UNITS
 
 SECTION = "error_motion_limits"
 """Key of the section in a file, beside `stage` or alone."""

@@ -16,15 +16,12 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.quantities import Tilt
 from rotary_error_monitor.description.sections import Place, Section
-
-Array = NDArray[np.float64]
-
-TURN = 2 * math.pi
+from rotary_error_monitor.units import TURN
 
 FEWEST = 8
 """Angles of a table: with fewer not even a wave of order 1 is told to 0.5 %."""

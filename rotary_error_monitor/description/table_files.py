@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from rotary_error_monitor.description.csv_tables import Column, Table, read_table
-from rotary_error_monitor.description.periodic_tables import FEWEST, MOST, TURN, WHOLE, problems
+from rotary_error_monitor.description.periodic_tables import FEWEST, MOST, WHOLE, problems
 from rotary_error_monitor.description.quantities import LARGEST_TILT
 from rotary_error_monitor.description.sections import place_named
 from rotary_error_monitor.description.yaml_files import YamlContent
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import exists
+from rotary_error_monitor.units import TURN
 
 GRADUATION = ("encoder", "graduation_table")
 FLATNESS = ("mirror", "flatness_table")

@@ -7,33 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
-from rotary_error_monitor.effects.effect import Parameter, Role, Values
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, Array, RotorState, StageEffect
-
-_COMPONENTS = {"x": 0, "y": 1}
+from rotary_error_monitor.effects.effect import Parameter, Values, planar_wave_of_order
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, ComponentGain, RotorState, StageEffect
 
 
-class AutocollimatorGain(StageEffect):
+class AutocollimatorGain(ComponentGain):
     """One component of the autocollimator reads too large or too small."""
 
     name = "autocollimator_gain"
     title = "autocollimator's scale"
     remedy = "Calibrate the scale against a small-angle generator and state it as gain of the autocollimator."
     source = "calibration of an autocollimator's scale factor"
-    parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
-    rescales = True
     acts_on = (AUTOCOLLIMATOR,)
-
-    def locations(self, machine: StageDescription) -> tuple[str, ...]:
-        """Each component."""
-        return tuple(_COMPONENTS)
-
-    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
-        """Scale that component."""
-        scaled = ideal.copy()
-        scaled[:, _COMPONENTS[location]] *= 1 + values[0]
-        return scaled
 
 
 class AutocollimatorRoll(StageEffect):
@@ -123,11 +110,7 @@ class MirrorFlatness(StageEffect):
     title = "mirror's flatness of one order"
     remedy = "Calibrate the mirror (`calibrate assembly`), or state the order among mirror.flatness."
     source = "Lou et al. 2019, Section 2.3 (mirror on the rotor)"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
-        Parameter("x", "rad", 3e-6, 2, bound=1e-2),
-        Parameter("y", "rad", 3e-6, 2, bound=1e-2),
-    )
+    parameters = planar_wave_of_order("rad", 3e-6, bound=1e-2)
     stands_out_in = (AUTOCOLLIMATOR,)
     acts_on = (AUTOCOLLIMATOR,)
     orders = 100

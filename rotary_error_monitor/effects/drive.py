@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotary_error_monitor.effects.effect import Parameter, Role, Values
-from rotary_error_monitor.effects.rotor import COMMAND, Array, RotorState, StageEffect
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.effects.effect import Parameter, Values, wave_of_order
+from rotary_error_monitor.effects.rotor import COMMAND, RotorState, StageEffect
 
 
 class ReversalBacklash(StageEffect):
@@ -43,11 +44,7 @@ class DriveCyclicError(StageEffect):
     title = "cyclic error of the drive"
     remedy = "Look for a gear, pulley or motor with that many turns, pole pairs or teeth per turn of the stage."
     source = "ISO 230-2, Annex (periodic positioning error); gear mesh and cogging"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=200, least=1),
-        Parameter("cos", "rad", 3e-6, bound=1e-2),
-        Parameter("sin", "rad", 3e-6, bound=1e-2),
-    )
+    parameters = wave_of_order("rad", 3e-6, bound=1e-2, highest=200)
     stands_out_in = (COMMAND,)
     orders = 200
 

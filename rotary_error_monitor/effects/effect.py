@@ -73,6 +73,20 @@ class Parameter:
         return -self.bound if self.least is None else self.least, self.bound
 
 
+def wave_of_order(unit: str, scale: float, *, bound: float, highest: int = 100) -> tuple[Parameter, ...]:
+    """An order from 1 to `highest`, with cosine and sine of its wave; the rest as `Parameter`."""
+    return _order(highest), *(Parameter(name, unit, scale, bound=bound) for name in ("cos", "sin"))
+
+
+def planar_wave_of_order(unit: str, scale: float, *, bound: float) -> tuple[Parameter, ...]:
+    """An order from 1 to 100, with cosine and sine of its wave along x, and those along y."""
+    return _order(100), *(Parameter(name, unit, scale, 2, bound=bound) for name in ("x", "y"))
+
+
+def _order(highest: int) -> Parameter:
+    return Parameter("order", "1", 1.0, role=Role.FIXED, bound=highest, least=1)
+
+
 @dataclass(frozen=True)
 class Estimate:
     """Value and standard deviation of one reported parameter; tuples for vectors."""

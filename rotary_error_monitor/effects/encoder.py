@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
-from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values
-from rotary_error_monitor.effects.rotor import COMMAND, HEAD, Array, RotorState, StageEffect, head_locations
+from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values, wave_of_order
+from rotary_error_monitor.effects.rotor import COMMAND, HEAD, RotorState, StageEffect
 
 _FLATTEST = 0.01
 """Least slope of the reading over the angle: a larger error turns it back, and no one angle can be told from it."""
@@ -22,6 +23,16 @@ _MOST_STEPS = 8
 half a radian of its period needs 4. A larger error has no one phase to arrive at."""
 
 _CONTRACT = "Lou et al. 2019, Section 2 (read heads on a displaced ring)"
+
+
+class HeadEffect(StageEffect):
+    """Base of the effects of one read head."""
+
+    acts_on = (HEAD,)
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Each head."""
+        return tuple(f"{HEAD}_{letter}" for letter in sorted(machine.azimuths))
 
 
 class DiscEccentricity(StageEffect):
@@ -48,11 +59,7 @@ class GraduationError(StageEffect):
     title = "graduation error of one order"
     remedy = "Calibrate the graduation (`calibrate assembly`) and state it among encoder.graduation."
     source = "Lou et al. 2019, Section 2.2; Geckeler et al. 2006 (Fourier description of division errors)"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
-        Parameter("cos", "rad", 3e-6, bound=1e-3),
-        Parameter("sin", "rad", 3e-6, bound=1e-3),
-    )
+    parameters = wave_of_order("rad", 3e-6, bound=1e-3)
     stands_out_in = (HEAD, COMMAND)
     acts_on = (HEAD,)
     orders = 100
@@ -65,7 +72,7 @@ class GraduationError(StageEffect):
         return replace(stage, encoder=replace(stage.ring, graduation=(*stage.ring.graduation, row)))
 
 
-class SubdivisionalError(StageEffect):
+class SubdivisionalError(HeadEffect):
     """One head interpolates within a line with offset or unequal gain of its sine and cosine signals."""
 
     name = "subdivisional_error"
@@ -73,11 +80,6 @@ class SubdivisionalError(StageEffect):
     remedy = "Adjust offset, gain and phase of this head's signals (its gap and tilt), or clean the ring."
     source = "Heydemann 1981 (sine and cosine signals); one period per line"
     parameters = (Parameter("cos", "rad", 5e-7, bound=1e-4), Parameter("sin", "rad", 5e-7, bound=1e-4))
-    acts_on = (HEAD,)
-
-    def locations(self, machine: StageDescription) -> tuple[str, ...]:
-        """Each head."""
-        return head_locations(machine)
 
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
         """Add one wave per line.
@@ -109,7 +111,7 @@ def _before_error(read: Array, size: float) -> Array:
     return phase
 
 
-class HeadMisplacement(StageEffect):
+class HeadMisplacement(HeadEffect):
     """A head stands at another azimuth than the twin says."""
 
     name = "head_misplacement"
@@ -118,11 +120,6 @@ class HeadMisplacement(StageEffect):
     source = _CONTRACT
     parameters = (Parameter("azimuth", "rad", 1e-2, bound=math.pi),)
     rescales = True
-    acts_on = (HEAD,)
-
-    def locations(self, machine: StageDescription) -> tuple[str, ...]:
-        """Each head."""
-        return head_locations(machine)
 
     def amend(self, stage: StageDescription, values: Values, location: str) -> StageDescription:
         """Move that head."""
@@ -131,7 +128,7 @@ class HeadMisplacement(StageEffect):
         return replace(stage, encoder=replace(stage.ring, azimuths=azimuths))
 
 
-class HeadLatency(StageEffect):
+class HeadLatency(HeadEffect):
     """The values of one head are older than their stamps."""
 
     name = "head_latency"
@@ -139,11 +136,6 @@ class HeadLatency(StageEffect):
     remedy = "State the delay as this head's latency, or latch all heads by one signal."
     source = "sampling delay: angle error = speed x delay"
     parameters = (Parameter("delay", "s", 1e-4, bound=1.0),)
-    acts_on = (HEAD,)
-
-    def locations(self, machine: StageDescription) -> tuple[str, ...]:
-        """Each head."""
-        return head_locations(machine)
 
     def delay(self, values: Values, location: str) -> float:
         """The age itself."""
@@ -165,7 +157,7 @@ class EncoderLatency(StageEffect):
         return float(values[0])
 
 
-class HeadMissedCounts(StageEffect):
+class HeadMissedCounts(HeadEffect):
     """A head loses counts at one moment and stays off by them."""
 
     name = "head_missed_counts"
@@ -173,12 +165,7 @@ class HeadMissedCounts(StageEffect):
     remedy = "Look at cable, shield and speed limit of this head, and clean the ring; reference it again."
     source = "incremental counting: a lost count stays lost"
     parameters = (Parameter("time", "s", 1.0, role=Role.FIXED, bound=1e9), Parameter("step", "rad", 2e-5, bound=1.0))
-    acts_on = (HEAD,)
     searched = Searched.MOMENT
-
-    def locations(self, machine: StageDescription) -> tuple[str, ...]:
-        """Each head."""
-        return head_locations(machine)
 
     def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
         """Add the step from its moment on."""

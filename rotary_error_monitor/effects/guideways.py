@@ -41,11 +41,8 @@ class AxisScale(MachineEffect):
     title = "scale error of an axis"
     remedy = "Correct the axis's scale in the controller, or add it to the machine file (`calibrate axis`)."
     source = "ISO 230-1, 3.4.2 (EXX); lowest order"
+    axes = LINEAR
     parameters = (Parameter("relative", "1", 1e-5, bound=1e-2),)
-
-    def locations(self, machine: MachineDescription) -> tuple[str, ...]:
-        """Each linear axis."""
-        return axes_of(machine, LINEAR)
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """Add in proportion to the position."""
@@ -61,11 +58,8 @@ class ThermalExpansion(MachineEffect):
     title = "thermal expansion of an axis"
     remedy = "Check the axis's coefficient of expansion and where its thermometer sits."
     source = "ISO 230-3"
+    axes = LINEAR
     parameters = (Parameter("coefficient", "1/K", 5e-6, bound=1e-3),)
-
-    def locations(self, machine: MachineDescription) -> tuple[str, ...]:
-        """Each linear axis."""
-        return axes_of(machine, LINEAR)
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """Add to the axis's expansion."""
@@ -137,16 +131,13 @@ class CyclicError(MachineEffect):
     title = "cyclic error of an axis"
     remedy = "Look for a screw pitch or scale period of that length; have the error compensated at its period."
     source = "ISO 230-2, Annex (periodic positioning error); pitch of a screw, period of a scale"
+    axes = LINEAR
     parameters = (
         Parameter("period", "m", 1e-2, role=Role.SHAPE, bound=10.0, least=1e-4),
         Parameter("cos", "m", 3e-6, bound=1e-2),
         Parameter("sin", "m", 3e-6, bound=1e-2),
     )
     searched = Searched.WAVE
-
-    def locations(self, machine: MachineDescription) -> tuple[str, ...]:
-        """Each linear axis."""
-        return axes_of(machine, LINEAR)
 
     def start(self, location: str) -> Values:
         """A period of a usual screw; a search finds the real one."""

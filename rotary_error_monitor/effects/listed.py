@@ -8,10 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.stage import AngularHarmonic, PlanarHarmonic, StageDescription
 from rotary_error_monitor.effects.effect import Values, place_of
-from rotary_error_monitor.effects.rotor import LISTED, Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import LISTED, RotorState, StageEffect
 
 
 class ListedEffect(StageEffect):

@@ -6,31 +6,17 @@ from dataclasses import replace
 
 from rotary_error_monitor.description.stage import Lvdt, StageDescription
 from rotary_error_monitor.effects.effect import Parameter, Values
-from rotary_error_monitor.effects.rotor import LVDT, Array, RotorState, StageEffect
-
-_COMPONENTS = {"x": 0, "y": 1}
+from rotary_error_monitor.effects.rotor import LVDT, ComponentGain, StageEffect
 
 
-class LvdtGain(StageEffect):
+class LvdtGain(ComponentGain):
     """One component of the LVDT reads too large or too small."""
 
     name = "lvdt_gain"
     title = "LVDT's scale"
     remedy = "Calibrate the LVDT against gauge blocks or a micrometer and state its gain."
     source = "calibration of an LVDT's scale factor"
-    parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
-    rescales = True
     acts_on = (LVDT,)
-
-    def locations(self, machine: StageDescription) -> tuple[str, ...]:
-        """Each component."""
-        return tuple(_COMPONENTS)
-
-    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
-        """Scale that component."""
-        scaled = ideal.copy()
-        scaled[:, _COMPONENTS[location]] *= 1 + values[0]
-        return scaled
 
 
 class LvdtArtefact(StageEffect):

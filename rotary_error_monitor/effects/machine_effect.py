@@ -15,9 +15,18 @@ ROTARY = "rotary"
 
 
 class MachineEffect(Effect[MachineDescription]):
-    """An effect of a machine: puts itself into the machine's description, whatever its tree of bodies."""
+    """An effect of a machine: puts itself into the machine's description, whatever its tree of bodies.
 
+    Attributes:
+        axes: kind of the axes at each of which it may sit; empty for an effect with one place, or places of its own.
+    """
+
+    axes: ClassVar[str] = ""
     searchable: ClassVar[Mapping[Searched, str]] = {Searched.ORDER: "order", Searched.WAVE: "period"}
+
+    def locations(self, machine: MachineDescription) -> tuple[str, ...]:
+        """Each axis of its kind, if it names one."""
+        return axes_of(machine, self.axes) if self.axes else super().locations(machine)
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """The description with the effect in it."""

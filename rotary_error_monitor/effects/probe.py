@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
-from rotary_error_monitor.effects.effect import Parameter, Role, Values
+from rotary_error_monitor.effects.effect import Parameter, Values, wave_of_order
 from rotary_error_monitor.effects.listed import ListedDrift, ListedForm, ListedGain, ListedZero
 
 
@@ -47,11 +47,7 @@ class ProbeForm(ListedForm):
     title = "form error of a probe's target, of one order"
     remedy = "State the target's form (or its centring) among the sensor's form, or use a rounder target."
     source = "ISO 230-7, Annex (roundness and centring of the artefact); ISO 1101 (roundness, axial run-out)"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
-        Parameter("cos", "m", 1e-6, bound=1e-3),
-        Parameter("sin", "m", 1e-6, bound=1e-3),
-    )
+    parameters = wave_of_order("m", 1e-6, bound=1e-3)
     listed_unit = "m"
 
     def locations(self, machine: StageDescription) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rotary_error_monitor.description.machine import Harmonic, MachineDescription
-from rotary_error_monitor.effects.effect import Parameter, Role, Searched, Values
+from rotary_error_monitor.effects.effect import Parameter, Searched, Values, wave_of_order
 from rotary_error_monitor.effects.machine_effect import ROTARY, MachineEffect, axes_of, moved, positioning_error
 
 _NOWHERE = np.zeros(3)
@@ -18,16 +18,9 @@ class RotaryHarmonic(MachineEffect):
     title = "harmonic of a rotary axis's positioning"
     remedy = "Calibrate the rotary axis and add the harmonic to the machine file, or to the controller's table."
     source = "ISO 230-1, 3.4.17 (ECC); eccentricity and shape of scale or gear"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=12, least=1),
-        Parameter("cos", "rad", 1e-5, bound=1e-2),
-        Parameter("sin", "rad", 1e-5, bound=1e-2),
-    )
+    axes = ROTARY
+    parameters = wave_of_order("rad", 1e-5, bound=1e-2, highest=12)
     searched = Searched.ORDER
-
-    def locations(self, machine: MachineDescription) -> tuple[str, ...]:
-        """Each rotary axis."""
-        return axes_of(machine, ROTARY)
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """Add the harmonic."""
@@ -60,11 +53,8 @@ class AxisOrientation(MachineEffect):
     title = "orientation error of a rotary axis"
     remedy = "Align the axis, or add the tilt to its location errors in the machine file (`calibrate squareness`)."
     source = "ISO 230-1, location errors of rotary axes (A0C, B0C)"
+    axes = ROTARY
     parameters = (Parameter("tilt", "rad", 1e-5, 2, bound=1e-2),)
-
-    def locations(self, machine: MachineDescription) -> tuple[str, ...]:
-        """Each rotary axis."""
-        return axes_of(machine, ROTARY)
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:
         """Turn the axis about the two directions across it, in the order x, y, z."""

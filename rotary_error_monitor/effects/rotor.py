@@ -7,12 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array as Array  # for effects of other packages
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
-from rotary_error_monitor.effects.effect import Effect, Searched, Values
-
-Array = NDArray[np.float64]
+from rotary_error_monitor.effects.effect import Effect, Parameter, Searched, Values
 
 HEAD = "head"
 AUTOCOLLIMATOR = "autocollimator"
@@ -245,6 +243,24 @@ class StageEffect(Effect[StageDescription]):
         return ideal
 
 
+class ComponentGain(StageEffect):
+    """Base of the effects that scale one component of an instrument of two."""
+
+    parameters = (Parameter("relative", "1", 1e-2, bound=2.0),)
+    rescales = True
+    components: ClassVar[Mapping[str, int]] = {"x": 0, "y": 1}
+
+    def locations(self, machine: StageDescription) -> tuple[str, ...]:
+        """Each component."""
+        return tuple(self.components)
+
+    def measured(self, values: Values, location: str, state: RotorState, ideal: Array) -> Array:
+        """Scale that component."""
+        scaled = ideal.copy()
+        scaled[:, self.components[location]] *= 1 + values[0]
+        return scaled
+
+
 def is_among(kind: str, named: Collection[str]) -> bool:
     """Whether a kind of sensor is one of those that are named."""
     return kind in named or (LISTED in named and kind not in _BY_SECTION)
@@ -265,8 +281,3 @@ def effects_of(stage: StageDescription, effects: Iterable[Known]) -> tuple[Known
         return effect.listed_unit in units if effect.listed_unit else bool(units)
 
     return tuple(effect for effect in effects if any(shows_in(effect, kind) for kind in effect.acts_on))
-
-
-def head_locations(stage: StageDescription) -> tuple[str, ...]:
-    """Location of each read head."""
-    return tuple(f"{HEAD}_{letter}" for letter in sorted(stage.azimuths))

@@ -10,10 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
 from rotary_error_monitor.effects.autocollimator import planar_row
-from rotary_error_monitor.effects.effect import Estimate, Parameter, Role, Searched, Values
-from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LISTED, LVDT, Array, RotorState, StageEffect
+from rotary_error_monitor.effects.effect import (
+    Estimate,
+    Parameter,
+    Role,
+    Searched,
+    Values,
+    planar_wave_of_order,
+    wave_of_order,
+)
+from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD, LISTED, LVDT, RotorState, StageEffect
 
 
 class SpindleRadial(StageEffect):
@@ -23,11 +32,7 @@ class SpindleRadial(StageEffect):
     title = "synchronous radial error motion of one order"
     remedy = "State the order among spindle.radial, or look for the bearing's form error of that many lobes."
     source = "ISO 230-7, synchronous radial error motion"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
-        Parameter("x", "m", 1e-6, 2, bound=1e-3),
-        Parameter("y", "m", 1e-6, 2, bound=1e-3),
-    )
+    parameters = planar_wave_of_order("m", 1e-6, bound=1e-3)
     stands_out_in = (HEAD, LVDT, LISTED)
     acts_on = (HEAD, LVDT, LISTED)
     orders = 100
@@ -46,11 +51,7 @@ class SpindleTilt(StageEffect):
     title = "synchronous tilt error motion of one order"
     remedy = "State the order among spindle.tilt, or look for a form error of the thrust bearing."
     source = "ISO 230-7, synchronous tilt error motion"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
-        Parameter("x", "rad", 3e-6, 2, bound=1e-2),
-        Parameter("y", "rad", 3e-6, 2, bound=1e-2),
-    )
+    parameters = planar_wave_of_order("rad", 3e-6, bound=1e-2)
     stands_out_in = (AUTOCOLLIMATOR, LVDT, LISTED)
     acts_on = (AUTOCOLLIMATOR, LVDT, LISTED)
     orders = 100
@@ -69,11 +70,7 @@ class SpindleAxial(StageEffect):
     title = "synchronous axial error motion of one order"
     remedy = "State the order among spindle.axial, or look for an axial run-out of the thrust face."
     source = "ISO 230-7, synchronous axial error motion"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
-        Parameter("cos", "m", 1e-6, bound=1e-3),
-        Parameter("sin", "m", 1e-6, bound=1e-3),
-    )
+    parameters = wave_of_order("m", 1e-6, bound=1e-3)
     stands_out_in = (LISTED,)
     acts_on = (LISTED,)
     orders = 100

@@ -8,7 +8,7 @@ from dataclasses import replace
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.stage import PlanarHarmonic
 from rotary_error_monitor.effects.autocollimator import planar_row
-from rotary_error_monitor.effects.effect import Parameter, Role, Values
+from rotary_error_monitor.effects.effect import Parameter, Values, planar_wave_of_order
 from rotary_error_monitor.effects.listed import ListedDrift, ListedEffect, ListedForm, ListedGain, ListedZero
 
 
@@ -68,11 +68,7 @@ class TiltSensorForm(ListedForm):
     title = "tilt or flatness of the mirror before a tilt sensor, of one order"
     remedy = "Align or calibrate the mirror before this sensor and state it among the sensor's form."
     source = "Lou et al. 2019, Section 2.3 (mirror on the rotor)"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=100, least=1),
-        Parameter("x", "rad", 3e-6, 2, bound=1e-2),
-        Parameter("y", "rad", 3e-6, 2, bound=1e-2),
-    )
+    parameters = planar_wave_of_order("rad", 3e-6, bound=1e-2)
     listed_unit = "rad"
 
     def row(self, values: Values) -> PlanarHarmonic:

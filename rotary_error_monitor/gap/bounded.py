@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.arrays import Array
 
 SWEEPS = 200
 """Sweeps of coordinate descent: columns that correlate by 0.99 are then within 2 % of their optimum, others exact."""

@@ -15,8 +15,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.gap.problem import Array, Columns, LateRows, Rows, SparseRows
+from rotary_error_monitor.gap.problem import Columns, LateRows, Rows, SparseRows
 
 SHARE = 0.1
 """Standard deviation of each departure, as a part of the cause's own size (root mean square).

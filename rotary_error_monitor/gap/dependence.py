@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.arrays import Array
 
 MOST_NAMED = 4
 """Dependences that one sentence names: more nobody reads, and each explains a tenth of the signal or more."""

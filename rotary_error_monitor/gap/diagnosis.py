@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Estimate, Role
 from rotary_error_monitor.gap.alternatives import Alternatives, Key, rank_alternatives
 from rotary_error_monitor.gap.departures import Departure, describe
@@ -17,7 +18,7 @@ from rotary_error_monitor.gap.judgement import judge
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.p_values import LEAST_LOG_P_VALUE
 from rotary_error_monitor.gap.posterior import departures_of
-from rotary_error_monitor.gap.problem import Array, DiagnosableProblem, Finding, Share
+from rotary_error_monitor.gap.problem import DiagnosableProblem, Finding, Share
 from rotary_error_monitor.gap.selection import select_causes
 from rotary_error_monitor.gap.shrink import Gap, measure_gap
 from rotary_error_monitor.gap.steps import Selection

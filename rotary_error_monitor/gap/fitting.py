@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.bounded import solve_within
 from rotary_error_monitor.gap.departures import Departures, WithSlowNoise
@@ -21,7 +22,7 @@ from rotary_error_monitor.gap.normal import (
     subtract,
     width_of,
 )
-from rotary_error_monitor.gap.problem import Array, Columns, Problem, Rows, SparseRows
+from rotary_error_monitor.gap.problem import Columns, Problem, Rows, SparseRows
 from rotary_error_monitor.twin.finite import UnpredictableError
 
 MOST_STEPS = 6

@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.bounded import solve_within
 from rotary_error_monitor.gap.fitting import Fit, change_bounds, fit_causes
-from rotary_error_monitor.gap.problem import Array, Conditions, Problem
+from rotary_error_monitor.gap.problem import Conditions, Problem
 
 RESAMPLES = 2000
 

@@ -21,11 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.bounded import descend_within
 from rotary_error_monitor.gap.normal import BlockNormal, Normal, own_products, stack, width_of
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
-from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Problem, Rows
+from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Problem, Rows
 
 _SINGULAR = 1e-9
 """Part of a column that must remain beside the others for its amplitude to be looked at at all."""

@@ -10,9 +10,10 @@ from typing import Protocol
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.gap.departures import Departing, Departures, amplitude_sizes
-from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Problem, Rows
+from rotary_error_monitor.gap.problem import Candidate, Columns, Problem, Rows
 from rotary_error_monitor.twin.finite import UnpredictableError
 
 

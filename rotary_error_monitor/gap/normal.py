@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from rotary_error_monitor.gap.problem import Array, Columns, Conditions, LateRows, Problem, Rows, SparseRows
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.gap.problem import Columns, Conditions, LateRows, Problem, Rows, SparseRows
 
 _Placed = dict[str, tuple[NDArray[np.intp], Array]]
 """By channel, which columns (k,) act on it, and their rows (m, k)."""

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.arrays import Array
 
 ARCS_A_WAVE = 80
 """Arcs that one wave of the highest order is cut into, at least: its power comes out 0.06 % too small at most."""
@@ -109,11 +109,6 @@ class Angles:
 def _middles(arcs: int, orders: int) -> NDArray[np.complex128]:
     """(orders + 1,) what turns sums of arcs, each at its beginning, to their middles."""
     return np.asarray(np.exp(-1j * np.pi / arcs * np.arange(orders + 1)), np.complex128)
-
-
-def order_sums(angle: Array, rows: Array, orders: int) -> NDArray[np.complex128]:
-    """`Angles.sums` of angles (n,) that are looked at once."""
-    return Angles(angle).sums(rows, orders)
 
 
 def order_spectrum(angle: Array, rows: Array, orders: int) -> Array:

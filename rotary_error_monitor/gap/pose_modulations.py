@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.departures import (
     Departures,
@@ -20,7 +21,7 @@ from rotary_error_monitor.gap.departures import (
     slow_courses,
     spread_out,
 )
-from rotary_error_monitor.gap.problem import Array, Rows
+from rotary_error_monitor.gap.problem import Rows
 
 Say = Callable[[float, float], str]
 """Words for a relative change of the cause by one standard deviation of a quantity, and that in its own unit."""

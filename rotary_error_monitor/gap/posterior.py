@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.departures import SHARE, Departing, FittedDepartures
 from rotary_error_monitor.gap.fitting import Fit, KnownProducts, fit_causes
 from rotary_error_monitor.gap.hypotheses import price_of
 from rotary_error_monitor.gap.normal import BlockNormal, Normal, combine, solve_scaled, stack, width_of
-from rotary_error_monitor.gap.problem import Array, Columns, Finding, LateRows, Problem, Rows
+from rotary_error_monitor.gap.problem import Columns, Finding, LateRows, Problem, Rows
 
 FREE = 3
 """Directions beside that of a cause in which something unknown may lie.

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.normal import grams_by_channel, solve_scaled, width_of
 from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
 from rotary_error_monitor.gap.posterior import powers_of, summed
-from rotary_error_monitor.gap.problem import Array, Finding, Problem
+from rotary_error_monitor.gap.problem import Finding, Problem
 
 _PLAIN = float(np.log(1e-2))
 """Logarithm of a p-value above which nothing alarms, whatever the false-alarm rate."""

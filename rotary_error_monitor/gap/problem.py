@@ -15,10 +15,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, Values
 from rotary_error_monitor.gap.views import View
-
-Array = NDArray[np.float64]
 
 Rows = dict[str, Array]
 """White rows (m, p) by channel; a channel on which nothing acts may be absent."""

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.fitting import Fit, fit_causes
 from rotary_error_monitor.gap.hypotheses import Hypothesis, HypothesisTable
@@ -19,7 +20,7 @@ from rotary_error_monitor.gap.normal import acting_on, combine
 from rotary_error_monitor.gap.options import FALSE_ALARMS, MOST_CAUSES
 from rotary_error_monitor.gap.posterior import Powers, powers_of, summed
 from rotary_error_monitor.gap.prior_conflict import find_left
-from rotary_error_monitor.gap.problem import FIRST_ORDER, Array, Candidate, Columns, Finding, Problem
+from rotary_error_monitor.gap.problem import FIRST_ORDER, Candidate, Columns, Problem
 from rotary_error_monitor.gap.steps import Selection, Step
 from rotary_error_monitor.twin.finite import UnpredictableError
 
@@ -56,7 +57,7 @@ def select_causes(
     """
     search = _Search(problem, false_alarms)
     progress("residual")
-    steps = [search.assess(fit_causes(problem, ()), None)]
+    steps = [search.assess(fit_causes(problem, ()))]
     while not steps[-1].settled and len(steps) <= most and search.can_grow(steps[-1]):
         progress(f"{len(steps)} effect{'s' if len(steps) > 1 else ''}")
         grown = search.grow(steps[-1], len(steps))
@@ -77,7 +78,7 @@ class _Search:
         self._promising: list[tuple[str, str, bytes]] = []
         self.dropped: dict[tuple[str, str], None] = {}
 
-    def assess(self, fit: Fit, hypothesis: Hypothesis | None) -> Step:
+    def assess(self, fit: Fit) -> Step:
         """Test what a fit leaves."""
         # What was learnt beside fewer causes may have been one of these.
         if self._problem.learn_noise(fit.causes):
@@ -92,10 +93,9 @@ class _Search:
         best, chance = self._entering(table, larger, base, powers)
         return Step(
             fit.without_data(),
-            hypothesis,
             table,
             tuple(findings),
-            self._log_alarm(findings),
+            float(np.log(self._level / max(len(findings), 1))),
             best,
             chance,
             float(np.log(self._level)),
@@ -114,7 +114,7 @@ class _Search:
             if fit is not None:
                 # A late sensor turns the signature of every uncertain parameter: they are looked at again beside the
                 # causes.
-                return self.assess(fit, best)
+                return self.assess(fit)
         return None
 
     def _fit_or_drop(self, step: Step, hypothesis: Hypothesis) -> Fit | None:
@@ -161,9 +161,6 @@ class _Search:
         found = [table.candidates[hypothesis.members[-1]] for hypothesis in best]
         self._promising = list(dict.fromkeys([*self._promising, *((*c.key, c.start.tobytes()) for c in found)]))
 
-    def _log_alarm(self, findings: Sequence[Finding]) -> float:
-        return float(np.log(self._level / max(len(findings), 1)))
-
     def _members(self, step: Step) -> tuple[int, ...]:
         found = (step.table.position(cause.key) for cause in step.fit.causes)
         return tuple(i for i in found if i is not None)
@@ -178,7 +175,7 @@ class _Search:
             lost = dataclasses.replace(full, reduction=reduction, dof=dof)
             if lost.log_p_value - table.log_prior(members[k]) > step.log_alarm_entering:
                 fit = fit_causes(self._problem, table.causes(fewer))
-                return self.assess(fit, fewer)
+                return self.assess(fit)
         return step
 
     def _entering(

@@ -17,7 +17,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         return f"Unknown: there is a gap ({gap.before:.3g} times the noise) that no known effect explains. {left}"
     causes = " and ".join(describe_cause(found) for found in diagnosis.causes)
     said = "Explained by" if diagnosis.verdict is Verdict.EXPLAINED else "Partly explained by"
-    return f"{said} {causes}: {what_shrinks(diagnosis)}.{_spaced(what_is_left(diagnosis))}"
+    sentences = (f"{said} {causes}: {what_shrinks(diagnosis)}.", what_is_left(diagnosis))
+    return " ".join(filter(None, sentences))
 
 
 def what_shrinks(diagnosis: Diagnosis) -> str:
@@ -32,10 +33,6 @@ def what_is_left(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict is not Verdict.EXPLAINED:
         return _left(diagnosis)
     return " ".join(f"This recording does not tell {_told_from(group)}." for group in diagnosis.indistinguishable)
-
-
-def _spaced(sentences: str) -> str:
-    return f" {sentences}" if sentences else ""
 
 
 def describe_cause(found: FoundCause) -> str:

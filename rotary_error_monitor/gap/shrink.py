@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Role
 from rotary_error_monitor.gap.bounded import solve_within
 from rotary_error_monitor.gap.fitting import Fit
 from rotary_error_monitor.gap.normal import BlockNormal, Normal
-from rotary_error_monitor.gap.problem import Array, Conditions
+from rotary_error_monitor.gap.problem import Conditions
 
 RESAMPLES = 1000
 

@@ -10,10 +10,10 @@ from functools import partial
 import numpy as np
 from scipy.special import logsumexp
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.known_effects import KnownEffect
 from rotary_error_monitor.gap.normal import solve_scaled
 from rotary_error_monitor.gap.posterior import NO_DEPARTURE, PRIOR_OF_UNKNOWN, likeliest_kinds
-from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise
 from rotary_error_monitor.noise.whitening import few_at_once
 

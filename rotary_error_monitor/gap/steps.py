@@ -16,7 +16,6 @@ class Step:
 
     Attributes:
         fit: causes fitted.
-        hypothesis: evidence of the set; None for no cause.
         table: table on which it was chosen.
         findings: structure that is left, the least likely first.
         log_alarm: logarithm of the level below which a finding counts.
@@ -27,7 +26,6 @@ class Step:
     """
 
     fit: Fit
-    hypothesis: Hypothesis | None
     table: HypothesisTable
     findings: tuple[Finding, ...]
     log_alarm: float

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.orders import Angles
 from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail, log_normal_tail
-from rotary_error_monitor.gap.problem import Array, Finding
+from rotary_error_monitor.gap.problem import Finding
 
 MODELLED_ORDERS = 16
 """Orders looked for under each condition."""

@@ -8,10 +8,11 @@ from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role, among, order_location, values_of
 from rotary_error_monitor.gap.dependence import explained_by, name_dependences
 from rotary_error_monitor.gap.p_values import log_chi_square_tail
-from rotary_error_monitor.gap.problem import Array, Candidate, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Candidate, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.views import View
 
 TELLING = 0.05

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from rotary_error_monitor.gap.problem import Array
+from rotary_error_monitor.arrays import Array
 
 DECISIVE = 5.0
 """Distance, in standard deviations, from which a measurement is worth the work."""

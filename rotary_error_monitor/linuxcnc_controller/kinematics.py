@@ -25,11 +25,9 @@ class Kinematics(Protocol):
 
     def to_joints(self, axes: Sequence[float]) -> Position:
         """Positions of the joints that put the tool at `axes`."""
-        ...
 
     def to_axes(self, joints: Sequence[float]) -> Position:
         """Position of the tool for the joints at `joints`."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ A program beside LinuxCNC (see `session`): the independent witness of what the d
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from rotary_error_monitor.linuxcnc_controller import session
@@ -41,4 +40,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

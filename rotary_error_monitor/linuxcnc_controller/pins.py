@@ -30,15 +30,12 @@ class Hal(Protocol):
 
     def get_value(self, name: str) -> Any:  # noqa: ANN401 (a pin is a bit, a whole number or a float)
         """Value of a pin."""
-        ...
 
     def set_p(self, name: str, value: str) -> object:
         """Set a pin that no signal drives."""
-        ...
 
     def get_info_pins(self) -> list[dict[str, Any]]:
         """Names and more of all pins."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -44,11 +44,9 @@ class Looker(Protocol):
 
     def handle(self, record: Record, now: Moment) -> None:
         """Take up what the other side says."""
-        ...
 
     def look(self, clock: Clock) -> Record:
         """Look at the machine, and say what is seen."""
-        ...
 
 
 Start: TypeAlias = Callable[[dict[str, Any], MachinePins], tuple[Looker, float]]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import WHOLE_MACHINE, Body, Displacement, MachineDescription
 from rotary_error_monitor.machine.error_model import (
     CheckedPoses,
@@ -31,7 +32,7 @@ from rotary_error_monitor.machine.kinematics import (
     stand,
 )
 from rotary_error_monitor.machine.topology import branches
-from rotary_error_monitor.machine.transforms import Array, chain, cross, inverse, rotate, rotation_by, transform
+from rotary_error_monitor.machine.transforms import chain, cross, inverse, rotate, rotation_by, transform
 from rotary_error_monitor.machine.uncertainty import calibrated_shifts, measured_apart, shifts_at_a_pose
 
 

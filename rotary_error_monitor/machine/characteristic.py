@@ -165,10 +165,8 @@ def _pose_entries(pose: Displacement) -> Entries:
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_rotvec(pose.rotation).as_matrix()
     matrix[:3, 3] = np.array(pose.shift) * 1e3
-    return () if np.allclose(matrix, np.eye(4), rtol=0, atol=NEGLIGIBLE) else _rows(matrix)
-
-
-def _rows(matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> Entries:
+    if np.allclose(matrix, np.eye(4), rtol=0, atol=NEGLIGIBLE):
+        return ()
     return tuple(tuple(_number(float(value)) for value in row) for row in matrix)
 
 

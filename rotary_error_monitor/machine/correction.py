@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.error_model import (
     CheckedPoses,
@@ -22,7 +23,7 @@ from rotary_error_monitor.machine.error_model import (
 )
 from rotary_error_monitor.machine.kernel import chosen_kernel
 from rotary_error_monitor.machine.kinematics import MachineModel, axis_columns, stand
-from rotary_error_monitor.machine.transforms import Array, cross, dot, length
+from rotary_error_monitor.machine.transforms import cross, dot, length
 
 MOST_STEPS = 12
 LAST_STEP = 1e-8

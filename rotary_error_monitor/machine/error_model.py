@@ -16,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.kernel import Rows, chosen_kernel
 from rotary_error_monitor.machine.kinematics import MachineModel, stand, turns
-from rotary_error_monitor.machine.transforms import Array, chain, compose, cross, inverse, rotate, rotation_vector
+from rotary_error_monitor.machine.transforms import chain, compose, cross, inverse, rotate, rotation_vector
 
 
 class CheckedPoses(NamedTuple):

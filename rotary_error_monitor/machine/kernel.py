@@ -22,9 +22,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.kinematics import Fixtures, MachineModel
-from rotary_error_monitor.machine.transforms import Array
 
 VARIABLE = "ROTARY_ERROR_MONITOR_KERNEL"
 """Environment variable by which `numpy` is asked for, or `compiled` without anything to stand in for it."""

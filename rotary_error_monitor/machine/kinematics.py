@@ -12,19 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Body, Displacement, MachineDescription
 from rotary_error_monitor.machine.components import ErrorComponents, arrange_components
 from rotary_error_monitor.machine.topology import branches
-from rotary_error_monitor.machine.transforms import (
-    Array,
-    chain,
-    compose,
-    cross,
-    inverse,
-    rotate,
-    rotation_by,
-    transform,
-)
+from rotary_error_monitor.machine.transforms import chain, compose, cross, inverse, rotate, rotation_by, transform
 
 STILL: Array = np.eye(3, 4)[:, :, None]
 """(3, 4, 1) transform that moves nothing."""

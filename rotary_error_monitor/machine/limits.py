@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.machine.transforms import Array
 
 
 class Outcome(enum.IntEnum):

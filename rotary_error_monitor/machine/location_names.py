@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import DIRECTIONS, Body, Displacement, MachineDescription
 from rotary_error_monitor.machine.kinematics import arrange_machine, stand
 from rotary_error_monitor.machine.topology import way
-from rotary_error_monitor.machine.transforms import Array
 
 ALIKE = 1e-6
 """Sine of the angle below which directions count as the same; distance, m, below which lines count as meeting."""

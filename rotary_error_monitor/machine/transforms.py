@@ -8,9 +8,8 @@ reductions (`sum`, `dot`) choose their order of summation by shape and do not.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
 
 
 def rotation_by(vector: Array) -> Array:

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
-
-Array = NDArray[np.float64]
 
 MEDIAN_OF_TWO_SQUARES = 2 * math.log(2)
 """Median of the sum of two squared standard normal values."""
@@ -67,29 +66,6 @@ class LineFit:
 
 
 @dataclass(frozen=True)
-class PlaneFit:
-    """A plane: `point` (3,) m on it, unit `normal` (3,) with its covariance (3, 3) rad², `scatter` in m."""
-
-    point: Array
-    normal: Array
-    normal_covariance: Array
-    scatter: float
-
-
-@dataclass(frozen=True)
-class CircleFit:
-    """A circle in space: centre (3,) and radius in m with their uncertainties, unit `normal` (3,) of its plane."""
-
-    centre: Array
-    normal: Array
-    radius: float
-    centre_covariance: Array
-    normal_covariance: Array
-    radius_uncertainty: float
-    scatter: float
-
-
-@dataclass(frozen=True)
 class Squareness:
     """Angle between two directions less 90 degrees, and its standard uncertainty, rad."""
 
@@ -129,56 +105,11 @@ def fit_line_in_space(points: Array, covariances: Array | None = None) -> LineFi
 
     parameters, covariance, scatter, ratio = _refine(residuals, np.zeros(4), points, covariances)
     departures = np.linalg.norm(residuals(parameters).reshape(-1, 2), axis=1)
+    departures = departures if covariances is not None else departures / max(scatter, np.finfo(np.float64).tiny)
     tilted, _, _ = _tilted(direction, first, second, parameters[:2])
     sense = 1.0 if tilted @ (points[-1] - points[0]) >= 0 else -1.0
     basis = np.stack([first, second], axis=1)
-    return LineFit(
-        point=centre + basis @ parameters[2:],
-        direction=sense * tilted,
-        point_covariance=basis @ covariance[2:, 2:] @ basis.T,
-        direction_covariance=basis @ covariance[:2, :2] @ basis.T,
-        cross_covariance=sense * basis @ covariance[2:, :2] @ basis.T,
-        scatter=scatter,
-        departures=departures if covariances is not None else departures / max(scatter, np.finfo(np.float64).tiny),
-        ratio=ratio,
-    )
-
-
-def fit_plane(points: Array, covariances: Array | None = None) -> PlaneFit:
-    """Plane of least distances.
-
-    Raises:
-        InputError: fewer than four points, points on a line, shapes that do not fit, numbers that are not finite.
-    """
-    centre, axes = _principal(points, covariances, least=4, rank=2)
-    first, second, normal = axes[0], axes[1], axes[2]
-
-    def residuals(parameters: Array) -> Array:
-        tilted, _, _ = _tilted(normal, first, second, parameters[:2])
-        return _whitened(points - centre - parameters[2] * normal, [tilted], covariances)
-
-    parameters, covariance, scatter, _ = _refine(residuals, np.zeros(3), points, covariances)
-    tilted, _, _ = _tilted(normal, first, second, parameters[:2])
-    basis = np.stack([first, second], axis=1)
-    return PlaneFit(centre + parameters[2] * normal, tilted, basis @ covariance[:2, :2] @ basis.T, scatter)
-
-
-def fit_circle(points: Array, covariances: Array | None = None) -> CircleFit:
-    """Circle of least distances, in its plane and across it; the normal is that of positive rotation along the points.
-
-    Raises:
-        InputError: fewer than four points, points on a line, shapes that do not fit, numbers that are not finite.
-    """
-    line, radii, heights, covariance = _fit_rings([points], None if covariances is None else [covariances])
-    return CircleFit(
-        centre=line.point + heights[0] * line.direction,
-        normal=line.direction,
-        radius=float(radii[0]),
-        centre_covariance=line.point_covariance + covariance[5, 5] * np.outer(line.direction, line.direction),
-        normal_covariance=line.direction_covariance,
-        radius_uncertainty=math.sqrt(covariance[4, 4]),
-        scatter=line.scatter,
-    )
+    return _line(centre, basis, sense * tilted, parameters, covariance, (scatter, departures, ratio), sense)
 
 
 def fit_axis_average_line(tracks: Sequence[Array], covariances: Sequence[Array] | None = None) -> LineFit:
@@ -192,11 +123,6 @@ def fit_axis_average_line(tracks: Sequence[Array], covariances: Sequence[Array] 
     """
     if not tracks:
         raise InputError("no track; give the points of at least one target that the axis carries round")
-    return _fit_rings(tracks, covariances)[0]
-
-
-def _fit_rings(tracks: Sequence[Array], covariances: Sequence[Array] | None) -> tuple[LineFit, Array, Array, Array]:
-    """Common axis of rings, their radii and heights, and the covariance: tilt 2, shift 2, then radius, height each."""
     centre, axes = _principal(tracks[0], None if covariances is None else covariances[0], least=4, rank=2)
     for track in tracks[1:]:
         _principal(track, None, least=4, rank=2)
@@ -226,19 +152,30 @@ def _fit_rings(tracks: Sequence[Array], covariances: Sequence[Array] | None) -> 
     parameters, covariance, scatter, ratio = _refine(residuals, start, points, stacked)
     halves = np.split(residuals(parameters), 2 * np.cumsum([len(track) for track in tracks])[:-1])
     departures = np.concatenate([np.linalg.norm(half.reshape(2, -1), axis=0) for half in halves])
+    departures = departures if covariances is not None else departures / max(scatter, np.finfo(np.float64).tiny)
     tilted, _, _ = _tilted(normal, first, second, parameters[:2])
     basis = np.stack([first, second], axis=1)
-    line = LineFit(
-        point=centre + basis @ parameters[2:4],
-        direction=tilted,
-        point_covariance=basis @ covariance[2:4, 2:4] @ basis.T,
-        direction_covariance=basis @ covariance[:2, :2] @ basis.T,
-        cross_covariance=basis @ covariance[2:4, :2] @ basis.T,
-        scatter=scatter,
-        departures=departures if covariances is not None else departures / max(scatter, np.finfo(np.float64).tiny),
-        ratio=ratio,
+    return _line(centre, basis, tilted, parameters, covariance, (scatter, departures, ratio))
+
+
+def _line(
+    centre: Array,
+    basis: Array,
+    direction: Array,
+    parameters: Array,
+    covariance: Array,
+    left: tuple[float, Array, float],
+    sense: float = 1.0,
+) -> LineFit:
+    """The line of fitted parameters (tilt 2, shift 2, others) along `basis` (3, 2), and what is left of the points."""
+    return LineFit(
+        centre + basis @ parameters[2:4],
+        direction,
+        basis @ covariance[2:4, 2:4] @ basis.T,
+        basis @ covariance[:2, :2] @ basis.T,
+        *left,
+        cross_covariance=sense * basis @ covariance[2:4, :2] @ basis.T,
     )
-    return line, parameters[4::2], parameters[5::2], covariance
 
 
 def _ring_start(tracks: Sequence[Array], centre: Array, axes: Array) -> Array:

@@ -12,14 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ndtr
 from scipy.stats import norm
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.axis_fits import LineFit
-
-Array = NDArray[np.float64]
 
 COVERED = 0.95
 """Probability with which the truth lies within the bounds."""

@@ -11,11 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
-
-Array = NDArray[np.float64]
 
 CENTRES: Mapping[str, str] = {
     "LSC": "least-squares circle",

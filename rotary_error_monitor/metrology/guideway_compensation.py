@@ -12,12 +12,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.straightness import check_profile, estimate_straightness, fit_line
-
-Array = NDArray[np.float64]
 
 ROUNDED = 1e-10
 """Steps against the way of a curve, m, that come of rounding where a file states its slope with five digits."""

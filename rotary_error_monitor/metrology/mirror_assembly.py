@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import Autocollimator, PlanarHarmonic, StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.harmonics import planar_sum
@@ -27,8 +27,6 @@ from rotary_error_monitor.metrology.rotation_fit import (
     with_rounding,
 )
 from rotary_error_monitor.metrology.shaft_recording import Observed, ShaftRecording, check_heads, observe, told_orders
-
-Array = NDArray[np.float64]
 
 DELAY_STD = 5e-3
 """Standard uncertainty of an autocollimator's delay that nobody has measured, s: exposure and transfer of instruments

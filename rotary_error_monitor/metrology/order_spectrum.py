@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.encoder_heads import LEAK, HeadLayout
 from rotary_error_monitor.metrology.spindle_figures import SignalNoise, TurnSpectrum
 from rotary_error_monitor.metrology.turns import TurnProfiles
-
-Array = NDArray[np.float64]
 
 _NEIGHBOURS = 5
 """Orders of which the loudest scatter counts for the one in their middle: of two turns each alone has two degrees of

@@ -8,8 +8,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import (
     AngularHarmonic,
     AngularTable,
@@ -26,7 +26,6 @@ from rotary_error_monitor.metrology.harmonics import angular_sum, planar_sum
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-Array = NDArray[np.float64]
 
 HALL_MEYER = 5 / 384
 """Of h⁴ max|f''''|: largest distance of a cubic spline through values of f from f (Hall and Meyer 1976, J. Approx.

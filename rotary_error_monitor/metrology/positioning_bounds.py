@@ -18,12 +18,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaln, gammaln
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.positioning import COVERAGE, PositioningRuns
 
-Array = NDArray[np.float64]
 Interval = tuple[float, float]
 
 DRAWS = 1000

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.profile_range import symmetric_root
 from rotary_error_monitor.metrology.splicing import SplicedProfile
-
-Array = NDArray[np.float64]
 
 POINTS = 101
 """Positions at which two profiles are compared: the largest difference of curves of a few waves is found to 1 %."""

@@ -7,9 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
 
 DRAWS = 2000
 """Simulated profiles: 95 % are 94 to 96 % by them (two standard deviations)."""

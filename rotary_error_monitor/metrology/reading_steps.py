@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
 
 _SAME = 1e-3
 """Part of a step by which readings may miss it and be on it: each continuous one is so by chance once in 500."""

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.rotation_fit import FALSE_ALARM, effective_count
-
-Array = NDArray[np.float64]
 
 TREND_ORDER = 3
 """Highest polynomial of time that counts as a trend: a drift that sets in, settles, or comes back."""

@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.error_motion import rotate
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

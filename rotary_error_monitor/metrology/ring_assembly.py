@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, helmert
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import AngularHarmonic, Encoder, StageDescription
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
 from rotary_error_monitor.metrology.harmonics import angular_sum
@@ -33,8 +34,6 @@ from rotary_error_monitor.metrology.shaft_recording import (
     observe,
     told_orders,
 )
-
-Array = NDArray[np.float64]
 
 LEAST_NOISE = 1e-4
 """Part of the described variance that a residual's is not taken to be below: rounding in the arithmetic."""

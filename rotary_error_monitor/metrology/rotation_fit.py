@@ -18,7 +18,8 @@ from scipy.ndimage import median_filter
 from scipy.special import gammainccinv, gammaincinv
 from scipy.stats import f as f_distribution
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
+
 Shapes = NDArray[np.complex128]
 
 FALSE_ALARM = 1e-3

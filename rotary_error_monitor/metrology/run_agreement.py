@@ -12,12 +12,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM, RepeatedRuns
-
-Array = NDArray[np.float64]
 
 REPEATABLE = 3.0
 """Standard deviation of what runs do not repeat beside the noise, in standard deviations of that."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.encoder_heads import LEAST_SEEN, seen_part
@@ -16,7 +17,6 @@ from rotary_error_monitor.metrology.rotation_fit import highest_order
 from rotary_error_monitor.metrology.tilt import check_saturation
 from rotary_error_monitor.signals.resampling import FEWEST_TO_FIT, GUARD, resample_all, tick_times
 
-Array = NDArray[np.float64]
 Stream = tuple[NDArray[np.int64], Array]
 """Times (n,) ns and values (n, k)."""
 

@@ -25,9 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.turns import TurnProfiles, TurnSummary
-
-Array = NDArray[np.float64]
 
 COVERAGE = 2.0
 """Coverage factor of the expanded uncertainty: 95 % of a normal distribution (JCGM 100:2008, 6.2.2)."""

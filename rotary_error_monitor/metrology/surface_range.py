@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
 
 DRAWS = 1000
 """Simulated surfaces: 95 % are 93.6 to 96.4 % by them (two standard deviations)."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-Array = NDArray[np.float64]
-TURN = 2 * math.pi
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.units import TURN
 
 _HALF = math.sqrt(math.log(2) / 2) / math.pi
 """Standard deviation of a Gaussian, in waves, that lets half of the amplitude through (ISO 16610-21)."""

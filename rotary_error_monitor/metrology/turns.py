@@ -10,11 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.turn_cutting import RunCutter, TurnGrid
 from rotary_error_monitor.signals.rows import Keep, Rows, RowsInMemory, parts_of
-
-Array = NDArray[np.float64]
-TURN = 2 * math.pi
+from rotary_error_monitor.units import TURN
 
 MOST_WAVES = 150
 """Cut-off of the filter over the angle, waves a turn, where there are samples enough: the usual series of roundness

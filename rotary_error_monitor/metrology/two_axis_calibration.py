@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import chi2, f
 
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.positioning import MEDIAN_OF_ABSOLUTE_NORMAL, SCALE_EFFICIENCY
 from rotary_error_monitor.metrology.repeated_runs import FALSE_ALARM
 from rotary_error_monitor.metrology.two_axis_fit import Fit, Reference, fit_steps, numbers_of, response_from
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 COVERAGE = float(ndtri(0.975))
 """Coverage factor of an expanded uncertainty of 95 % where the variances are known (GUM, Annex G)."""

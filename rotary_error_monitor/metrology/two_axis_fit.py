@@ -20,11 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.two_axis_steps import StepReadings
-
-Array = NDArray[np.float64]
 
 NAMES = ("zero[0]", "zero[1]", "gain", "roll", "gain_difference", "cross_coupling", "cubic[0]", "cubic[1]")
 """Numbers of a `Response` in the order of its covariance."""

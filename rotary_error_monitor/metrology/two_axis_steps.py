@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.error_motion import reading_variance
-
-Array = NDArray[np.float64]
 
 SAME_SETTING = 1e-10
 """Settings nearer than this are the same, rad: a hundredth of what any reference resolves."""

@@ -248,16 +248,12 @@ def _losses(recorded: Recorded, wire: Wire, since_ns: int) -> Iterator[Row]:
         if len(steps) < 2:
             continue
         missing = int(np.rint(steps / np.median(steps) - 1).sum())
-        if _is_computed(topic):
+        if topic.key in ("error_motion_samples", "tool_offset_samples"):
             without, ticks = without + missing, ticks + missing + len(steps)
         else:
             lost += missing
     yield Row("samples lost", lost, 0, 0)
     yield Row("ticks without estimate or offset, %", 100 * without / max(ticks, 1), 5.0, 2)
-
-
-def _is_computed(topic: Topic) -> bool:
-    return topic.key in ("error_motion_samples", "tool_offset_samples")
 
 
 def _latencies(recorded: Recorded, wire: Wire, since_ns: int) -> Iterator[Row]:

@@ -7,11 +7,7 @@ ros2 run rotary_error_monitor autocollimator --ros-args -p source:=iio -p iio.se
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
-
-from rotary_error_monitor.description.wire import Topic
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import SensorNode
 
 NAME = "autocollimator"
@@ -21,16 +17,10 @@ class Autocollimator(SensorNode):
     """Publishes the tilt of the mirror as sample blocks, and as a vector for people."""
 
     kind = NAME
-
-    def topics(self) -> tuple[Topic, Topic]:
-        """Those of the one that a stage has."""
-        return self.wire.topic("autocollimator_samples"), self.wire.topic("autocollimator_tilt")
+    own_topics = ("autocollimator_samples", "autocollimator_tilt")
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: Autocollimator(NAME), args)
-
+main = program(Autocollimator, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

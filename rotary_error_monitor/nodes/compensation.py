@@ -8,8 +8,6 @@ ros2 service call /compensation/reset std_srvs/srv/Trigger
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Sequence
 
 import numpy as np
 from sensor_msgs.msg import JointState, Temperature
@@ -25,7 +23,7 @@ from rotary_error_monitor.nodes.compensation_settings import SETTINGS, compensat
 from rotary_error_monitor.nodes.correction_output import CorrectionOutput
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.compensation import Compensator
 from rotary_error_monitor.signals.admission import ArrivalCheck
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
@@ -260,10 +258,7 @@ class Compensation(ManagedNode):
         return response
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: Compensation(NAME), args)
-
+main = program(Compensation, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

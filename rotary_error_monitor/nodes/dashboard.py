@@ -6,9 +6,8 @@ ros2 run rotary_error_monitor dashboard --ros-args -p port:=8088
 from __future__ import annotations
 
 import asyncio
-import sys
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,7 +23,7 @@ from rotary_error_monitor.codec.error_motion_blocks import error_motion_from_blo
 from rotary_error_monitor.dashboard.board import PORT, Action, Board
 from rotary_error_monitor.dashboard.cards import Clock, Drawn
 from rotary_error_monitor.dashboard.health import Status, label_of
-from rotary_error_monitor.dashboard.model import MICRO, CellModel
+from rotary_error_monitor.dashboard.model import CellModel
 from rotary_error_monitor.dashboard.server import WebServer
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.settings import Setting
@@ -33,11 +32,11 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages, parameters
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, status_name
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.qos import onlooker_profile
 from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.units import MICRO
 
-NAME = "dashboard"
 _GATHER = 0.05
 """s that messages gather: the page is drawn a few times a second, and each wake-up costs."""
 
@@ -202,10 +201,7 @@ async def _answer(client: Client, request: messages.Message) -> messages.Message
     return future.result()
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: Dashboard(NAME), args)
-
+main = program(Dashboard, "dashboard")
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

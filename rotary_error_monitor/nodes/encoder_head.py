@@ -6,13 +6,10 @@ ros2 run rotary_error_monitor encoder_head --ros-args -p head:=a -p source:=join
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
-
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import SensorNode
 
 NAME = "encoder_head"
@@ -52,10 +49,7 @@ class EncoderHead(SensorNode):
         return head
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: EncoderHead(NAME), args)
-
+main = program(EncoderHead, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

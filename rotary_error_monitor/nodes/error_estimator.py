@@ -5,8 +5,7 @@ ros2 run rotary_error_monitor error_estimator --ros-args -p stage:=my_stage.yaml
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from std_srvs.srv import Trigger
@@ -21,13 +20,12 @@ from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.pace import Pace
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.estimation import COMMAND, Estimator, EstimatorSettings
 from rotary_error_monitor.pipeline.observability import possible_components, unchecked_sensors
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST, figures_of, radial_block
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 
-NAME = "error_estimator"
 _POSE_PERIOD, _FIGURES_PERIOD = 50_000_000, 20_000_000  # ns, between two messages for people and for plotting
 _WATCH_PERIOD = 0.05  # s, between two looks whether there is something to say at once
 _SILENT_AFTER = 0.5  # s without an estimate from which it is said: beyond what a computer that is busy takes
@@ -318,10 +316,7 @@ class ErrorEstimator(ManagedNode):
         }
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: ErrorEstimator(NAME), args)
-
+main = program(ErrorEstimator, "error_estimator")
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,12 +21,11 @@ from rotary_error_monitor.kinds.stage.admission import SHORTEST
 from rotary_error_monitor.nodes.diagnosis_process import DiagnosisProcess, Outcome
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.recent_turns import RecentTurns
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 
-NAME = "gap_monitor"
 _DAY = 86_400.0
 _LOOK_PERIOD = 0.2
 _STALE_AFTER = 1.0
@@ -288,10 +286,7 @@ def _repeated(option: str, values: Sequence[Path]) -> list[str]:
     return [part for value in values for part in (option, str(value))]
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: GapMonitor(NAME), args)
-
+main = program(GapMonitor, "gap_monitor")
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 import os
 import shlex
-import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from std_srvs.srv import Trigger
 
@@ -42,9 +41,8 @@ from rotary_error_monitor.nodes.correction_listener import ControllerReport, Cor
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, RateMeter
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 
-NAME = "linuxcnc_bridge"
 SILENCE = 0.3
 """After this long without a word, s, the link counts as hung."""
 
@@ -347,10 +345,7 @@ class LinuxcncBridge(ManagedNode):
             yield "another hand has changed the offsets"
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: LinuxcncBridge(NAME), args)
-
+main = program(LinuxcncBridge, "linuxcnc_bridge")
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -6,14 +6,11 @@ ros2 run rotary_error_monitor listed_sensor --ros-args -p sensor:=top -p source:
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
-
 from rotary_error_monitor.description.listed_sensors import name_of
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import THERMOMETER, SensorNode
 
 NAME = "listed_sensor"
@@ -70,10 +67,7 @@ class ListedSensorNode(SensorNode):
         return found[0]
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: ListedSensorNode(NAME), args)
-
+main = program(ListedSensorNode, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -5,9 +5,8 @@ ros2 run rotary_error_monitor metrics --ros-args -p port:=9464
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -18,9 +17,8 @@ from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes.diagnostics import Condition, Level
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 
-NAME = "metrics"
 PREFIX = "rotary_error_monitor"
 _STALE_AFTER = 5.0
 """s after which a status is left out: five reports that did not come. Absence is what Prometheus alarms on."""
@@ -130,10 +128,7 @@ class Metrics(ManagedNode):
         return [Condition("server", Level.OK, "serving", figures)]
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: Metrics(NAME), args)
-
+main = program(Metrics, "metrics")
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

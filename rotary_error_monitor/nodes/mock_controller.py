@@ -5,8 +5,6 @@ ros2 run rotary_error_monitor mock_controller --ros-args -p machine:=xyzac_trt
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
 from functools import partial
 
 from rotary_error_monitor.description.machine import MachineDescription, load_machine
@@ -20,13 +18,12 @@ from rotary_error_monitor.nodes.correction_listener import ControllerReport, Cor
 from rotary_error_monitor.nodes.diagnostics import Condition
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import BlockSender
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.sources.mock import MOCK, RATE, MockSource, mock_settings, mock_stage
 from rotary_error_monitor.sources.mock_machine import MachineMotion
 
-NAME = "mock_controller"
 _FORCE_PERIOD = 50_000_000
 _JOINT_STATE_PERIOD = 10_000_000
 _TEMPERATURE_PERIOD = NANOSECONDS
@@ -132,10 +129,7 @@ class MockController(ManagedNode):
         return listener
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: MockController(NAME), args)
-
+main = program(MockController, "mock_controller")
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

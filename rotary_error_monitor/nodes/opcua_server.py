@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
-import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -27,13 +26,14 @@ from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.nodes import compensation, messages, parameters
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, status_name
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.opcua.board import Board, Status
 from rotary_error_monitor.opcua.model import CellDescription, information_model
 from rotary_error_monitor.pipeline.corrections import OFFSET
 from rotary_error_monitor.pipeline.observability import possible_components
 from rotary_error_monitor.security.opcua_certificate import APPLICATION, application_uri
 from rotary_error_monitor.security.users import load_users
+from rotary_error_monitor.units import MICRO
 
 if TYPE_CHECKING:
     from rotary_error_monitor.opcua.server import Access, CellServer, Reset
@@ -42,9 +42,6 @@ NAME = "opcua_server"
 _NONE, _ENCRYPTED = "None", "Basic256Sha256"
 _PATIENCE = 2.0
 """s for which a reset is waited for."""
-
-_MICRO = 1e6
-"""µm in a metre, µrad in a radian."""
 
 
 class OpcuaServer(ManagedNode):
@@ -217,12 +214,12 @@ class OpcuaServer(ManagedNode):
         position = message.pose.pose.position
         values = [position.x, position.y, position.z, *messages.rotation_vector(message.pose.pose.orientation).tolist()]
         for name, value in zip(OFFSET, values, strict=True):
-            self._board.note(f"corrected_offset/{name}", _MICRO * value, stamp_ns)
+            self._board.note(f"corrected_offset/{name}", MICRO * value, stamp_ns)
 
     def _note_axes(self, folder: str, letters: Sequence[str], message: JointState, stamp_ns: int) -> None:
         positions, _ = messages.joint_motion(message)
         for letter in positions.keys() & set(letters):
-            self._board.note(f"{folder}/{letter}", _MICRO * positions[letter], stamp_ns)
+            self._board.note(f"{folder}/{letter}", MICRO * positions[letter], stamp_ns)
 
     def _note_temperature(self, path: str, message: Temperature, stamp_ns: int) -> None:
         self._board.note(path, message.temperature, stamp_ns)
@@ -272,10 +269,7 @@ def _is_loopback(address: str) -> bool:
         return address == "localhost"
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: OpcuaServer(NAME), args)
-
+main = program(OpcuaServer, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

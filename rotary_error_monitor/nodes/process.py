@@ -17,7 +17,7 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Self
 
 import rclpy
@@ -56,6 +56,11 @@ def run(node_class: Callable[[], ManagedNode], args: Sequence[str] | None = None
         atexit.register(_let_go)
         atexit.register(end_within, _LAST_MOMENTS, code)  # the last one registered comes first
     return code
+
+
+def program(node_class: Callable[[str], ManagedNode], name: str) -> Callable[[], int]:
+    """Entry point of an executable that runs one node, called `name`, as `run` does."""
+    return partial(run, partial(node_class, name))
 
 
 def _let_go() -> None:
@@ -124,9 +129,7 @@ class EndSignals:
                 signal.signal(number, _go_on)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         signal.set_wakeup_fd(self._former)
         self._writer.close()
         self._thread.join()

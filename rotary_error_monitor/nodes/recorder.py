@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -28,7 +27,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, RateMeter, simulated_topics
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.signals.numbering import MessageCount
 
@@ -311,10 +310,7 @@ def _listed(lost: dict[str, int]) -> str:
     return ", ".join(f"{count} of {topic}" for topic, count in sorted(lost.items()))
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: Recorder(NAME), args)
-
+main = program(Recorder, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

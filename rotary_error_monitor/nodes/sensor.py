@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -157,10 +156,13 @@ class SensorNode(ManagedNode):
 
     Attributes:
         kind: of the instrument, as devices name what they serve.
+        own_topics: the contract's names of the topics of its blocks and of its message for people, where a stage has
+            one instrument of the kind.
         joint: name of the joint in its message for people, where that is a joint state; empty for that of the frame.
     """
 
     kind: ClassVar[str]
+    own_topics: ClassVar[tuple[str, str]]
     joint: ClassVar[str] = ""
 
     def __init__(self, name: str, **how: Any) -> None:  # noqa: ANN401 (as `ManagedNode`)
@@ -174,13 +176,14 @@ class SensorNode(ManagedNode):
         self.settings = (*self.settings, *cell_settings("block_period"), *device_settings(self._devices))
         super().__init__(name, **how)
 
-    @abstractmethod
     def topics(self) -> tuple[Topic, Topic]:
         """The contract's topics of the instrument's blocks and of its message for people; the stage is known by then.
 
         Raises:
             InputError: the stage has no such instrument.
         """
+        samples, people = self.own_topics
+        return self.wire.topic(samples), self.wire.topic(people)
 
     def block_period(self, stream: str) -> float:
         """Time from one block of a stream to the next, s: the parameter `block_period`."""

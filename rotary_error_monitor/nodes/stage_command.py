@@ -6,12 +6,8 @@ ros2 run rotary_error_monitor stage_command --ros-args -p source:=joint_state -p
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
-
-from rotary_error_monitor.description.wire import Topic
 from rotary_error_monitor.nodes.messages import STAGE_JOINT
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import SensorNode
 
 NAME = "stage_command"
@@ -21,17 +17,11 @@ class StageCommand(SensorNode):
     """Publishes the commanded rotation and speed as sample blocks, and as a joint state for people."""
 
     kind = NAME
+    own_topics = ("command_samples", "command_joint_states")
     joint = STAGE_JOINT
 
-    def topics(self) -> tuple[Topic, Topic]:
-        """Those of the one that a stage has."""
-        return self.wire.topic("command_samples"), self.wire.topic("command_joint_states")
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: StageCommand(NAME), args)
-
+main = program(StageCommand, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -7,8 +7,6 @@ ros2 run rotary_error_monitor stage_follower
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
 from functools import partial
 
 from rotary_error_monitor.errors import InputError
@@ -16,13 +14,12 @@ from rotary_error_monitor.nodes import messages
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.managed import ManagedNode
 from rotary_error_monitor.nodes.parameters import cell_settings
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import BlockSender
 from rotary_error_monitor.signals.blocks import NANOSECONDS, SampleBlock
 from rotary_error_monitor.sources.follower import FollowedSource, FollowedStage
 from rotary_error_monitor.sources.mock import MOCK, RATE, mock_settings
 
-NAME = "stage_follower"
 _STALE_AFTER = 0.5
 
 
@@ -77,10 +74,7 @@ class StageFollower(ManagedNode):
         self._watch.observe(block, self.now_ns())
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: StageFollower(NAME), args)
-
+main = program(StageFollower, "stage_follower")
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -5,11 +5,7 @@ ros2 run rotary_error_monitor stage_force --ros-args -p source:=wrench -p wrench
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
-
-from rotary_error_monitor.description.wire import Topic
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.nodes.sensor import SensorNode
 
 NAME = "stage_force"
@@ -19,16 +15,10 @@ class StageForce(SensorNode):
     """Publishes the force on the shaft as sample blocks, and as a wrench for people."""
 
     kind = NAME
-
-    def topics(self) -> tuple[Topic, Topic]:
-        """Those of the one that a stage has."""
-        return self.wire.topic("force_samples"), self.wire.topic("force_wrench")
+    own_topics = ("force_samples", "force_wrench")
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: StageForce(NAME), args)
-
+main = program(StageForce, NAME)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -9,8 +9,7 @@ installed, `/tf` has the frames of stage and rotor, not magnified, and of the ma
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from builtin_interfaces.msg import Duration
@@ -31,11 +30,10 @@ from rotary_error_monitor.nodes.compensation_settings import MOUNTING
 from rotary_error_monitor.nodes.diagnostics import Condition, Level, StreamWatch
 from rotary_error_monitor.nodes.frame_broadcaster import FrameBroadcaster
 from rotary_error_monitor.nodes.managed import ManagedNode
-from rotary_error_monitor.nodes.process import run
+from rotary_error_monitor.nodes.process import program
 from rotary_error_monitor.pipeline.last_turn import LastTurn, Picture
 from rotary_error_monitor.signals.blocks import SampleBlock
 
-NAME = "visualization"
 _LATE_AFTER, _STALE_AFTER = 0.5, 1.0
 """Age, s, from which an estimate is late for a picture of now, and of the last one from which its silence is told: with
 the next diagnostics."""
@@ -179,10 +177,7 @@ def _points(rows: NDArray[np.float64]) -> list[Point]:
     return [Point(x=x, y=y, z=z) for x, y, z in rows.tolist()]
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until a signal; the exit code is 0 then, 2 after wrong input."""
-    return run(lambda: Visualization(NAME), args)
-
+main = program(Visualization, "visualization")
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import Encoder
 from rotary_error_monitor.twin.recording import StageRecording
-
-Array = NDArray[np.float64]
 
 STANDSTILL_WEIGHT = 0.2
 """At rest a head rounds the same way again and again: its samples carry the information of one in 25."""

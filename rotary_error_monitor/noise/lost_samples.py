@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.twin.recording import StageRecording, Stream
-
-Array = NDArray[np.float64]
 
 USUAL = 8.0
 """Medians of what scatter alone does beyond which it jumps: more than five standard deviations of it."""

@@ -22,48 +22,27 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.special import gamma
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.noise.head_grid import align_heads, rate_of, standstill_weight
+from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
 from rotary_error_monitor.noise.whitening import Whitener, drift_predictor, few_at_once, predictor, segments_of
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_kinds, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 
-Array = NDArray[np.float64]
-
 SPIKE = 6.0
 """A sample further than this many standard deviations from its neighbours' median is a spike: one in 10^9 by chance."""
 
 CELLS = 480
 """Cells of a recording in which slow noise is the same: eight to a wave of its highest order, 120 half periods."""
-
-
-@dataclass(frozen=True)
-class Jitter:
-    """Spectrum of the rotor's motion about the command: `std^2` spread over frequencies below about `bandwidth`.
-
-    The one-sided density is `A exp(-(f / bandwidth)^shape)`, smooth and falling as that of a rotor's inertia.
-    """
-
-    std: float = 2e-6
-    bandwidth: float = 5.0
-    shape: float = 1.2
-
-    def density(self, frequency: Array) -> Array:
-        """(n,) one-sided power density, rad^2/Hz."""
-        area = self.bandwidth * gamma(1 + 1 / self.shape)
-        exponent = self.shape * np.log(np.maximum(frequency, 1e-9) / self.bandwidth)
-        power = np.exp(np.minimum(exponent, 6.4))
-        return np.asarray(self.std**2 / area * np.exp(-power), np.float64)
 
 
 def noise_std(stage: StageDescription) -> dict[str, float]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
 
 AT_ONCE = 2**15
 """Numbers of a column or of several that are worked on together: these fit into a processor's cache."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.signals import radial_at
+from rotary_error_monitor.arrays import Array, Mask
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.description.stage import load_stage
 from rotary_error_monitor.description.wire import wire_of
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from rotary_error_monitor.notebook.tables import DataFrame
     from rotary_error_monitor.report.plot import Figure
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SI = ("m", "m", "m", "rad", "rad", "rad")
 _OFFSET = ("x", "y", "z", "a", "b", "c")

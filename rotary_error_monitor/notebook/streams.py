@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.bags.reader import BagReader
 from rotary_error_monitor.codec.contents import Content, JointState, PointStamped, Temperature
 from rotary_error_monitor.commissioning.streams import Stream, join_blocks
@@ -23,7 +24,6 @@ from rotary_error_monitor.signals.blocks import SampleBlock, block_from_samples
 if TYPE_CHECKING:
     from rotary_error_monitor.notebook.tables import DataFrame
 
-Array = NDArray[np.float64]
 
 JOINTS = "machine_joint_states"
 OF_MACHINE = (JOINTS, "axis_corrections", "applied_corrections", "tool_probe", "machine_temperature")

@@ -11,6 +11,7 @@ from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.opcua.units import ONE, UNITS, Unit
 from rotary_error_monitor.pipeline.corrections import OFFSET, CorrectionSettings
+from rotary_error_monitor.units import MICRO
 
 NAMESPACE = "urn:rotary_error_monitor:cell"
 """Namespace of all nodes; their ids are texts, such as `ns=2;s=error_motion/exc`."""
@@ -30,7 +31,6 @@ TEMPERATURE_STALE_AFTER = 10.0
 LEVEL, MESSAGE, USABLE = "level", "message", "usable"
 """What each status has beside its figures: how bad it is, the sentence, and whether what it speaks of may be used."""
 
-_MICRO = 1e6
 _UNITS = {
     "um": UNITS["µm"],
     "urad": UNITS["µrad"],
@@ -129,7 +129,7 @@ def _error_motion(cell: CellDescription) -> Iterator[Variable]:
             f"error_motion/{name}",
             meaning,
             unit=_unit(place),
-            range=_both_ways(size * _MICRO),
+            range=_both_ways(size * MICRO),
             judge=cell.status("error_estimator", "estimate"),
             source="error_motion_figures",
             sensed=name in cell.components,
@@ -182,8 +182,8 @@ def _limits(cell: CellDescription) -> Iterator[Variable]:
     for kind, (warning, error, rate) in (("linear", settings.linear_limits), ("rotary", settings.rotary_limits)):
         small, fast, scale = ("um", "mm_s", 1e3) if kind == "linear" else ("urad", "rad_s", 1.0)
         for name, words, suffix, most in (
-            ("warning", "beyond which a warning is given", small, warning * _MICRO),
-            ("error", "beyond which corrections hold until a reset", small, error * _MICRO),
+            ("warning", "beyond which a warning is given", small, warning * MICRO),
+            ("error", "beyond which corrections hold until a reset", small, error * MICRO),
             ("rate", "how fast it may change", fast, rate * scale),
         ):
             yield _reported(
@@ -311,7 +311,7 @@ def _both_ways(size: float) -> Range:
 def _span(kind: str) -> Range:
     """Range of a correction until the compensation has told its own limit."""
     settings = CorrectionSettings()
-    return _both_ways((settings.linear_limits if kind == "linear" else settings.rotary_limits)[1] * _MICRO)
+    return _both_ways((settings.linear_limits if kind == "linear" else settings.rotary_limits)[1] * MICRO)
 
 
 def _limit(kind: str) -> str:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.description.machine import Axis, MachineDescription
-from rotary_error_monitor.signals.admission import LARGEST_ANGLE, TURN
+from rotary_error_monitor.signals.admission import LARGEST_ANGLE
+from rotary_error_monitor.units import TURN
 
 BEYOND_TRAVEL = "beyond its travel"
 JUMP = "a jump"

@@ -21,7 +21,6 @@ class Course(Protocol):
 
     def at(self, time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Angle (n,) rad and velocity (n,) rad/s at `time` (n,) s."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,10 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.plant.noise import Noise, Turbulence
-
-Array = NDArray[np.float64]
 
 FORMS = ("tails", "flicker", "wander", "hum")
 """Names of the forms, as `draw_noise` takes them."""

@@ -24,7 +24,7 @@ from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.description.wire import wire_of
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_all
-from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES, TURN
+from rotary_error_monitor.metrology.turns import LEAST_WAVES, MOST_WAVES
 from rotary_error_monitor.pipeline.estimation import AUTOCOLLIMATOR, COMMAND
 from rotary_error_monitor.pipeline.radial_heights import HIGHEST as HIGHEST
 from rotary_error_monitor.recordings.long_estimates import ReplayedEstimates
@@ -36,6 +36,7 @@ from rotary_error_monitor.report.analysis import page
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.signals.rows import Keep
+from rotary_error_monitor.units import TURN
 
 PUSHED = 1.0
 """Force on the shaft from which it is said that values hold what it does, N."""

@@ -33,8 +33,6 @@ from rotary_error_monitor.supervision.served_sensors import topics_filled
 BLOCK_PERIOD = 0.005
 """Time covered by a block, s, where the file states none, as of the nodes."""
 
-STAMPS = ("header", "log")
-
 
 @dataclass
 class Stream:

@@ -6,13 +6,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.course import Samples
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.signals.rows import Keep, Rows, place_of
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 MOST_POINTS = 100_000
 """Points of a course that is kept: of more, two and two become one. A page shows a thousand of them side by side."""

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.health import FallOut, FallOuts
 from rotary_error_monitor.analysis.result import ToolOffset
 from rotary_error_monitor.analysis.signals import Estimates
+from rotary_error_monitor.arrays import Array, Times
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.verdict import DOUBTS
 from rotary_error_monitor.recordings.replayed import LongReplay, Replay
 from rotary_error_monitor.signals.rows import parts_of, place_of
-
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 _UNPROVEN = sum(1 << DOUBTS.index(name) for name in ("unverified", "unverified_tilt"))
 
@@ -77,7 +73,8 @@ class ReplayedEstimates:
     @property
     def turned(self) -> float:
         """From the smallest to the largest rotation, rad."""
-        ends = [(float(theta.min()), float(theta.max())) for _, theta in self._courses()]
+        courses = (self.read(first, last)[1] for first, last in parts_of(0, len(self)))
+        ends = [(float(theta.min()), float(theta.max())) for theta in courses]
         return max(high for _, high in ends) - min(low for low, _ in ends)
 
     def fall_outs(self, bits: dict[str, int]) -> tuple[FallOut, ...]:
@@ -103,9 +100,6 @@ class ReplayedEstimates:
         if not before.count or not after.count:
             return None
         return ToolOffset(before.rms, before.largest, after.rms, after.largest)
-
-    def _courses(self) -> Iterator[tuple[Times, Array]]:
-        return (self.read(first, last) for first, last in parts_of(0, len(self)))
 
 
 class _Sizes:

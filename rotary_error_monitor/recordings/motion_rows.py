@@ -9,13 +9,13 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Times
 from rotary_error_monitor.codec.error_motion_blocks import block_from_error_motion, error_motion_from_block
 from rotary_error_monitor.metrology.error_motion import ErrorMotion
 from rotary_error_monitor.pipeline.corrections import Correction
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.rows import Keep, Rows, parts_of, place_of
 
-Times = NDArray[np.int64]
 T = TypeVar("T")
 
 _NEAR = 8192

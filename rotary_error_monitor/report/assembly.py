@@ -14,9 +14,9 @@ import matplotlib
 import numpy as np
 
 from rotary_error_monitor.calibration.assembly import AssemblyResult
-from rotary_error_monitor.calibration.assembly_doubts import ARCSEC
 from rotary_error_monitor.calibration.head_comparison import AssemblyComparison, HeadPair, Signal
 from rotary_error_monitor.report.palette import BLUE, GREY, VERMILION, colour
+from rotary_error_monitor.units import ARCSEC
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -10,8 +10,8 @@ import matplotlib
 
 from rotary_error_monitor.calibration.axis_lines import SquarenessResult
 from rotary_error_monitor.calibration.axis_table import LINEAR_LENGTH, AxisRelation
-from rotary_error_monitor.report.calibration import ARCSEC
 from rotary_error_monitor.report.palette import BLACK, BLUE, GREEN, GREY
+from rotary_error_monitor.units import ARCSEC
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

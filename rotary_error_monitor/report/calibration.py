@@ -13,12 +13,12 @@ from rotary_error_monitor.calibration.steps import PositioningResult
 from rotary_error_monitor.calibration.volume import ErrorCost, VolumetricMap
 from rotary_error_monitor.metrology.positioning import COVERAGE
 from rotary_error_monitor.report.palette import BLUE, VERMILION
+from rotary_error_monitor.units import ARCSEC
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
 MOST_BARS = 20
-ARCSEC = 648000 / math.pi
 
 
 def draw_positioning(path: Path, result: PositioningResult) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from rotary_error_monitor.calibration.assembly_doubts import ARCSEC
 from rotary_error_monitor.calibration.collimator import CollimatorResult
 from rotary_error_monitor.report.palette import BLUE, GREY, ORANGE, VERMILION
+from rotary_error_monitor.units import ARCSEC
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from rotary_error_monitor.gap.views import Array, View
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.report.drawing import NARROW, WIDE, Sketch, drawn, label, new_axes, tiled
 from rotary_error_monitor.report.drawn import Sheet
 from rotary_error_monitor.report.palette import BLUE, GREEN, GREY, VERMILION

@@ -6,16 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.metrology.error_motion import COMPONENTS
 from rotary_error_monitor.metrology.spindle_figures import sensitive_direction
 from rotary_error_monitor.report.palette import BLUE
 from rotary_error_monitor.report.plot import Plot
 from rotary_error_monitor.report.polar import draw_base, scale_radius
 from rotary_error_monitor.report.traces import MOST_POINTS, Panel, Trace, fill_axes
-
-Array = NDArray[np.float64]
 
 _PANELS = (("radial", (0, 1), "m"), ("axial", (2,), "m"), ("tilt", (3, 4), "rad"), ("angular positioning", (5,), "rad"))
 """Components that share a panel, and their unit."""

@@ -10,9 +10,9 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rotary_error_monitor.calibration.pose_table import Poses
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.calibration.machine_poses import Poses
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.machine.budget import BodyPart, OffsetBudget
 from rotary_error_monitor.machine.characteristic import body_numbers
@@ -27,8 +27,6 @@ from rotary_error_monitor.report.page import (
     verdict,
     whole_page,
 )
-
-Array = NDArray[np.float64]
 
 MICRO = 1e6
 """µm in a metre, µrad in a radian."""

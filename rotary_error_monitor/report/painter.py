@@ -6,7 +6,6 @@ import pickle
 import signal
 import subprocess
 import sys
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # arrays load a tenth of a second, and this process shall start before anything else does
@@ -40,9 +39,7 @@ class Painter:
         """Draw within this."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End the process, whether it has drawn or not."""
         self._process.kill()
         self._process.communicate()

@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from rotary_error_monitor.analysis.history import StageHistory
-from rotary_error_monitor.analysis.trend import Times, Trend
+from rotary_error_monitor.analysis.trend import Trend
 from rotary_error_monitor.analysis.trend_result import FolderTrend, date_of
+from rotary_error_monitor.arrays import Times
 from rotary_error_monitor.effects.effect import Estimate
 from rotary_error_monitor.gap.quantities import quantity
 from rotary_error_monitor.metrology.spindle_figures import COVERAGE

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.verification_result import ReferenceComparison, TurningComparison, Verification
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.report.drawing import WIDE, Sketch, drawn, in_rows, label, new_axes, tiled
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import BLACK, GREY, ORANGE, colour
@@ -31,8 +31,6 @@ _GAP = 1.0
 
 _BEYOND = 2.0
 """Times the largest difference from which a bound is not shown to its end: it would press the line together."""
-
-Array = NDArray[np.float64]
 
 
 def draw(found: Verification) -> list[list[Drawn]]:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.notebook.estimates import Estimate
 from rotary_error_monitor.notebook.recording import read_bag
@@ -16,8 +16,6 @@ from rotary_error_monitor.report.drawing import WIDE, drawn, label, new_axes
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import colour
 from rotary_error_monitor.reproduction.units import ARCSEC, DEGREE, UM
-
-Array = NDArray[np.float64]
 
 _HEIGHT = 2.7
 """Of a picture, inches."""

@@ -25,6 +25,7 @@ def page(found: Reproduction) -> str:
     stated = [row for row in found.rows if row.holds is not None]
     kept = sum(row.holds is True for row in stated)
     tone, badge = (Tone.GOOD, "✓ Reproduced") if found.kept else (Tone.BAD, "✗ Not reproduced")
+    rows = [(row.quantity, row.paper, row.ours, row.why, _KEPT[row.holds]) for row in found.rows]
     told = f"{kept} of {len(stated)} statements of the paper that a simulation can keep hold in this one."
     return whole_page(
         "Reproduction",
@@ -32,7 +33,7 @@ def page(found: Reproduction) -> str:
         [
             verdict(tone, badge, told),
             paragraph(f"Simulated: {found.simulated}"),
-            section("Paper and result", table(("quantity", "paper", "ours", "why they differ", "kept"), _rows(found))),
+            section("Paper and result", table(("quantity", "paper", "ours", "why they differ", "kept"), rows)),
             *(_step(number, step) for number, step in enumerate(found.steps, 1)),
             about({"paper": found.paper, "made by": made_by()}),
         ],
@@ -47,10 +48,6 @@ def text_table(rows: tuple[Row, ...]) -> str:
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
     )
-
-
-def _rows(found: Reproduction) -> list[tuple[str, ...]]:
-    return [(row.quantity, row.paper, row.ours, row.why, _KEPT[row.holds]) for row in found.rows]
 
 
 def _step(number: int, step: Step) -> str:

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.reproduction import pan2013_figures, pan2013_rows
 from rotary_error_monitor.reproduction.pan2013_plant import (
     CYCLES,
@@ -29,8 +29,6 @@ from rotary_error_monitor.reproduction.pan2013_plant import (
 )
 from rotary_error_monitor.reproduction.procedure import Bench, Reproduction, Row, Step
 from rotary_error_monitor.reproduction.units import ARCSEC, UM
-
-Array = NDArray[np.float64]
 
 PAPER = "F. Pan, M. Li, J. Yin: Error Model and Accuracy Calibration of 5-Axis Machine Tool. TELKOMNIKA 2013, page 4251"
 SIMULATED = (

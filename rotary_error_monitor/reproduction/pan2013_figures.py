@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.report.drawing import WIDE, drawn, label, new_axes
 from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import colour
 
-Array = NDArray[np.float64]
 Runs = list[tuple[int, Array, Array]]
 """Direction, positions and errors of each run."""
 

@@ -14,15 +14,13 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Displacement, MachineDescription, load_machine, machine_mapping
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.reproduction.units import ARCSEC, DEGREE, MM, UM
-
-Array = NDArray[np.float64]
 
 CYCLES = 5
 """Of a positioning test, both ways: as ISO 230-2 asks for; the paper does not say."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.calibration.measurements import read_straightness
 from rotary_error_monitor.calibration.straightness_runs import Placed, Reading, place_runs
 from rotary_error_monitor.description.machine import load_machine
@@ -16,7 +16,6 @@ from rotary_error_monitor.report.drawn import Drawn
 from rotary_error_monitor.report.palette import GREY, colour
 from rotary_error_monitor.reproduction.units import MM, UM
 
-Array = NDArray[np.float64]
 Line = tuple[Array, Array]
 
 

@@ -12,13 +12,12 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.files import write_whole
 from rotary_error_monitor.plant.noise import Noise
 from rotary_error_monitor.reproduction.units import MM, UM
 
-Array = NDArray[np.float64]
 Form = Callable[[Array], Array]
 
 

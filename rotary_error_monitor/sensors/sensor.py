@@ -15,24 +15,19 @@ class Pose(Protocol):
     @property
     def stage(self) -> StageDescription:
         """The description, with what effects change of it."""
-        ...
 
     @property
     def state(self) -> RotorState:
         """Rotation, speed, force and warming."""
-        ...
 
     def radial(self) -> Array:
         """(n, 2) radial error motion at the ring, m."""
-        ...
 
     def axial(self) -> Array:
         """(n,) axial error motion, m."""
-        ...
 
     def tilt(self) -> Array:
         """(n, 2) tilt error motion, a rotation vector in rad."""
-        ...
 
 
 class Sensor(ABC):

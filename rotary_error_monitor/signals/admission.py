@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.units import TURN
 
 NOT_FINITE = "not finite"
 LATE = "not after the one before"
@@ -26,8 +27,6 @@ SPIKE = "a spike"
 FUTURE = "stamped in the future"
 OLD = "too old at arrival"
 
-HALF_TURN = math.pi
-TURN = 2 * math.pi
 
 SPIKE_SIGMAS = 8.0
 """A sample that stands off the mean of its neighbours by more standard deviations is a spike: of normal noise one in

@@ -17,15 +17,12 @@ class Rows(Protocol):
 
     def __len__(self) -> int:
         """How many there are."""
-        ...
 
     def append(self, rows: NDArray[Any]) -> None:
         """Put rows (m, …) behind those that are there."""
-        ...
 
     def read(self, first: int, last: int) -> NDArray[Any]:
         """Rows from `first` to before `last`."""
-        ...
 
 
 Keep = Callable[[tuple[int, ...], DTypeLike], Rows]

@@ -10,8 +10,9 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.signals.admission import LATE, NOT_FINITE, TURN, Admission, SampleLimits
+from rotary_error_monitor.signals.admission import LATE, NOT_FINITE, Admission, SampleLimits
 from rotary_error_monitor.signals.blocks import SampleBlock
+from rotary_error_monitor.units import TURN
 
 DISTANCES = 5
 """Blocks of a single sample whose median distance is that of the samples: two of them may be losses or bursts."""

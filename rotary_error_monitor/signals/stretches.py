@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-Times = NDArray[np.int64]
+from rotary_error_monitor.arrays import Times
 
 PAUSE_NS = 600_000_000_000
 """Silence of all streams, ns, after which another recording begins: ten minutes, in which a stage is set up anew."""

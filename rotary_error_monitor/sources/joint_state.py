@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Protocol
 
-from rotary_error_monitor.description.angle_units import ANGLE_UNITS
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.signals.blocks import NANOSECONDS
 from rotary_error_monitor.sources.device import Device, Instrument
 from rotary_error_monitor.sources.source import Heard
 from rotary_error_monitor.sources.unwrapping import unwrap_angle
+from rotary_error_monitor.units import ANGLE_UNITS
 
 _SETTINGS = (
     Setting("joint_state.topic", "joint_states", "topic of the third-party driver"),
@@ -26,49 +26,23 @@ _SETTINGS = (
 )
 
 
-class JointStateDriver(Device):
-    """Position of one joint, in rad unless its driver tells another unit."""
+class _JointDriver(Device):
+    """One joint of a message with several."""
 
-    name = "joint_state"
-    meaning = "a driver that publishes sensor_msgs/JointState"
-    serves = ("encoder_head",)
     hears = True
     settings = _SETTINGS
+    source: ClassVar[type[ContinuousAngle]]
+    fields: ClassVar[tuple[Callable[[JointMotions, str], float], ...]]
 
     def open(self, instrument: Instrument) -> ContinuousAngle:
-        """Source of the joint's angles."""
-        joint, radian = _read_settings(instrument)
-        return ContinuousAngle(
+        """Source of what the joint does."""
+        joint, radian = instrument.setting("joint_state.joint"), ANGLE_UNITS[instrument.setting("joint_state.unit")]
+        return self.source(
             instrument.fields,
             instrument.setting("joint_state.topic"),
             "sensor_msgs/msg/JointState",
-            lambda message: (joint_position(message, joint) / radian,),
+            lambda message: tuple(field(message, joint) / radian for field in self.fields),
         )
-
-
-class CommandDriver(Device):
-    """Commanded position of one joint with its speed, in rad and rad/s unless its controller tells another unit."""
-
-    name = "joint_state"
-    meaning = "a controller that publishes sensor_msgs/JointState"
-    serves = ("stage_command",)
-    hears = True
-    settings = _SETTINGS
-
-    def open(self, instrument: Instrument) -> CommandedAngle:
-        """Source of the joint's angles and speeds."""
-        joint, radian = _read_settings(instrument)
-        return CommandedAngle(
-            instrument.fields,
-            instrument.setting("joint_state.topic"),
-            "sensor_msgs/msg/JointState",
-            lambda message: (joint_position(message, joint) / radian, joint_velocity(message, joint) / radian),
-        )
-
-
-def _read_settings(instrument: Instrument) -> tuple[str, float]:
-    """Name of the joint, and what one radian reads."""
-    return instrument.setting("joint_state.joint"), ANGLE_UNITS[instrument.setting("joint_state.unit")]
 
 
 class ContinuousAngle(Heard):
@@ -182,3 +156,23 @@ def _lacking(message: JointMotions, joint: str) -> InputError:
         f"a joint state holds the joints {list(message.name)} with {len(message.position)} positions; "
         f"expected a position of joint {joint or (message.name[0] if len(message.name) == 1 else '')!r}"
     )
+
+
+class JointStateDriver(_JointDriver):
+    """Position of one joint, in rad unless its driver tells another unit."""
+
+    name = "joint_state"
+    meaning = "a driver that publishes sensor_msgs/JointState"
+    serves = ("encoder_head",)
+    source = ContinuousAngle
+    fields = (joint_position,)
+
+
+class CommandDriver(_JointDriver):
+    """Commanded position of one joint with its speed, in rad and rad/s unless its controller tells another unit."""
+
+    name = "joint_state"
+    meaning = "a controller that publishes sensor_msgs/JointState"
+    serves = ("stage_command",)
+    source = CommandedAngle
+    fields = (joint_position, joint_velocity)

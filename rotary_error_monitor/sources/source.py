@@ -39,7 +39,6 @@ class Readable(Protocol):
         Raises:
             InputError: it cannot be read or shows nonsense.
         """
-        ...
 
 
 class Gathered(Source):

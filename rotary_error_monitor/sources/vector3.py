@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from rotary_error_monitor.description.angle_units import ANGLE_UNITS
 from rotary_error_monitor.description.settings import Setting
 from rotary_error_monitor.sources.device import Device, Instrument
 from rotary_error_monitor.sources.source import Heard
+from rotary_error_monitor.units import ANGLE_UNITS
 
 
 class _Vector3Driver(Device):

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.machine_effect import MachineEffect
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import MachineModel, arrange_machine, stand
 from rotary_error_monitor.twin.finite import check_finite
-
-Array = NDArray[np.float64]
 
 FEWEST_POSES = 12
 

@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.response import Response
 from rotary_error_monitor.description.topics import samples_topic
@@ -19,8 +19,6 @@ from rotary_error_monitor.sensors.listed import ListedKind
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
 from rotary_error_monitor.twin.rates import MOST_RATE
-
-Array = NDArray[np.float64]
 
 _INPUTS = {
     "command": ("angle", "velocity"),

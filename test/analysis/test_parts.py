@@ -6,10 +6,9 @@ import itertools
 
 import numpy as np
 import pytest
+from analysis.in_memory import compare_stays, estimate_stops, fall_outs
 
-from rotary_error_monitor.analysis.comparison import compare_stays
-from rotary_error_monitor.analysis.health import FallOuts, fall_outs
-from rotary_error_monitor.analysis.positions import estimate_stops
+from rotary_error_monitor.analysis.health import FallOuts
 from rotary_error_monitor.analysis.runs import find_segments
 from rotary_error_monitor.description.stage import Lvdt
 from rotary_error_monitor.metrology.error_motion import ErrorMotion

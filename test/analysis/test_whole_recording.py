@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from analysis.in_memory import compare_stays, estimate_stops, fall_outs
 
-from rotary_error_monitor.analysis.comparison import compare_stays
 from rotary_error_monitor.analysis.course import Samples, estimate_drifts
-from rotary_error_monitor.analysis.health import fall_outs
 from rotary_error_monitor.analysis.motion import analyse_motion
-from rotary_error_monitor.analysis.positions import estimate_stops
 from rotary_error_monitor.analysis.runs import find_segments
 from rotary_error_monitor.analysis.signals import Estimates
 from rotary_error_monitor.description.stage import Lvdt, load_stage

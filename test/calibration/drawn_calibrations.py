@@ -9,13 +9,8 @@ from typing import Any
 import numpy as np
 import simulated_shaft
 
-from rotary_error_monitor.calibration.assembly_tables import (
-    angular_table,
-    mirror_curve,
-    planar_table,
-    ring_curve,
-)
-from rotary_error_monitor.description.stage import StageDescription, load_stage
+from rotary_error_monitor.calibration.assembly_tables import MeasuredCurve, mirror_curve, ring_curve
+from rotary_error_monitor.description.stage import AngularTable, PlanarTable, StageDescription, load_stage
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, estimate_ring_pose
 from rotary_error_monitor.metrology.error_motion import remove_graduation, remove_mirror
 from rotary_error_monitor.metrology.mirror_assembly import estimate_mirror_assembly
@@ -74,6 +69,23 @@ class Rates:
     def shares(self) -> dict[str, float]:
         """Part of the errors that a 95 % bound holds."""
         return {name: float(np.mean(np.abs(np.stack(rows)) < 1.96)) for name, rows in vars(self).items()}
+
+
+def angular_table(curve: MeasuredCurve) -> AngularTable:
+    """The curve as a stage has it."""
+    return AngularTable(
+        angles=tuple(curve.angles.tolist()),
+        values=tuple(curve.values[:, 0].tolist()),
+        uncertainties=tuple(curve.std.tolist()),
+    )
+
+
+def planar_table(curve: MeasuredCurve) -> PlanarTable:
+    """The curve of a vector as a stage has it."""
+    x, y = curve.values.T.tolist()
+    return PlanarTable(
+        angles=tuple(curve.angles.tolist()), x=tuple(x), y=tuple(y), uncertainties=tuple(curve.std.tolist())
+    )
 
 
 def with_curves(stage: StageDescription, ring: Any, mirror: Any) -> StageDescription:

@@ -18,7 +18,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.machine.correction import solve_axis_corrections
 from rotary_error_monitor.machine.error_model import predict_tool_offset
 from rotary_error_monitor.machine.kinematics import arrange_machine
-from rotary_error_monitor.metrology.guideway_compensation import rotate_monotone
+from rotary_error_monitor.metrology.guideway_compensation import predict_error_matrix, rotate_monotone
 from rotary_error_monitor.resources import config
 
 Array = NDArray[np.float64]
@@ -183,7 +183,7 @@ def test_errors_of_axes_under_the_workpiece_count_the_other_way(tmp_path: Path, 
     poses = np.stack([*np.meshgrid(x, z, indexing="ij"), np.full((x.size, z.size), 0.1)], axis=-1).reshape(-1, 3)
     offset = predict_tool_offset(arrange_machine(machine), poses)[:, 1]
     plane = np.column_stack([np.ones(len(poses)), poses[:, :2]])
-    rest = found.error_matrix[::28, ::28].ravel() - offset
+    rest = predict_error_matrix(*(curve.errors for curve in found.curves))[::28, ::28].ravel() - offset
     assert np.abs(rest - plane @ np.linalg.lstsq(plane, rest, rcond=None)[0]).max() < 1e-9
 
 

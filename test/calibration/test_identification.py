@@ -17,7 +17,7 @@ from rotary_error_monitor.calibration.identification import (
     identify_machine,
     rank_with_longer_tool,
 )
-from rotary_error_monitor.calibration.measurements import read_probed_poses
+from rotary_error_monitor.calibration.machine_poses import read_probed_poses
 from rotary_error_monitor.calibration.parameters import (
     Orders,
     apply_parameters,

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.bags.writer import write_messages
+from rotary_error_monitor.calibration.machine_poses import read_positioning_poses, read_probed_poses
 from rotary_error_monitor.calibration.measurements import (
     read_mirror_profile,
     read_positioning,
-    read_positioning_poses,
-    read_probed_poses,
     read_straightness,
     read_tracker,
 )

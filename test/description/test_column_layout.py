@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 
 from rotary_error_monitor.calibration.collimator_steps import Quadrants, read_steps
-from rotary_error_monitor.calibration.measurements import (
-    read_positioning,
-    read_probed_poses,
-    read_straightness,
-    read_tracker,
-)
+from rotary_error_monitor.calibration.machine_poses import read_probed_poses
+from rotary_error_monitor.calibration.measurements import read_positioning, read_straightness, read_tracker
 from rotary_error_monitor.description.column_layout import ColumnLayout
 from rotary_error_monitor.description.machine import load_machine
 from rotary_error_monitor.errors import InputError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.gap.orders import order_spectrum, order_sums, wave_products
+from rotary_error_monitor.gap.orders import Angles, order_spectrum, wave_products
 
 
 @pytest.fixture(params=[25.0, 0.4], ids=["four turns", "part of a turn"])
@@ -23,8 +23,8 @@ def waves(angle, orders):
 def test_sums_are_those_over_every_row(turning):
     angle, rows = turning
     exact = np.exp(-1j * np.outer(np.arange(41), angle)) @ rows
-    np.testing.assert_allclose(order_sums(angle, rows, 40), exact, atol=0.04 * np.sqrt(np.sum(rows**2)))
-    assert order_sums(angle, rows, 40)[0] == pytest.approx(rows.sum(), rel=1e-12)
+    np.testing.assert_allclose(Angles(angle).sums(rows, 40), exact, atol=0.04 * np.sqrt(np.sum(rows**2)))
+    assert Angles(angle).sums(rows, 40)[0] == pytest.approx(rows.sum(), rel=1e-12)
 
 
 def test_power_of_the_highest_order_is_hardly_too_small():

@@ -12,10 +12,11 @@ import yaml
 
 import rotary_error_monitor.description.sensor_kinds as sections
 import rotary_error_monitor.sensors as kinds
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.sensor_section import sensor_kinds
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.effects.effect import Cause, Parameter, Values
-from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.sensors import library

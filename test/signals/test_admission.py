@@ -20,11 +20,11 @@ from rotary_error_monitor.signals.admission import (
     NOT_FINITE,
     OLD,
     SPIKE,
-    TURN,
     Admission,
     ArrivalCheck,
     SampleLimits,
 )
+from rotary_error_monitor.units import TURN
 
 MS = 1_000_000
 ANGLE = SampleLimits(largest=1e7, speed=10.0, turns=True, jitter=1e-3)

@@ -26,10 +26,12 @@ class Departure(ABC):
     Attributes:
         strength: how much; what it multiplies is said by each class.
         most: largest strength that a real stage or machine may have.
+        signed: whether the strength may be negative.
     """
 
     strength: float = 1.0
     most: ClassVar[float] = 1.0
+    signed: ClassVar[bool] = True
 
     @property
     @abstractmethod
@@ -41,9 +43,9 @@ class Departure(ABC):
         """What acts in the plant instead of the textbook fault."""
 
     @classmethod
-    @abstractmethod
     def drawn(cls, draw: np.random.Generator) -> Self:
-        """The mechanism with drawn shape and a strength of 1 or -1, to be scaled."""
+        """The mechanism with drawn shape, if it has one, and a strength of 1 or -1, to be scaled."""
+        return cls(strength=sign(draw)) if cls.signed else cls()
 
     def scaled(self, factor: float) -> Self:
         """The same mechanism, `factor` times as strong."""

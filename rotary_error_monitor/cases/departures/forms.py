@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from rotary_error_monitor.cases.departures.departure import Departure, Part, sign
+from rotary_error_monitor.cases.departures.departure import Departure, Part
 from rotary_error_monitor.cases.departures.swells import TYPICAL_FORCE
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults import rotor as moved
@@ -31,11 +31,6 @@ class Form(Departure, Fault):
         """The same departure of a textbook fault."""
         return type(self)(**{**vars(self), "textbook": textbook})
 
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Either way."""
-        return cls(strength=sign(draw))
-
     @property
     @abstractmethod
     def words(self) -> str:
@@ -47,16 +42,12 @@ class Stiffening(Form):
     """A contact that stiffens under load; strength at 100 N."""
 
     most: ClassVar[float] = 3.0
+    signed = False  # contacts only stiffen
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"stiffens under load: compliance divided by 1 + {self.strength:.3g} at {TYPICAL_FORCE:.0f} N"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Contacts only stiffen."""
-        return cls()
 
     def _force(self, scene: Scene) -> Plane:
         return np.asarray(scene.force / (1 + self.strength * np.abs(scene.force) / TYPICAL_FORCE))
@@ -98,16 +89,12 @@ class Resonant(Form):
     """Unbalance below a resonance, damped by 5 %; strength is the square of 6 rad/s over the resonance's speed."""
 
     most: ClassVar[float] = 0.5
+    signed = False  # resonances lie above the speeds
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"grows towards a resonance at {6 / np.sqrt(self.strength):.3g} rad/s"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Resonances lie above the speeds."""
-        return cls()
 
     def displace(self, radial: Plane, scene: Scene) -> Plane:
         """Whirl of a rotor on springs (Jeffcott 1919)."""
@@ -122,16 +109,12 @@ class LaggingDrift(Form):
     """The housing drifts with its own temperature, which lags the thermometer; strength in s."""
 
     most: ClassVar[float] = 25.0
+    signed = False  # lags are positive
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"the housing lags the thermometer by {self.strength:.3g} s"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Lags are positive."""
-        return cls()
 
     def displace(self, radial: Plane, scene: Scene) -> Plane:
         """Drift."""

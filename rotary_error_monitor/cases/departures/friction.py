@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -49,28 +50,37 @@ def side_of_play(motion: Course, time: Reals, travel: float, release: float, bef
 
 
 @dataclass(frozen=True)
-class RememberedSide(Fault):
-    """Backlash or hysteresis of which the side follows the travelled way."""
+class Sided(Fault, ABC):
+    """Backlash or hysteresis of which the side is not that of the present travel alone."""
 
     textbook: ReversalBacklash | RadialHysteresis
-    travel: float
-    release: float
-    before: float
 
-    def _side(self, scene: Scene) -> Reals:
-        return side_of_play(scene.motion, scene.time, self.travel, self.release, self.before)
+    @abstractmethod
+    def side(self, scene: Scene) -> Reals:
+        """(n,) side, from -1 to 1."""
 
     def drive(self, theta: Reals, scene: Scene) -> Reals:
         """Lag behind the command."""
         fault = self.textbook
-        return theta - fault.width / 2 * self._side(scene) if isinstance(fault, ReversalBacklash) else theta
+        return theta - fault.width / 2 * self.side(scene) if isinstance(fault, ReversalBacklash) else theta
 
     def displace(self, radial: Plane, scene: Scene) -> Plane:
         """Side of the clearance."""
         fault = self.textbook
-        return (
-            radial + complex(*fault.radial) / 2 * self._side(scene) if isinstance(fault, RadialHysteresis) else radial
-        )
+        return radial + complex(*fault.radial) / 2 * self.side(scene) if isinstance(fault, RadialHysteresis) else radial
+
+
+@dataclass(frozen=True)
+class RememberedSide(Sided):
+    """The side follows the travelled way."""
+
+    travel: float
+    release: float
+    before: float
+
+    def side(self, scene: Scene) -> Reals:
+        """As the drive left it."""
+        return side_of_play(scene.motion, scene.time, self.travel, self.release, self.before)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,23 +112,14 @@ class CompliantFlanks(Departure):
 
 
 @dataclass(frozen=True)
-class SoftSign(Fault):
-    """Backlash or hysteresis that an oil film softens at low speed, within `speed` rad/s."""
+class SoftSign(Sided):
+    """An oil film softens it at low speed, within `speed` rad/s."""
 
-    textbook: ReversalBacklash | RadialHysteresis
     speed: float
 
-    def drive(self, theta: Reals, scene: Scene) -> Reals:
-        """Lag behind the command."""
-        fault = self.textbook
-        soft = np.tanh(scene.velocity / self.speed)
-        return theta - fault.width / 2 * soft if isinstance(fault, ReversalBacklash) else theta
-
-    def displace(self, radial: Plane, scene: Scene) -> Plane:
-        """Side of the clearance."""
-        fault = self.textbook
-        soft = np.tanh(scene.velocity / self.speed)
-        return radial + complex(*fault.radial) / 2 * soft if isinstance(fault, RadialHysteresis) else radial
+    def side(self, scene: Scene) -> Reals:
+        """By the speed."""
+        return np.tanh(scene.velocity / self.speed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,16 +127,12 @@ class OilFilmSide(Departure):
     """The side turns softly with the speed; strength is the speed, rad/s."""
 
     most: ClassVar[float] = 10.0
+    signed = False  # one shape only
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"soft at low speed, within {self.strength:.2g} rad/s"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """One shape only."""
-        return cls()
 
     def parts(self, textbook: Named) -> tuple[Part, ...]:
         """Backlash or hysteresis, softened."""

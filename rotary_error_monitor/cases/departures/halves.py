@@ -112,11 +112,6 @@ class OnlyOneWay(Swell):
         """The mechanism."""
         return f"in the {'positive' if self.strength > 0 else 'negative'} direction only"
 
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Either direction."""
-        return cls(strength=sign(draw))
-
     def factor(self, scene: Scene) -> Reals:
         """By the direction of travel."""
         return 0.5 + 0.5 * np.tanh(self.strength * scene.velocity / 0.01)

@@ -86,16 +86,12 @@ class LaggingScale(PoseSwell):
     """A scale expands with its own temperature, which lags the thermometer; strength in poses."""
 
     most: ClassVar[float] = 80.0
+    signed = False  # lags are positive
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"the scale lags the thermometer by {self.strength:.3g} poses"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Lags are positive."""
-        return cls()
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """Own temperature over that of the thermometer."""
@@ -217,16 +213,12 @@ class StiffeningHead(PoseSwell):
     """The head stiffens as it leans: less droop per lever, by the strength at full lever."""
 
     most: ClassVar[float] = 3.0
+    signed = False  # springs only stiffen
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"stiffens under its weight: divided by 1 + {self.strength:.3g} at full lever"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Springs only stiffen."""
-        return cls()
 
     def factor(self, poses: Poses, machine: MachineDescription) -> Reals:
         """By the lever of the weight."""

@@ -9,13 +9,12 @@ import numpy as np
 
 from rotary_error_monitor.cases.departures.departure import Part, Reals, sign
 from rotary_error_monitor.cases.departures.forms import Form
+from rotary_error_monitor.cases.draws import ARCSEC
 from rotary_error_monitor.cases.faults import Named
 from rotary_error_monitor.cases.faults import instruments as seen
 from rotary_error_monitor.plant.environment import lagged_warming
 from rotary_error_monitor.plant.geometry import Plane
 from rotary_error_monitor.plant.stage import Fault, Scene
-
-ARCSEC = np.pi / 180 / 3600
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,16 +45,12 @@ class Saturating(Form):
     """The detector's third-order error saturates; strength at a tilt of 100 arcsec."""
 
     most: ClassVar[float] = 100.0
+    signed = False  # one shape only
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"saturates: cubic divided by 1 + {self.strength:.3g} (tilt / 100 arcsec)²"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """One shape only."""
-        return cls()
 
     def look(self, tilt: Plane, scene: Scene) -> Plane:
         """Bent axes."""
@@ -219,16 +214,12 @@ class SlowLoss(Form):
     """Counts are lost one after another, over the strength in s, not at once."""
 
     most: ClassVar[float] = 12.0
+    signed = False  # one shape only
 
     @property
     def words(self) -> str:
         """The mechanism."""
         return f"lost little by little within {self.strength:.2g} s"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """One shape only."""
-        return cls()
 
     def read(self, angle: Reals, stream: str, scene: Scene) -> Reals:
         """Ramp in the reading."""

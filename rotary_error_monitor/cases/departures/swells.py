@@ -87,11 +87,6 @@ class OneWay(Swell):
         """The mechanism."""
         return f"in the negative direction {100 * self.strength:+.3g} % of its size"
 
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Either way."""
-        return cls(strength=sign(draw))
-
     def factor(self, scene: Scene) -> Reals:
         """Between both sizes at rest."""
         return 1 + self.strength * 0.5 * (1 - np.tanh(scene.velocity / 0.01))
@@ -126,11 +121,6 @@ class Fast(Swell):
     def words(self) -> str:
         """The mechanism."""
         return f"changes with the square of the speed, by {100 * self.strength:+.3g} % at 6 rad/s"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Either way."""
-        return cls(strength=sign(draw))
 
     def factor(self, scene: Scene) -> Reals:
         """In proportion to the square of the speed."""
@@ -217,11 +207,6 @@ class Pressed(Swell):
     def words(self) -> str:
         """The mechanism."""
         return f"changes under load, by {100 * self.strength:+.3g} % at {TYPICAL_FORCE:.0f} N"
-
-    @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Self:
-        """Either way."""
-        return cls(strength=sign(draw))
 
     def factor(self, scene: Scene) -> Reals:
         """In proportion to the force."""

@@ -7,12 +7,11 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.cases.departures.departure import AnyFault, Varied
 from rotary_error_monitor.cases.faults import Named
 
-Array = NDArray[np.float64]
 Channels = Mapping[str, Array]
 
 FITTED_SHAPES: Mapping[tuple[str, str], float] = {

@@ -50,7 +50,6 @@ def _located(machine: MachineDescription, body: str, shift: Vector, rotation: Ve
 
 
 @vocabulary("squareness")
-@dataclass(frozen=True, kw_only=True)
 class Squareness(AxisFault):
     """Two axes, `XY`, `XZ` or `YZ`, are out of square."""
 
@@ -64,7 +63,6 @@ class Squareness(AxisFault):
 
 
 @vocabulary("axis_scale")
-@dataclass(frozen=True, kw_only=True)
 class AxisScale(ComponentFault):
     """The scale of an axis is too long."""
 
@@ -76,7 +74,6 @@ class AxisScale(ComponentFault):
 
 
 @vocabulary("thermal_expansion")
-@dataclass(frozen=True, kw_only=True)
 class ThermalExpansion(ComponentFault):
     """The scale of an axis expands more than described."""
 
@@ -88,7 +85,6 @@ class ThermalExpansion(ComponentFault):
 
 
 @vocabulary("axis_backlash")
-@dataclass(frozen=True, kw_only=True)
 class AxisBacklash(ComponentFault):
     """An axis lags behind by half of `width` in the direction of travel."""
 
@@ -100,7 +96,6 @@ class AxisBacklash(ComponentFault):
 
 
 @vocabulary("axis_straightness")
-@dataclass(frozen=True, kw_only=True)
 class AxisStraightness(ComponentFault):
     """A guideway sags; the location is the error component."""
 
@@ -117,7 +112,6 @@ class AxisStraightness(ComponentFault):
 
 
 @vocabulary("axis_angular")
-@dataclass(frozen=True, kw_only=True)
 class AxisAngular(ComponentFault):
     """A guideway twists; the location is the error component."""
 
@@ -134,7 +128,6 @@ class AxisAngular(ComponentFault):
 
 
 @vocabulary("cyclic_error")
-@dataclass(frozen=True, kw_only=True)
 class CyclicError(ComponentFault):
     """Lead screw or scale let an axis err as a wave in its position."""
 
@@ -149,7 +142,6 @@ class CyclicError(ComponentFault):
 
 
 @vocabulary("rotary_harmonic")
-@dataclass(frozen=True, kw_only=True)
 class RotaryHarmonic(ComponentFault):
     """One more order of a rotary axis's positioning error."""
 
@@ -163,7 +155,6 @@ class RotaryHarmonic(ComponentFault):
 
 
 @vocabulary("pivot_offset")
-@dataclass(frozen=True, kw_only=True)
 class PivotOffset(AxisFault):
     """Axis A sits beside axis C."""
 
@@ -175,7 +166,6 @@ class PivotOffset(AxisFault):
 
 
 @vocabulary("axis_orientation")
-@dataclass(frozen=True, kw_only=True)
 class AxisOrientation(AxisFault):
     """The average line of axis `C` or `A` leans."""
 
@@ -189,7 +179,6 @@ class AxisOrientation(AxisFault):
 
 
 @vocabulary("head_droop")
-@dataclass(frozen=True, kw_only=True)
 class HeadDroop(ComponentFault):
     """Axis A gives way under the weight of the head."""
 
@@ -206,7 +195,6 @@ class HeadDroop(ComponentFault):
 
 
 @vocabulary("tool_length")
-@dataclass(frozen=True, kw_only=True)
 class ToolLength(AxisFault):
     """The tool is longer than described."""
 
@@ -218,7 +206,6 @@ class ToolLength(AxisFault):
 
 
 @vocabulary("setup_offset")
-@dataclass(frozen=True, kw_only=True)
 class SetupOffset(AxisFault):
     """The workpiece is clamped beside its place."""
 
@@ -231,7 +218,6 @@ class SetupOffset(AxisFault):
 
 
 @unnamed("gantry_sag")
-@dataclass(frozen=True, kw_only=True)
 class GantrySag(ComponentFault):
     """The gantry bends under the carriage with a bump of its own shape in the middle of the travel."""
 
@@ -248,7 +234,6 @@ class GantrySag(ComponentFault):
 
 
 @unnamed("ram_bend")
-@dataclass(frozen=True, kw_only=True)
 class RamBend(AxisFault):
     """The ram bends with its reach while the head leans: what moves Z also tilts with A."""
 
@@ -265,7 +250,6 @@ class RamBend(AxisFault):
 
 
 @unnamed("warm_swivel")
-@dataclass(frozen=True, kw_only=True)
 class WarmSwivel(ComponentFault):
     """The swivel head grows sideways as it warms, once around C."""
 
@@ -282,7 +266,6 @@ class WarmSwivel(ComponentFault):
 
 
 @unnamed("cable_drag")
-@dataclass(frozen=True, kw_only=True)
 class CableDrag(ComponentFault):
     """Cables pull axis C the more the further it is wound up, against the travel."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from rotary_error_monitor.plant.stage import HEAD, Scene
 
 
 @vocabulary("disc_eccentricity")
-@dataclass(frozen=True, kw_only=True)
 class DiscEccentricity(StageFault):
     """The ring sits `shift` off its described centre."""
 
@@ -25,7 +24,6 @@ class DiscEccentricity(StageFault):
 
 
 @vocabulary("graduation_error")
-@dataclass(frozen=True, kw_only=True)
 class GraduationError(StageFault):
     """One more order of graduation error."""
 
@@ -39,7 +37,6 @@ class GraduationError(StageFault):
 
 
 @vocabulary("disc_scale")
-@dataclass(frozen=True, kw_only=True)
 class DiscScale(StageFault):
     """The ring is larger than described."""
 
@@ -52,7 +49,6 @@ class DiscScale(StageFault):
 
 
 @vocabulary("subdivisional_error")
-@dataclass(frozen=True, kw_only=True)
 class SubdivisionalError(StageFault):
     """One head's interpolation within a line errs, once a line."""
 
@@ -68,7 +64,6 @@ class SubdivisionalError(StageFault):
 
 
 @vocabulary("head_misplacement")
-@dataclass(frozen=True, kw_only=True)
 class HeadMisplacement(StageFault):
     """One head stands `azimuth` further than described; its zero was set where it stands."""
 
@@ -82,7 +77,6 @@ class HeadMisplacement(StageFault):
 
 
 @vocabulary("head_latency")
-@dataclass(frozen=True, kw_only=True)
 class HeadLatency(StageFault):
     """One head's values are `delay` old at their stamps."""
 
@@ -94,7 +88,6 @@ class HeadLatency(StageFault):
 
 
 @vocabulary("encoder_latency")
-@dataclass(frozen=True, kw_only=True)
 class EncoderLatency(StageFault):
     """All heads' values are `delay` old at their stamps."""
 
@@ -106,7 +99,6 @@ class EncoderLatency(StageFault):
 
 
 @vocabulary("head_missed_counts")
-@dataclass(frozen=True, kw_only=True)
 class HeadMissedCounts(StageFault):
     """One head loses or gains `step` at `time` after the epoch."""
 
@@ -119,7 +111,6 @@ class HeadMissedCounts(StageFault):
 
 
 @vocabulary("autocollimator_gain")
-@dataclass(frozen=True, kw_only=True)
 class AutocollimatorGain(StageFault):
     """One axis (`x` or `y`) of the autocollimator shows too much."""
 
@@ -131,7 +122,6 @@ class AutocollimatorGain(StageFault):
 
 
 @vocabulary("autocollimator_roll")
-@dataclass(frozen=True, kw_only=True)
 class AutocollimatorRoll(StageFault):
     """The autocollimator is turned about its line of sight."""
 
@@ -143,7 +133,6 @@ class AutocollimatorRoll(StageFault):
 
 
 @vocabulary("autocollimator_nonlinearity")
-@dataclass(frozen=True, kw_only=True)
 class AutocollimatorNonlinearity(StageFault):
     """Each axis of the autocollimator errs with the third power."""
 
@@ -155,7 +144,6 @@ class AutocollimatorNonlinearity(StageFault):
 
 
 @vocabulary("autocollimator_drift")
-@dataclass(frozen=True, kw_only=True)
 class AutocollimatorDrift(StageFault):
     """The autocollimator's zero drifts at `rate`."""
 
@@ -167,7 +155,6 @@ class AutocollimatorDrift(StageFault):
 
 
 @vocabulary("autocollimator_latency")
-@dataclass(frozen=True, kw_only=True)
 class AutocollimatorLatency(StageFault):
     """The autocollimator's values are `delay` old at their stamps."""
 
@@ -179,7 +166,6 @@ class AutocollimatorLatency(StageFault):
 
 
 @vocabulary("mirror_wobble")
-@dataclass(frozen=True, kw_only=True)
 class MirrorWobble(StageFault):
     """The mirror leans more on the rotor than described."""
 
@@ -192,7 +178,6 @@ class MirrorWobble(StageFault):
 
 
 @vocabulary("mirror_flatness")
-@dataclass(frozen=True, kw_only=True)
 class MirrorFlatness(StageFault):
     """One more order of the mirror's flatness."""
 
@@ -207,7 +192,6 @@ class MirrorFlatness(StageFault):
 
 
 @vocabulary("lvdt_gain")
-@dataclass(frozen=True, kw_only=True)
 class LvdtGain(StageFault):
     """One axis (`x` or `y`) of the LVDT shows too much."""
 
@@ -219,7 +203,6 @@ class LvdtGain(StageFault):
 
 
 @vocabulary("lvdt_artefact")
-@dataclass(frozen=True, kw_only=True)
 class LvdtArtefact(StageFault):
     """The artefact sits `shift` off its described centre."""
 
@@ -235,7 +218,6 @@ class LvdtArtefact(StageFault):
 
 
 @vocabulary("lvdt_height")
-@dataclass(frozen=True, kw_only=True)
 class LvdtHeight(StageFault):
     """The LVDT touches higher than described."""
 

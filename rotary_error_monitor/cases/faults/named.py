@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar, dataclass_transform
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,13 +58,15 @@ class StageFault(Named, Fault):
     """A named fault of the rotary stage."""
 
 
+@dataclass_transform(kw_only_default=True, frozen_default=True)
 def vocabulary(name: str) -> Callable[[type[_T]], type[_T]]:
-    """Enter a class as the fault that the vocabulary calls `name`."""
+    """Enter a class, as a frozen dataclass, as the fault that the vocabulary calls `name`."""
     return _entry(VOCABULARY, name)
 
 
+@dataclass_transform(kw_only_default=True, frozen_default=True)
 def unnamed(name: str) -> Callable[[type[_T]], type[_T]]:
-    """Enter a class as a fault that the vocabulary does not know."""
+    """Enter a class, as a frozen dataclass, as a fault that the vocabulary does not know."""
     return _entry(UNNAMED, name)
 
 
@@ -73,7 +75,7 @@ def _entry(register: dict[str, type[Named]], name: str) -> Callable[[type[_T]], 
         if name in VOCABULARY or name in UNNAMED:
             raise InputError(f"two faults are called '{name}'; names must differ")
         fault.name = name
-        register[name] = fault
+        register[name] = dataclass(frozen=True, kw_only=True)(fault)
         return fault
 
     return enter

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rotary_error_monitor.cases.faults.named import Pair, Reals, StageFault, unnamed
@@ -12,7 +10,6 @@ from rotary_error_monitor.plant.stage import Scene
 
 
 @unnamed("tilt_loop")
-@dataclass(frozen=True, kw_only=True)
 class TiltLoop(StageFault):
     """Friction lets the tilt run through a loop: another side forward than backward, turning twice with the rotor."""
 
@@ -24,7 +21,6 @@ class TiltLoop(StageFault):
 
 
 @unnamed("thermal_eccentricity")
-@dataclass(frozen=True, kw_only=True)
 class ThermalEccentricity(StageFault):
     """The ring wanders on its hub as it warms."""
 
@@ -36,7 +32,6 @@ class ThermalEccentricity(StageFault):
 
 
 @unnamed("loaded_gear_mesh")
-@dataclass(frozen=True, kw_only=True)
 class LoadedGearMesh(StageFault):
     """Teeth bend under load: a wave once per tooth that is as large as the force."""
 
@@ -49,7 +44,6 @@ class LoadedGearMesh(StageFault):
 
 
 @unnamed("head_tilt_sensitivity")
-@dataclass(frozen=True, kw_only=True)
 class HeadTiltSensitivity(StageFault):
     """One head mistakes the squared tilt of the ring for rotation: its signal leaves the linear range."""
 
@@ -61,7 +55,6 @@ class HeadTiltSensitivity(StageFault):
 
 
 @unnamed("warm_crosstalk")
-@dataclass(frozen=True, kw_only=True)
 class WarmCrosstalk(StageFault):
     """The autocollimator's axes mix, more as it warms."""
 
@@ -73,7 +66,6 @@ class WarmCrosstalk(StageFault):
 
 
 @unnamed("stiffening_bearing")
-@dataclass(frozen=True, kw_only=True)
 class StiffeningBearing(StageFault):
     """The bearing stiffens: displacement goes with the square of the force, along it."""
 
@@ -85,7 +77,6 @@ class StiffeningBearing(StageFault):
 
 
 @unnamed("ring_scratch")
-@dataclass(frozen=True, kw_only=True)
 class RingScratch(StageFault):
     """A scratch at one place of the ring, `extent` rad wide, shifts the graduation by `depth`."""
 
@@ -100,7 +91,6 @@ class RingScratch(StageFault):
 
 
 @unnamed("floor_vibration")
-@dataclass(frozen=True, kw_only=True)
 class FloorVibration(StageFault):
     """The rotor swings with the floor at a frequency of its own, whatever the speed."""
 
@@ -113,7 +103,6 @@ class FloorVibration(StageFault):
 
 
 @unnamed("mirror_slip")
-@dataclass(frozen=True, kw_only=True)
 class MirrorSlip(StageFault):
     """The mirror slips on its seat at one moment and leans otherwise from then on."""
 
@@ -126,7 +115,6 @@ class MirrorSlip(StageFault):
 
 
 @unnamed("oil_film")
-@dataclass(frozen=True, kw_only=True)
 class OilFilm(StageFault):
     """The rotor floats up on its film with the root of the speed, fixed in the base."""
 
@@ -138,7 +126,6 @@ class OilFilm(StageFault):
 
 
 @unnamed("probe_curvature")
-@dataclass(frozen=True, kw_only=True)
 class ProbeCurvature(StageFault):
     """The LVDT's characteristic is bent: it shows the square of what it touches, beside it."""
 
@@ -150,7 +137,6 @@ class ProbeCurvature(StageFault):
 
 
 @unnamed("disc_slip")
-@dataclass(frozen=True, kw_only=True)
 class DiscSlip(StageFault):
     """The ring slips on the shaft at one moment: all heads go on from another angle, the rotor does not move."""
 

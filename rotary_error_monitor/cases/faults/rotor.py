@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from rotary_error_monitor.plant.stage import Scene
 
 
 @vocabulary("spindle_radial")
-@dataclass(frozen=True, kw_only=True)
 class SpindleRadial(StageFault):
     """One more order of synchronous radial error motion."""
 
@@ -28,7 +27,6 @@ class SpindleRadial(StageFault):
 
 
 @vocabulary("spindle_tilt")
-@dataclass(frozen=True, kw_only=True)
 class SpindleTilt(StageFault):
     """One more order of synchronous tilt error motion."""
 
@@ -43,7 +41,6 @@ class SpindleTilt(StageFault):
 
 
 @vocabulary("bearing_asynchronous")
-@dataclass(frozen=True, kw_only=True)
 class BearingAsynchronous(StageFault):
     """The rotor orbits with an order that is no whole number, as rolling elements make it."""
 
@@ -64,7 +61,6 @@ class BearingAsynchronous(StageFault):
 
 
 @vocabulary("load_compliance")
-@dataclass(frozen=True, kw_only=True)
 class LoadCompliance(StageFault):
     """The rotor yields more to force than described."""
 
@@ -82,7 +78,6 @@ class LoadCompliance(StageFault):
 
 
 @vocabulary("thermal_drift")
-@dataclass(frozen=True, kw_only=True)
 class ThermalDrift(StageFault):
     """The rotor drifts more with temperature than described."""
 
@@ -94,7 +89,6 @@ class ThermalDrift(StageFault):
 
 
 @vocabulary("unbalance")
-@dataclass(frozen=True, kw_only=True)
 class Unbalance(StageFault):
     """Unbalance pulls the rotor with the square of the speed."""
 
@@ -106,7 +100,6 @@ class Unbalance(StageFault):
 
 
 @vocabulary("radial_hysteresis")
-@dataclass(frozen=True, kw_only=True)
 class RadialHysteresis(StageFault):
     """The rotor sits elsewhere forward than backward, by `radial`."""
 
@@ -118,7 +111,6 @@ class RadialHysteresis(StageFault):
 
 
 @vocabulary("reversal_backlash")
-@dataclass(frozen=True, kw_only=True)
 class ReversalBacklash(StageFault):
     """The rotor lags the command by half of `width` in the direction of travel."""
 
@@ -130,7 +122,6 @@ class ReversalBacklash(StageFault):
 
 
 @vocabulary("following_error")
-@dataclass(frozen=True, kw_only=True)
 class FollowingError(StageFault):
     """The rotor follows the command of `delay` ago."""
 
@@ -142,7 +133,6 @@ class FollowingError(StageFault):
 
 
 @vocabulary("drive_cyclic_error")
-@dataclass(frozen=True, kw_only=True)
 class DriveCyclicError(StageFault):
     """Gear or motor let the rotation err as a wave in the command."""
 

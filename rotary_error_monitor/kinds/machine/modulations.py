@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Axis
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.effects.machine_effect import LINEAR
 from rotary_error_monitor.gap.departures import Departures, grows, percent
 from rotary_error_monitor.gap.pose_modulations import Quantity, departures_at_poses, waves_around, with_direction
-from rotary_error_monitor.gap.problem import Array
 
 if TYPE_CHECKING:
     from rotary_error_monitor.kinds.machine.problem import MachineProblem

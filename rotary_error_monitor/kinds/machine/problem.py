@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import MachineDescription
 from rotary_error_monitor.description.topics import topic_named
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Searched, values_of
@@ -15,7 +16,7 @@ from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE, log_chi_square_tail
-from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, learn_slow_noise
 from rotary_error_monitor.gap.table import TableProblem, acting
 from rotary_error_monitor.kinds.machine.modulations import machine_departures

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Axis, MachineDescription
 from rotary_error_monitor.effects.machine_effect import LINEAR, positioning_error
 from rotary_error_monitor.gap.p_values import chi_square_median, log_chi_square_tail
-from rotary_error_monitor.gap.problem import Array, Finding
+from rotary_error_monitor.gap.problem import Finding
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 
 OUTLIER = 5.0

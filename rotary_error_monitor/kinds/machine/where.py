@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.topics import topic_named
 from rotary_error_monitor.effects.effect import Cause, Role
 from rotary_error_monitor.gap.dependence import explained_by, explained_by_constant, name_dependences
-from rotary_error_monitor.gap.problem import Array, Rows, Share
+from rotary_error_monitor.gap.problem import Rows, Share
 from rotary_error_monitor.gap.telling_apart import advise_best, distance
 from rotary_error_monitor.twin.machine import MachineRecording, predict_probe
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role
-from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.gap.telling_apart import advise_best
 from rotary_error_monitor.kinds.mount.description import MountGeometry
 from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.machine import Harmonic, MachineDescription
-from rotary_error_monitor.effects.effect import Effect, Parameter, Role, Values
+from rotary_error_monitor.effects.effect import Effect, Parameter, Values, wave_of_order
 from rotary_error_monitor.effects.machine_effect import positioning_error
-
-Array = NDArray[np.float64]
 
 _POINTING = "Wallace 2002, A rigorous algorithm for telescope pointing (Proc. SPIE 4848)"
 
@@ -116,11 +114,7 @@ class AxisHarmonic(_AxisEffect):
     title = "shape of encoder or gear"
     remedy = "Look for an oval or three-lobed wheel; put the term into the pointing model."
     source = "ISO 230-1, 3.4.17 (ECC); oval and three-lobed wheels, strain wave gears"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=4, least=1),
-        Parameter("cos", "rad", 3e-4, bound=0.1),
-        Parameter("sin", "rad", 3e-4, bound=0.1),
-    )
+    parameters = wave_of_order("rad", 3e-4, bound=0.1, highest=4)
     harmonic_orders = (2, 3, 4)
 
     def amend(self, machine: MachineDescription, values: Values, location: str) -> MachineDescription:

@@ -7,14 +7,13 @@ from functools import partial
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.gap.departures import Departures, grows, percent
 from rotary_error_monitor.gap.pose_modulations import Quantity, departures_at_poses, waves_around, with_direction
-from rotary_error_monitor.gap.problem import Array, Rows
+from rotary_error_monitor.gap.problem import Rows
 from rotary_error_monitor.kinds.mount.twin import MountTwin
-
-HOUR = 3600.0
-"""s; a night of pointings is some hours."""
+from rotary_error_monitor.units import HOUR
 
 
 def mount_departures(twin: MountTwin, place: int, cause: Cause, rows: Rows, units: Mapping[str, float]) -> Departures:

@@ -19,14 +19,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import MOST_LINES, lines_of, read_text
 from rotary_error_monitor.kinds.mount.refraction import Weather
 from rotary_error_monitor.kinds.mount.twin import FEWEST_POINTINGS, MountRecording
-
-Array = NDArray[np.float64]
 
 SIDEREAL_SECOND = 0.9972696
 """Seconds of time in a second of sidereal time."""

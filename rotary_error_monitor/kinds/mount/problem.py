@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.problem import Array, Candidate, Rows
+from rotary_error_monitor.gap.problem import Candidate, Rows
 from rotary_error_monitor.gap.table import Shapes, TableProblem
 from rotary_error_monitor.kinds.mount.advice import mount_advice
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry
@@ -25,8 +26,7 @@ from rotary_error_monitor.kinds.mount.effects import MountEffect
 from rotary_error_monitor.kinds.mount.modulations import mount_departures
 from rotary_error_monitor.kinds.mount.sky import estimate_repeatability, sky_conditions, sky_patches
 from rotary_error_monitor.kinds.mount.twin import MountRecording, MountTwin
-
-ARCSEC = np.degrees(1.0) * 3600
+from rotary_error_monitor.units import ARCSEC
 
 ORDERS = 4
 """Orders of either axis that are looked for in what is left: gears and runout of a mount's axes make one to three."""

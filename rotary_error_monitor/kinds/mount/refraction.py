@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from rotary_error_monitor.arrays import Array
 
 LOWEST = np.radians(5.0)
 """Altitude, rad, down to which two terms hold to a few arcseconds; lower stars get the refraction of this altitude."""

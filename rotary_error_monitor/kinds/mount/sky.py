@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from rotary_error_monitor.gap.problem import Array, Conditions
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.gap.problem import Conditions
 from rotary_error_monitor.gap.table import folded
 
 FOLDS = 6

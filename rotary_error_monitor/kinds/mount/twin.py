@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.kinds.mount.description import MountDescription, MountGeometry, mount_machine
 from rotary_error_monitor.kinds.mount.effects import MountEffect, PointingState, cross, dot
@@ -15,8 +16,6 @@ from rotary_error_monitor.kinds.mount.refraction import Weather, refraction_of
 from rotary_error_monitor.machine.kinematics import arrange_machine, stand
 from rotary_error_monitor.machine.transforms import rotate, rotation_by
 from rotary_error_monitor.twin.finite import check_finite
-
-Array = NDArray[np.float64]
 
 FEWEST_POINTINGS = 30
 """Six angles of geometry and some effects, on both components, and a sixth of the sky left out."""

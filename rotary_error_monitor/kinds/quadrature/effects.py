@@ -13,10 +13,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.effects.effect import Effect, Parameter, Role, Values, order_of
+from rotary_error_monitor.arrays import Complex
+from rotary_error_monitor.effects.effect import Effect, Parameter, Role, Values, order_of, wave_of_order
 from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription
-
-Complex = NDArray[np.complex128]
 
 _HEYDEMANN = "Heydemann 1981, Appl. Opt. 20, 3382"
 
@@ -100,11 +99,7 @@ class CircleHarmonic(QuadratureEffect):
     title = "harmonic of the circle"
     remedy = "Adjust the optics; what stays is corrected by the fitted harmonic."
     source = "Fourier series of the radius; order 4: Dai et al. 2004, Meas. Sci. Technol. 15, 444"
-    parameters = (
-        Parameter("order", "1", 1.0, role=Role.FIXED, bound=12, least=1),
-        Parameter("cos", "count", 1.0, bound=200.0),
-        Parameter("sin", "count", 1.0, bound=200.0),
-    )
+    parameters = wave_of_order("count", 1.0, bound=200.0, highest=12)
     orders = 12
     falling = True
     lowest = 3

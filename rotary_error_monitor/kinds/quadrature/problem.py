@@ -11,13 +11,14 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Complex
 from rotary_error_monitor.effects.effect import AnyEffect, Cause, Role
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.gap.p_values import log_chi_square_tail, log_normal_tail
-from rotary_error_monitor.gap.problem import Array, Candidate, Finding, Rows, Share
+from rotary_error_monitor.gap.problem import Candidate, Finding, Rows, Share
 from rotary_error_monitor.gap.table import TableProblem, acting, folded
 from rotary_error_monitor.kinds.quadrature.description import QuadratureDescription
-from rotary_error_monitor.kinds.quadrature.effects import Complex, QuadratureEffect
+from rotary_error_monitor.kinds.quadrature.effects import QuadratureEffect
 from rotary_error_monitor.kinds.quadrature.twin import QuadratureRecording, predict_radius, true_phase
 
 SECTORS, FOLDS = 24, 6

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Complex
 from rotary_error_monitor.errors import InputError, excerpt
 from rotary_error_monitor.files import check_lines, read_first_line, read_unpacked
-from rotary_error_monitor.kinds.quadrature.effects import Complex
 from rotary_error_monitor.kinds.quadrature.twin import FEWEST_SAMPLES, QuadratureRecording
 
 _POLAR, _CARTESIAN = ("phase (deg)", "radius"), ("cos", "sin")

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array, Complex
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.kinds.quadrature.effects import CircleState, Complex, QuadratureEffect
+from rotary_error_monitor.kinds.quadrature.effects import CircleState, QuadratureEffect
 from rotary_error_monitor.twin.finite import check_finite
-
-Array = NDArray[np.float64]
 
 FEWEST_SAMPLES = 500
 """Some twenty in each of the patches of the circle that are left out."""

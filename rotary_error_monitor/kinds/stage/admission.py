@@ -101,8 +101,5 @@ def _describe(raw: Signals, noise: Mapping[str, float]) -> str:
         unit = sensor_of(name).small_unit
         rms = 1e6 * float(np.sqrt(np.mean(np.square(values))))
         sizes[name] = f"{rms:.3g} {unit} (noise of one sample {1e6 * noise[instrument_of(name)]:.2g} {unit})"
-    return f"measured and predicted differ by {_listed(sizes)}; of that the rotor's own jitter is a part at the heads"
-
-
-def _listed(values: Mapping[str, str]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in values.items())
+    listed = ", ".join(f"{name} {size}" for name, size in sizes.items())
+    return f"measured and predicted differ by {listed}; of that the rotor's own jitter is a part at the heads"

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rotary_error_monitor.gap.problem import Array, Conditions
+from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.gap.problem import Conditions
 from rotary_error_monitor.sensors.library import COMMAND
 from rotary_error_monitor.twin.recording import StageRecording
 

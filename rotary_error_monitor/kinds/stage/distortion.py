@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect
-from rotary_error_monitor.gap.problem import Array, Candidate
+from rotary_error_monitor.gap.problem import Candidate
 from rotary_error_monitor.twin.stage import StageTwin, turned_by
 
 _LOOKS = 400

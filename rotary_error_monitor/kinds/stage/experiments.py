@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import Lvdt, StageDescription
 from rotary_error_monitor.effects.effect import Cause, Role, place_of
 from rotary_error_monitor.effects.rotor import LVDT
-from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.gap.telling_apart import advise_best, distance
 from rotary_error_monitor.sensors.library import instrument_of
 from rotary_error_monitor.twin.stage import StageInputs, StageTwin

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.gap.problem import Array
 
 SPANS = tuple(2.0**k for k in range(-3, 3))
 """s that a step takes, from an eighth of a second to four, in two-fold steps.

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import helmert
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.rotor import HEAD
-from rotary_error_monitor.gap.problem import Array, Columns, LateRows, Rows, SparseRows
+from rotary_error_monitor.gap.problem import Columns, LateRows, Rows, SparseRows
 from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.sensors.library import instrument_of
 

@@ -11,12 +11,11 @@ from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
 from scipy.optimize import Bounds, minimize, minimize_scalar
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.orders import order_spectrum
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
 from rotary_error_monitor.kinds.stage.search import LINES
-from rotary_error_monitor.noise.stage_noise import Jitter
-
-Array = NDArray[np.float64]
+from rotary_error_monitor.noise.jitter import Jitter
 
 LINE = 40.0
 """A line is this many times the power of the spectrum around it: one in 10^17 by chance."""

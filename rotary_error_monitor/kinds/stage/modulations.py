@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, Role, order_location, order_of, place_of
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.gap.departures import (
@@ -19,7 +20,6 @@ from rotary_error_monitor.gap.departures import (
     percent,
     slow_courses,
 )
-from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.kinds.stage.play import Play
 from rotary_error_monitor.sensors.library import instrument_of
 from rotary_error_monitor.twin.stage import StageTwin

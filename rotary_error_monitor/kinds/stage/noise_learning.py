@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.gap.known_effects import KnownEffects
 from rotary_error_monitor.gap.p_values import NORMAL_QUARTILE
-from rotary_error_monitor.gap.problem import Array, Columns, LateRows, Rows, SparseRows
+from rotary_error_monitor.gap.problem import Columns, LateRows, Rows, SparseRows
 from rotary_error_monitor.gap.slow_noise import Rivals, cosines, in_all, learn_slow_noise
 from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.kinds.stage.instrument import Instrument
@@ -20,7 +21,7 @@ from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitte
 from rotary_error_monitor.kinds.stage.nuisances import Nuisances
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
-from rotary_error_monitor.noise.stage_noise import Jitter
+from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, is_listed
 from rotary_error_monitor.twin.stage import Signals
 

@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.gap.normal import solve_scaled
-from rotary_error_monitor.gap.problem import Array, Rows, SparseRows
+from rotary_error_monitor.gap.problem import Rows, SparseRows
 from rotary_error_monitor.kinds.stage.distortion import changes, thin_twin
 from rotary_error_monitor.kinds.stage.rounding import Rounding
 from rotary_error_monitor.noise.whitening import side_by_side

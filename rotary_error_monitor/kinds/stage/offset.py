@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD
-from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout, estimate_ring_pose
 from rotary_error_monitor.metrology.error_motion import remove_eccentricity, remove_graduation, remove_mirror
 from rotary_error_monitor.twin.stage import StageTwin

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.rotor import AT_REST, RotorState
 from rotary_error_monitor.gap.departures import Modulation
-from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.twin.stage import StageInputs
 
 STEP = 0.01

@@ -10,12 +10,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, values_of
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect, effects_of
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
-from rotary_error_monitor.gap.problem import Array, Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
+from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track, find_shared, find_structure
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks
@@ -349,8 +350,7 @@ class StageProblem:
         """What was left out of the recording, and sensors noisier than the twin says."""
         found = [*self.recording.remarks, *left_out(self.twin, partial(self._raw_residual, ()), self.noise.std)]
         found += [f"{name}: {count} spikes left out" for name, count in self.spikes().items() if count]
-        found += motion_remarks(self.recording, int(self.noise.uncommanded.sum()))
-        found += self.noise.slow_remarks()
+        found += [*motion_remarks(self.recording, int(self.noise.uncommanded.sum())), *self.noise.slow_remarks()]
         time = self.noise.grid.time
         found += [
             f"rotation: a wave at {line:.2f} Hz was taken for jitter of the rotor's own; recorded at one speed only, "

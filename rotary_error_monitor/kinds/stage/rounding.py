@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.effects.rotor import HEAD, Array
+from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.metrology.reading_steps import repeated_errors, rounding_errors, step_of
 from rotary_error_monitor.sensors.library import instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.effects.effect import AnyEffect, Searched, order_location
 from rotary_error_monitor.effects.rotor import is_among
 from rotary_error_monitor.gap.orders import order_spectrum
-from rotary_error_monitor.gap.problem import Array, Candidate, Rows
+from rotary_error_monitor.gap.problem import Candidate, Rows
 from rotary_error_monitor.metrology.periodic_curves import doubted_orders
 from rotary_error_monitor.sensors.library import instrument_of, is_listed, kind_of
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.rotor import AUTOCOLLIMATOR, HEAD
-from rotary_error_monitor.gap.problem import Array, Rows
+from rotary_error_monitor.gap.problem import Rows
 from rotary_error_monitor.kinds.stage.predictions import KEPT
 from rotary_error_monitor.noise.stage_noise import StageNoise
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of

@@ -12,19 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause
 from rotary_error_monitor.effects.rotor import StageEffect, effects_of
 from rotary_error_monitor.gap.departures import Departures
-from rotary_error_monitor.gap.problem import (
-    Array,
-    Columns,
-    Conditions,
-    LateRows,
-    Rows,
-    SparseRows,
-    StretchedConditions,
-)
+from rotary_error_monitor.gap.problem import Columns, Conditions, LateRows, Rows, SparseRows, StretchedConditions
 from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS, stage_conditions
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
 from rotary_error_monitor.kinds.stage.problem import StageProblem

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import ListedSensor, StageDescription
-from rotary_error_monitor.gap.problem import Array
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
 
 SAME = 100

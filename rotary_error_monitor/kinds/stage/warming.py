@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.sensor_section import SHAFT_FORCE
 from rotary_error_monitor.description.stage import FORCE, ListedSensor
-from rotary_error_monitor.effects.rotor import Array, RotorState, StageEffect
+from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.gap.problem import FIRST_ORDER
 from rotary_error_monitor.metrology.forces import LoadCell, load_cell, shares
 from rotary_error_monitor.metrology.reading_steps import step_of

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, sosfilt, welch
 
 from rotary_error_monitor.kinds.stage.jitter import SharedMotion, estimate_jitter, fit_spectrum, orders_at_one_speed
-from rotary_error_monitor.noise.stage_noise import Jitter
+from rotary_error_monitor.noise.jitter import Jitter
 
 PERIOD, COUNT = 0.004, 10000
 TIME = PERIOD * np.arange(COUNT)
