@@ -1,0 +1,117 @@
+"""The ten nodes of a stage's cell in one process: the package's own, configured but not active, so that none sends.
+
+python light_cell.py NAMESPACE FOLDER
+
+Each node has a context of its own, which is a participant of DDS as in a process of its own: what is discovered is what
+ten processes would discover. Says `loaded`, then answers each line on standard input, as JSON with the time that it
+took (s), the memory of the process (MB) and its processor time so far (s):
+
+    make       the nodes
+    find 5     once each node knows all nodes of five such cells, and each publisher all subscriptions to its topic
+    state      at once
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import rclpy
+from rclpy.context import Context
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
+
+from rotary_error_monitor.nodes.autocollimator import Autocollimator
+from rotary_error_monitor.nodes.compensation import Compensation
+from rotary_error_monitor.nodes.encoder_head import EncoderHead
+from rotary_error_monitor.nodes.error_estimator import ErrorEstimator
+from rotary_error_monitor.nodes.lvdt import Lvdt
+from rotary_error_monitor.nodes.managed import ManagedNode
+from rotary_error_monitor.nodes.mock_controller import MockController
+from rotary_error_monitor.nodes.recorder import Recorder
+from rotary_error_monitor.nodes.transport import steady_transport
+
+MACHINE = "xyzac_trt"
+NODES: dict[str, tuple[Callable[..., ManagedNode], dict[str, object]]] = {
+    **{f"encoder_head_{letter}": (EncoderHead, {"source": "mock"}) for letter in "abcd"},
+    "autocollimator": (Autocollimator, {"source": "mock"}),
+    "lvdt": (Lvdt, {"source": "mock"}),
+    "mock_controller": (MockController, {"machine": MACHINE}),
+    "error_estimator": (ErrorEstimator, {}),
+    "compensation": (Compensation, {"machine": MACHINE}),
+    "recorder": (Recorder, {}),
+}
+"""The ten processes of a mock cell, as in `bench_start.py`."""
+
+_LOOK = 0.1
+"""Time between two looks whether all is found, s."""
+
+
+def made(namespace: str, folder: Path) -> list[ManagedNode]:
+    """The nodes of a cell, each in a context of its own, configured."""
+    nodes = []
+    for name, (kind, given) in NODES.items():
+        values = {**given, "folder": str(folder)} if name == "recorder" else given
+        context = Context()
+        with steady_transport():
+            rclpy.init(context=context, args=[])
+            node = kind(
+                name,
+                context=context,
+                parameter_overrides=[Parameter(key, value=value) for key, value in values.items()],
+                cli_args=["--ros-args", "-r", f"__ns:={namespace}"],
+            )
+        assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS, name
+        nodes.append(node)
+    return nodes
+
+
+def all_found(nodes: Sequence[ManagedNode], namespace: str, stages: int) -> bool:
+    """Whether each node knows all of them, and each publisher all subscriptions to its topic."""
+    heard = Counter(each.topic_name for node in nodes for each in node.subscriptions)
+    for node in nodes:
+        for publisher in node.publishers:
+            topic = publisher.topic_name
+            others = 1 if topic.startswith(f"{namespace}/") else stages
+            if publisher.get_subscription_count() < heard[topic] * others:
+                return False
+    return all(len(node.get_node_names()) >= stages * len(NODES) for node in nodes)
+
+
+def state() -> dict[str, float]:
+    """Memory that this process holds, MB, and processor time that it has taken, s."""
+    rows = Path("/proc/self/smaps_rollup").read_text(encoding="ascii")
+    return {"mb": int(rows.split("\nPss:")[1].split()[0]) * 1024 / 1e6, "processor": time.process_time()}
+
+
+def answers(namespace: str, folder: Path) -> Iterator[dict[str, float]]:
+    """To each line of standard input, until it ends."""
+    nodes: list[ManagedNode] = []
+    for order, *number in map(str.split, sys.stdin):
+        begin = time.monotonic()
+        if order == "make":
+            nodes = made(namespace, folder)
+        elif order == "find":
+            while not all_found(nodes, namespace, int(number[0])):
+                time.sleep(_LOOK)
+        yield {"took": time.monotonic() - begin, "endpoints": endpoints_of(nodes), **state()}
+    for node in nodes:
+        node.stop()
+        node.context.try_shutdown()
+
+
+def endpoints_of(nodes: Sequence[ManagedNode]) -> int:
+    """Readers and writers of DDS: a service or its client has one of each."""
+    return sum(
+        len([*node.publishers, *node.subscriptions]) + 2 * len([*node.services, *node.clients]) for node in nodes
+    )
+
+
+if __name__ == "__main__":
+    print("loaded", flush=True)
+    for answer in answers(sys.argv[1], Path(sys.argv[2])):
+        print(json.dumps(answer), flush=True)
