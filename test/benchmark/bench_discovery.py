@@ -24,14 +24,14 @@ from rotary_error_monitor.resources import config
 
 from .switched_hosts import SwitchedHost, Traffic, cores, switched_hosts, why_not
 
-STAGES = tuple(map(int, os.environ.get("BENCH_STAGES", "1,2,5").split(",")))
-"""Stages in one network; those of the documentation are 1,2,5,10,20."""
+MANAGED = tuple(map(int, os.environ.get("BENCH_STAGES", "1,2,3").split(",")))
+"""Stages in one network whose cells are the package's nodes; those of the documentation are 1,2,3,4,5."""
+
+PLAIN = tuple(map(int, os.environ.get("BENCH_PLAIN_STAGES", "1,2,5").split(",")))
+"""The same of cells that have their topics alone; those of the documentation are 1,2,5,10,20."""
 
 QUIET = float(os.environ.get("BENCH_QUIET_SECONDS", "10"))
 """Time for which is counted what goes over the network once all have found one another, s."""
-
-MOST_AT_ONCE = 5
-"""Most stages that are begun at once here: the processors of all computers are these two, and more take minutes."""
 
 PARTICIPANTS = 10
 """Of a cell."""
@@ -69,15 +69,17 @@ class LightCell:
 
 
 @contextmanager
-def light_cells(hosts: Sequence[SwitchedHost], folder: Path) -> Iterator[list[LightCell]]:
-    """A cell on each host, in a namespace of its own, loaded; they end with the block."""
+def light_cells(hosts: Sequence[SwitchedHost], folder: Path, kind: str, apart: bool) -> Iterator[list[LightCell]]:
+    """A cell on each host, in a namespace of its own, loaded; they end with the block.
+
+    `kind` as of `light_cell.py`; where they are `apart`, each has a ROS domain of its own as well.
+    """
     profiles = folder / "profiles.xml"
     profiles.write_text(_as_in_processes(config("subnet.xml").read_text(encoding="utf-8")), encoding="utf-8")
     environment = {
         **os.environ,
         TRANSPORTS: "UDPv4",
         PROFILES: str(profiles),
-        "ROS_DOMAIN_ID": str(DOMAIN),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
         "OMP_NUM_THREADS": "1",
     }
@@ -88,8 +90,8 @@ def light_cells(hosts: Sequence[SwitchedHost], folder: Path) -> Iterator[list[Li
             log = stack.enter_context((folder / f"log_{number}").open("w"))
             process = stack.enter_context(
                 subprocess.Popen(
-                    [*command, str(folder / f"bag_{number}")],
-                    env=environment,
+                    [*command, str(folder / f"bag_{number}"), kind],
+                    env=environment | {"ROS_DOMAIN_ID": str(DOMAIN + number * apart)},
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=log,
@@ -142,6 +144,7 @@ class Network:
 
     cells: list[LightCell]
     empty: list[dict[str, float]]
+    apart: bool
     there: int = 0
 
     def grow_to(self, stages: int) -> Found:
@@ -154,7 +157,7 @@ class Network:
         for cell in new:
             cell.tell("make")
         for cell in present:
-            cell.tell(f"find {stages}")
+            cell.tell(f"find {1 if self.apart else stages}")
         for cell in new:
             cell.answer()
         answers = [cell.answer() for cell in present]
@@ -185,11 +188,11 @@ def _processor(states: Sequence[dict[str, float]]) -> float:
 
 
 @contextmanager
-def network(stages: int, folder: Path) -> Iterator[Network]:
-    """A network of so many computers, the cells on them not yet begun."""
+def network(stages: int, folder: Path, kind: str = "nodes", apart: bool = False) -> Iterator[Network]:
+    """A network of so many computers, the cells on them not yet begun; arguments as of `light_cells`."""
     folder.mkdir()
-    with switched_hosts(stages) as hosts, light_cells(hosts, folder) as cells:
-        made = Network(cells, [])
+    with switched_hosts(stages) as hosts, light_cells(hosts, folder, kind, apart) as cells:
+        made = Network(cells, [], apart)
         made.empty = made._states()
         yield made
 
@@ -215,17 +218,32 @@ def described(seen: Found) -> str:
     )
 
 
-def test_one_cell_after_another(tmp_path, capsys):
-    with network(max(STAGES), tmp_path / "cells") as cells, capsys.disabled():
-        print(f"\ncells that come one after another, {cores()} processors for all; what the last one adds:")
-        for stages in range(1, max(STAGES) + 1):
-            seen = cells.grow_to(stages)
-            if stages in STAGES:
-                print(described(seen), flush=True)
+def print_growth(stages: Sequence[int], cells: Network) -> None:
+    """One cell after another; said is what the last one adds."""
+    for there in range(1, max(stages) + 1):
+        seen = cells.grow_to(there)
+        if there in stages:
+            print(described(seen), flush=True)
 
 
-@pytest.mark.parametrize("stages", [each for each in STAGES if 1 < each <= MOST_AT_ONCE])
-def test_all_at_once(stages, tmp_path, capsys):
+@pytest.mark.parametrize(("kind", "stages"), [("nodes", MANAGED), ("topics", PLAIN)])
+def test_one_cell_after_another(kind, stages, tmp_path, capsys):
+    with network(max(stages), tmp_path / "cells", kind) as cells, capsys.disabled():
+        print(
+            f"\none domain, cells of {kind}, one after another, {cores()} processors for all; what the last one adds:"
+        )
+        print_growth(stages, cells)
+
+
+def test_all_at_once(tmp_path, capsys):
+    stages = max(MANAGED)
     with network(stages, tmp_path / "cells") as cells, capsys.disabled():
-        print(f"\nall cells at once, as after a loss of power, {cores()} processors for all:")
+        print(f"\none domain, cells of nodes, all at once as after a loss of power, {cores()} processors for all:")
+        print(described(cells.grow_to(stages)), flush=True)
+
+
+def test_a_domain_for_each_cell(tmp_path, capsys):
+    stages = max(PLAIN)
+    with network(stages, tmp_path / "cells", "nodes", apart=True) as cells, capsys.disabled():
+        print(f"\na domain for each cell, cells of nodes, all at once, {cores()} processors for all:")
         print(described(cells.grow_to(stages)), flush=True)
