@@ -9,7 +9,8 @@ which is a participant of DDS as in a process of its own: what is discovered is 
 (MB) and its processor time so far (s):
 
     make       the nodes
-    find 5     once each node knows all nodes of five such cells, and each publisher all subscriptions to its topic
+    find 5 60  once each node knows all nodes of five such cells, and each publisher all subscriptions to its topic, or
+               60 s have passed; with the part of them that the least knowing node knows
     state      at once
 """
 
@@ -116,14 +117,17 @@ def state() -> dict[str, float]:
 def answers(namespace: str, folder: Path, kind: str) -> Iterator[dict[str, float]]:
     """To each line of standard input, until it ends."""
     nodes: list[Node] = []
+    known = 0.0
     for order, *number in map(str.split, sys.stdin):
         begin = time.monotonic()
         if order == "make":
             nodes = made(namespace, folder) if kind == "nodes" else plain(namespace)
         elif order == "find":
-            while not all_found(nodes, namespace, int(number[0])):
+            stages, until = int(number[0]), begin + float(number[1])
+            while not all_found(nodes, namespace, stages) and time.monotonic() < until:
                 time.sleep(_LOOK)
-        yield {"took": time.monotonic() - begin, "endpoints": endpoints_of(nodes), **state()}
+            known = min(len(node.get_node_names()) for node in nodes) / (stages * len(NODES))
+        yield {"took": time.monotonic() - begin, "endpoints": endpoints_of(nodes), "known": known, **state()}
     for node in nodes:
         context = node.context
         node.stop() if isinstance(node, ManagedNode) else node.destroy_node()
