@@ -210,7 +210,7 @@ def network(stages: int, folder: Path, kind: str = "nodes", apart: bool = False)
 
 def described(seen: Found) -> str:
     """Lines about it."""
-    stages, participants = seen.stages, PARTICIPANTS * seen.stages
+    participants = PARTICIPANTS * seen.stages
     wire, arrived, inside = (
         sum(each[name] for each in map(Traffic._asdict, seen.traffic)) * 1e-6
         for name in ("sent_bytes", "received_bytes", "inside_bytes")
@@ -220,13 +220,13 @@ def described(seen: Found) -> str:
         for name in ("sent_bytes", "received_bytes", "datagrams")
     )
     return (
-        f"  {stages:2} stages, {participants:3} participants, {seen.endpoints:,} endpoints: "
+        f"  {seen.stages:2} stages, {participants:3} participants, {seen.endpoints:,} endpoints: "
         f"{'found' if seen.is_whole else f'{seen.known:.0%} of the nodes known, not all connected,'} after "
         f"{seen.seconds:.1f} s, {seen.processor:.1f} s of processor; {sum(t.datagrams for t in seen.traffic):,} "
-        f"datagrams, {wire:.1f} MB sent over the network, {arrived / stages:.1f} MB to each computer, {inside:.1f} MB "
-        f"inside of computers; {seen.memory:.1f} MB a participant\n"
-        f"     afterwards {still * 8e-3:.0f} kbit/s sent by all, {come * 8e-3 / stages:.0f} kbit/s to each computer, "
-        f"{datagrams:.0f} datagrams a second, {100 * seen.idle / QUIET:.1f} % of a core"
+        f"datagrams, {wire:.1f} MB sent over the network, {arrived / len(seen.traffic):.1f} MB to each computer, "
+        f"{inside:.1f} MB inside of computers; {seen.memory:.1f} MB a participant\n"
+        f"     afterwards {still * 8e-3:.0f} kbit/s sent by all, {come * 8e-3 / len(seen.quiet):.0f} kbit/s to each "
+        f"computer, {datagrams:.0f} datagrams a second, {100 * seen.idle / QUIET:.1f} % of a core"
     )
 
 
