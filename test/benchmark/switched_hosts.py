@@ -35,6 +35,7 @@ class Traffic(NamedTuple):
         received_frames, received_bytes: the same.
         inside_frames, inside_bytes: on its loopback device, each once.
         datagrams: of UDP that were sent, on both.
+        overflowed: datagrams that came and found the buffer of their socket full.
     """
 
     sent_frames: int
@@ -44,6 +45,7 @@ class Traffic(NamedTuple):
     inside_frames: int
     inside_bytes: int
     datagrams: int
+    overflowed: int
 
     def since(self, before: Traffic) -> Traffic:
         """What came since."""
@@ -78,8 +80,8 @@ class SwitchedHost:
             for line in Path(f"/proc/{self.process}/net/snmp").read_text(encoding="ascii").splitlines()
             if line.startswith("Udp:")
         ]
-        sent = int(udp[1][udp[0].index("OutDatagrams")])
-        return Traffic(net[9], net[8], net[1], net[0], inside[9], inside[8], sent)
+        sent, overflowed = (int(udp[1][udp[0].index(name)]) for name in ("OutDatagrams", "RcvbufErrors"))
+        return Traffic(net[9], net[8], net[1], net[0], inside[9], inside[8], sent, overflowed)
 
 
 def why_not() -> str:
