@@ -28,7 +28,7 @@ MANAGED = tuple(map(int, os.environ.get("BENCH_STAGES", "1,2,3").split(",")))
 """Stages in one network whose cells are the package's nodes; those of the documentation are 1,2,3,4,5."""
 
 PLAIN = tuple(map(int, os.environ.get("BENCH_PLAIN_STAGES", "1,2,5").split(",")))
-"""The same of cells that have their topics alone; those of the documentation are 1,2,5,10,20."""
+"""The same of cells that have their topics alone; those of the documentation are 1,2,3,4,5,6,7,8,10,20."""
 
 QUIET = float(os.environ.get("BENCH_QUIET_SECONDS", "5"))
 """Time for which is counted what goes over the network once all have found one another, s."""
