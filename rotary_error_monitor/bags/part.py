@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,6 +27,9 @@ _INDEX_PER_CHUNK = 73
 
 _INDEX_PER_CHANNEL = 10
 """Bytes that each channel of the chunk adds to it: a 16-bit identifier and a 64-bit offset."""
+
+_EARLIER = 1 << 63
+"""Timestamp (ns) that every message is before: those of ROS 2 are signed 64 bits."""
 
 _MARGIN = 2  # the reserve takes this many chunks beside the index: the one at hand, and what lies over
 
@@ -52,6 +56,8 @@ class BagPart:
     Attributes:
         file: below the writer.
         counts: messages written, by topic.
+        full_at: size in bytes from which what follows belongs to the next file.
+        full_from_ns: timestamp (ns) from which it does; both infinite for never, and before the first message.
     """
 
     def __init__(
@@ -62,13 +68,19 @@ class BagPart:
         definitions: Mapping[str, str],
         reserve: Reserve,
         compression: CompressionType = CompressionType.NONE,
+        limits: tuple[int, float] = (0, 0.0),
     ) -> None:
-        """Create the file `name` in `folder`; `definitions` are those of the topics' types."""
+        """Create the file `name` in `folder`; `definitions` are those of the topics' types.
+
+        Full is what has as many bytes as `limits` say, or lasts as long (s); 0 for either has no limit.
+        """
         self.name = name
+        self.full_at = self.full_from_ns = math.inf
+        self._largest, self._longest_ns = limits[0] or math.inf, round(limits[1] * NANOSECONDS) or math.inf
         self.counts: Counter[str] = Counter()
         self._compression = compression
         self.file = RecordFile(folder / name, reserve)
-        self._times: tuple[int, int] | None = None
+        self._first_ns, self._last_ns = _EARLIER, -_EARLIER
         try:
             self._begin(topics, definitions)
         except OSError:
@@ -79,7 +91,8 @@ class BagPart:
     @property
     def entry(self) -> FileEntry:
         """What `metadata.yaml` says of the file."""
-        return FileEntry(self.name, self.counts.total(), *(self._times or (0, 0)))
+        times = (self._first_ns, self._last_ns) if self.counts else (0, 0)
+        return FileEntry(self.name, self.counts.total(), *times)
 
     @property
     def index_size(self) -> int:
@@ -87,18 +100,15 @@ class BagPart:
         per_chunk = _INDEX_PER_CHUNK + _INDEX_PER_CHANNEL * len(self._channels)
         return _MARGIN * CHUNK_SIZE + self.file.chunks * per_chunk
 
-    def is_full(self, log_time_ns: int, size: int, duration: float) -> bool:
-        """Whether a message of `log_time_ns` belongs to the next file: `size` bytes or `duration` s are reached."""
-        if self._times is None:
-            return False
-        return 0 < size <= self.file.tell() or 0 < duration * NANOSECONDS <= log_time_ns - self._times[0]
-
     def add(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int) -> None:
         """Append a message; times are timestamps (ns)."""
         self._writer.add_message(self._channels[topic], log_time_ns, data, publish_time_ns, sequence)
         self.counts[topic] += 1
-        first, last = self._times or (log_time_ns, log_time_ns)
-        self._times = min(first, log_time_ns), max(last, log_time_ns)
+        if log_time_ns > self._last_ns:  # as nearly always
+            self._last_ns = log_time_ns
+        if log_time_ns < self._first_ns:
+            self._first_ns, self.full_from_ns = log_time_ns, log_time_ns + self._longest_ns
+            self.full_at = self._largest
 
     def _begin(self, topics: Sequence[Recordable], definitions: Mapping[str, str]) -> None:
         # A file with the methods of a stream is all that the writer needs, whatever its annotation asks for.

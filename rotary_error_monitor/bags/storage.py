@@ -57,12 +57,13 @@ class RecordFile:
     Attributes:
         trouble: why recording must end although nothing is lost yet, such as a full disk; None while all is well.
         chunks: mcap chunks written.
+        size: bytes written.
     """
 
     def __init__(self, path: Path, reserve: Reserve) -> None:
         self._reserve = reserve
         self._file = path.open("xb", buffering=0)
-        self._size = 0
+        self.size = 0
         self._syncing: Future[None] | None = None
         self._ending: Future[None] | None = None
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="bag_sync")
@@ -87,8 +88,8 @@ class RecordFile:
         return len(data)
 
     def tell(self) -> int:
-        """Bytes written."""
-        return self._size
+        """The same, as a stream tells it."""
+        return self.size
 
     def flush(self) -> None:
         """Nothing is kept in memory: what was written survives the end of the process."""
@@ -149,7 +150,7 @@ class RecordFile:
                 rest = rest[self._file.write(rest) :]
         except OSError:
             # The beginning of a record would hide all that could still be written behind it.
-            self._file.truncate(self._size)
-            self._file.seek(self._size)
+            self._file.truncate(self.size)
+            self._file.seek(self.size)
             raise
-        self._size += len(data)
+        self.size += len(data)

@@ -57,7 +57,6 @@ class BagWriter:
 
     Attributes:
         folder: the bag.
-        counts: messages written, by topic.
         stopped: why recording ended by itself, None while it goes on.
         notes: what `metadata.yaml` shall say of the recording beside what rosbag2 expects, texts by name.
         locked: False where the file system knows no locks, so that nobody is kept away.
@@ -98,7 +97,6 @@ class BagWriter:
             OSError: the folder cannot be written, or the disk has no room for a recording.
         """
         self.folder = Path(folder)
-        self.counts: Counter[str] = Counter()
         self.stopped: str | None = None
         self.notes: dict[str, str] = {}
         self._topics = {topic.name: topic for topic in topics}
@@ -112,6 +110,7 @@ class BagWriter:
         self._closed = False
         self._name = self.folder.resolve().name
         self._kept = KeptFiles(keep_size, keep_duration)
+        self._counts_before: Counter[str] = Counter()
         self._ending: list[RecordFile] = []
         self._lock = _new_folder(self.folder)
         self._home, self.locked = self._lock.path, self._lock.held
@@ -130,6 +129,11 @@ class BagWriter:
         """Where the folder is now, if somebody has renamed it."""
         path = None if self._closed else self._lock.path
         return path if path != self._home else None
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Messages written, by topic, those in files that went included."""
+        return self._counts_before + self._part.counts
 
     @property
     def size(self) -> int:
@@ -152,20 +156,21 @@ class BagWriter:
             InputError: the bag has no such topic.
             RecordingStoppedError: the disk is full or broken; what was written before is kept and the bag is closed.
         """
-        self._check_open()
+        if self._closed:
+            self._check_open()
         if topic not in self._topics:
             raise InputError(f"{self.folder}: topic {topic} is not recorded; recorded are {', '.join(self._topics)}")
         publish_time_ns = log_time_ns if publish_time_ns is None else publish_time_ns
-        if self._part.is_full(log_time_ns, *self._limits):
+        part = self._part
+        if log_time_ns >= part.full_from_ns or part.file.size >= part.full_at:
             self._split(log_time_ns)
         try:
             self._part.add(topic, data, log_time_ns, publish_time_ns, sequence % _SEQUENCES)
         except OSError as error:
             self._stop(error, whole=False)
-        self.counts[topic] += 1
         if self._clock() - self._flushed >= self._periods[0]:
             self.flush()
-        else:
+        elif self._ending or self._part.file.trouble is not None:
             self._check_trouble()
 
     def flush(self) -> None:
@@ -218,7 +223,9 @@ class BagWriter:
         name = f"{self._name}_{self._kept.begun}.mcap"
         topics = tuple(self._topics.values())
         try:
-            part = BagPart(self._lock.place, name, topics, self._definitions, self._reserve, self._compression)
+            part = BagPart(
+                self._lock.place, name, topics, self._definitions, self._reserve, self._compression, self._limits
+            )
         except OSError:
             with contextlib.suppress(OSError):
                 (self._lock.place / name).unlink(missing_ok=True)
@@ -233,6 +240,7 @@ class BagWriter:
             self._part = self._new_part()
         except OSError as error:
             self._stop(error, whole=True)
+        self._counts_before += full.counts
         self._ending.append(full.file)  # not its index, which is written now
         try:
             full.finish()

@@ -80,18 +80,20 @@ def _cut(plant: StagePlant, stream: str, edges: list[int]) -> Iterator[SampleBlo
 
 def write_long_bag(
     folder: Path,
-    size: float,
+    size: float = math.inf,
     *,
+    seconds: float = math.inf,
     seed: int = 1,
     rate: float = 2_000.0,
     block_ns: int = NANOSECONDS // 10,
     repeated: bool = False,
 ) -> float:
-    """Write a bag whose messages have `size` bytes; give how long it is, s.
+    """Write a bag whose messages have `size` bytes, or that is so many seconds long; give how long it is, s.
 
     Args:
         folder: of the bag.
         size: bytes of the messages.
+        seconds: that it lasts at most; one of the two is finite.
         seed: of all that is random.
         rate: samples a second of heads, autocollimator and LVDT.
         block_ns: time in a block, ns.
@@ -108,7 +110,7 @@ def write_long_bag(
             end_ns = max(end_ns, block.newest_ns)
             writer.write(topics[stream].name, data, block.newest_ns)
             written += len(data)
-            if written >= size:
+            if written >= size or end_ns - EPOCH_NS >= seconds * NANOSECONDS:
                 break
     return (end_ns - EPOCH_NS) / NANOSECONDS
 
