@@ -188,20 +188,25 @@ class FigureCheck:
 
     def add(self, theta: float, seen: tuple[float, float], described: tuple[float, float]) -> bool:
         """Take in what is seen and described (x, y) at a rotation (rad); give whether an angle is new."""
-        place = _place(theta)
-        new = self._count[place] == 0
-        if place != self._last:
-            self._count[place] = 0  # what was seen at the last visit makes room
-            self._last = place
-        count = self._count[place] + 1
-        part = 1.0 / count
-        self._seen[place] += part * (complex(*seen) - self._seen[place])
-        self._described[place] += part * (complex(*described) - self._described[place])
-        self._turned[place] = complex(math.cos(theta), math.sin(theta))
-        self._count[place] = count
-        if new:
-            self.covered = (BINS - self._count.count(0)) / BINS
-        return new
+        return self.extend([theta], [complex(*seen)], [complex(*described)])
+
+    def extend(self, thetas: Iterable[float], seen: Iterable[complex], described: Iterable[complex]) -> bool:
+        """The same at one rotation after another, of vectors `x + 1j * y`."""
+        any_new, counts = False, self._count
+        for theta, here, said in zip(thetas, seen, described, strict=True):
+            place = _place(theta)
+            new = counts[place] == 0
+            if place != self._last:
+                counts[place] = 0  # what was seen at the last visit makes room
+                self._last = place
+            counts[place] += 1
+            part = 1.0 / counts[place]
+            self._seen[place] += part * (here - self._seen[place])
+            self._described[place] += part * (said - self._described[place])
+            self._turned[place] = complex(math.cos(theta), math.sin(theta))
+            if new:
+                self.covered, any_new = (BINS - counts.count(0)) / BINS, True
+        return any_new
 
     def judge(self, deviation: float = 0.0) -> Finding | None:
         """The mistake that explains most of what the description leaves; None where none does.

@@ -1,40 +1,40 @@
-"""The latest values of a sequence, and the latest few of these: means over both are taken at every window."""
+"""The latest values of a sequence: means over some spans of them are taken at every window."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 
 class Trailing:
-    """Keeps the `many` latest values, and beside them the `few` latest: neither has to be cut out of the other.
+    """Keeps the latest values of a sequence, as many as the longest of some spans, and gives means over each span."""
 
-    Attributes:
-        few, many: the latest values, the oldest first.
-    """
+    __slots__ = ("_kept", "_most", "_spans")
 
-    __slots__ = ("few", "many")
-
-    def __init__(self, few: int, many: int) -> None:
-        """Nothing was taken in; so many at most are kept."""
-        self.few: deque[float] = deque(maxlen=few)
-        self.many: deque[float] = deque(maxlen=many)
+    def __init__(self, *spans: int) -> None:
+        """Nothing was taken in."""
+        self._spans, self._most = spans, max(spans)
+        self._kept: list[float] = []
 
     def __len__(self) -> int:
-        return len(self.many)
+        return min(len(self._kept), self._most)
 
-    def add(self, value: float) -> None:
-        """Take in a value."""
-        self.few.append(value)
-        self.many.append(value)
+    def add(self, values: Sequence[float], each: int = 1) -> list[list[tuple[float, int]]]:
+        """Take in values; give for each span its mean after each of them, or each so many, and over how many that is.
 
-    def extend(self, values: Iterable[float]) -> None:
-        """Take in values, one after another."""
-        latest = tuple(values)
-        self.few.extend(latest)
-        self.many.extend(latest)
+        A mean has the same bits however many values are taken in at once.
+        """
+        kept, begin = self._kept, len(self._kept)
+        kept += values
+        ends = range(begin + each, len(kept) + 1, each)
+        found = [[self._mean(end, span) for end in ends] for span in self._spans]
+        if len(kept) > 2 * self._most:  # now and then: each value is moved about once
+            del kept[: -self._most]
+        return found
+
+    def _mean(self, end: int, span: int) -> tuple[float, int]:
+        latest = self._kept[max(0, end - span) : end]
+        return sum(latest) / len(latest), len(latest)
 
     def clear(self) -> None:
         """Forget all of them."""
-        self.few.clear()
-        self.many.clear()
+        self._kept.clear()
