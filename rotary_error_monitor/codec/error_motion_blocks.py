@@ -49,8 +49,10 @@ def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
     for name in _ALWAYS:
         if name not in block.names:
             block.column(name)  # says what there is
-    absent = np.tile([0.0, 1.0], (len(block.rows), 1))
-    numbers = np.hstack([block.rows, absent])[:, _places_in(block.names)]
+    here, there, ones = _places_in(block.names)
+    numbers = np.zeros((len(block.rows), len(_NAMES)))
+    numbers[:, ones] = 1.0
+    numbers[:, here] = block.rows[:, there]
     theta, observable, streams, doubts, *beside = numbers[:, _LAST:].T
     return ErrorMotion(
         theta,
@@ -71,8 +73,12 @@ def _places_of(columns: tuple[str, ...]) -> NDArray[np.intp]:
 
 
 @cache
-def _places_in(names: tuple[str, ...]) -> NDArray[np.intp]:
-    """Where each of `_NAMES` stands in columns that are followed by two for those that are absent: zeros and ones."""
-    zeros, ones = len(names), len(names) + 1
-    absent = {name: ones if name.endswith(("_scale", "_conflict")) else zeros for name in _NAMES}
-    return np.array([names.index(name) if name in names else absent[name] for name in _NAMES], np.intp)
+def _places_in(names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Which of `_NAMES` are among columns, where in these they stand, and which of the others are one where absent."""
+    here = [place for place, name in enumerate(_NAMES) if name in names]
+    ones = [
+        place
+        for place, name in enumerate(_NAMES)
+        if name not in names and name.endswith(("_scale", "_conflict"))
+    ]
+    return np.array(here, np.intp), np.array([names.index(_NAMES[place]) for place in here], np.intp), np.array(ones, np.intp)

@@ -57,7 +57,7 @@ class CommandBelief:
         self._size = 0.0
         self._before: float | None = None
         self._squares = Trailing(LONG)
-        self._within = Trailing(SHORT, LONG)
+        self._within = Trailing(LONG)
         self._variances: tuple[float, float] | None = None  # by those two, of enough windows
         self._last: Window | None = None
         self._compared: int | None = None
@@ -245,10 +245,12 @@ class CommandBelief:
         self._distances = course[-2:]
         squares = [(here - 0.5 * (before + after)) ** 2 for before, here, after in zip(course, course[1:], course[2:])]
         without = len(distances) - len(squares)  # the first windows have not two before them
-        (among,) = self._squares.add(squares)
+        within = self._within.add([each**2 for each in scatters[without:]])
         found = [self._variances] * without
-        for square, latest, every in zip(among, *self._within.add([each**2 for each in scatters[without:]]), strict=True):
-            found.append((square[0] / 1.5, max(every[0], latest[0])) if square[1] >= SHORT else None)
+        for end, end_within in zip(self._squares.add(squares), within, strict=True):
+            known = self._squares.count(end, SHORT) == SHORT
+            variances = self._squares.mean(end, LONG) / 1.5, self._within.larger_mean(end_within, (LONG, SHORT))
+            found.append(variances if known else None)
         self._variances = found[-1]
         return found
 

@@ -81,7 +81,7 @@ class HeadBelief:
         self.reach = EVERYWHERE
         self.contradicting = False
         self._agreeing = 0.0
-        self._agreement = Trailing(SHORT, LONG)
+        self._agreement = Trailing(LONG)
         self._bounds_of, self._bounds = (0.0, (0, 0, 0)), [0.0]  # of `_excesses`, and for what degrees of freedom
         self._lasting = 1.0
         self._believed: tuple[str, ...] = ()
@@ -208,8 +208,8 @@ class HeadBelief:
         counted = [min(each, most) for each, most in zip(agreements, largest, strict=True)]
         freedoms = [max(1.0, ticks * each) * self._redundancy for each in samples]
         weighed = []
-        for place, (some, every) in enumerate(zip(*self._agreement.add(counted), strict=True)):
-            of_last, of_some, of_all = self._excesses(freedoms[place], counted[place], some, every)
+        for place, end in enumerate(self._agreement.add(counted)):
+            of_last, of_some, of_all = self._excesses(freedoms[place], end)
             self.contradicted = math.sqrt(max(1.0, of_last, of_some, of_all))
             self._lasting = math.sqrt(max(1.0, of_all))
             found, tolerance = agreements[place], tolerances[place]
@@ -249,15 +249,14 @@ class HeadBelief:
                 "which is wrong; a head's place, zero or direction, or the described noise may be wrong"
             )
 
-    def _excesses(
-        self, freedom: float, last: float, some: tuple[float, int], every: tuple[float, int]
-    ) -> tuple[float, float, float]:
-        """Mean contradiction over what chance allows, for the last window and the longer spans."""
-        counts = 1, some[1], every[1]
+    def _excesses(self, freedom: float, end: int) -> tuple[float, float, float]:
+        """Mean contradiction over what chance allows, for a last window and the longer spans, where it is more."""
+        among = self._agreement
+        counts = 1, among.count(end, SHORT), among.count(end, LONG)
         if (freedom, counts) != self._bounds_of:
             self._bounds_of, self._bounds = (freedom, counts), [chi_square_bound(freedom * each) for each in counts]
         of_last, of_some, of_all = self._bounds
-        return last / of_last, some[0] / of_some, every[0] / of_all
+        return among.last(end) / of_last, among.excess(end, SHORT, of_some), among.excess(end, LONG, of_all)
 
     def _leave_out_the_wrong(self) -> bool:
         """Leave out the head that causes the contradiction; give whether its course tells which that is."""

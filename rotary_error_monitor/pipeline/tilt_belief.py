@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
-from operator import sub, truediv
+from operator import sub
 from typing import NamedTuple
 
 from rotary_error_monitor.description.stage import Autocollimator, StageDescription
@@ -59,18 +59,6 @@ class _Look(NamedTuple):
     variance: float
 
 
-class _Noise(NamedTuple):
-    """Noise that was seen over that which is stated, as squares.
-
-    Attributes:
-        last: of the last window among its neighbours.
-        means: with the number of squares, over a shorter and a longer time: among windows, then within them.
-    """
-
-    last: float
-    means: tuple[tuple[float, int], ...]
-
-
 class TiltBelief:
     """Judges the tilt, window by window.
 
@@ -105,12 +93,11 @@ class TiltBelief:
         self.scale = self._noise_scale = 1.0
         self._here = _Look(0, 0.0, (0.0, 0.0), (0.0, 0.0), 1.0, self._noise, math.inf)  # what is judged
         self._drifted = 0.0  # what turbulence makes of its mean, rad
-        self._noise_seen: _Noise | None = None
         self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
         self.figure.forget()
         self._agreeing = self._size = self._near = self._farthest = 0.0
-        self._squares, self._within = Trailing(SHORT, LONG), Trailing(2 * SHORT, LONG)
+        self._squares, self._within = Trailing(LONG), Trailing(LONG)
         self._bounds_of: tuple[tuple[int, ...], float] | None = None  # counts of squares that `_bounds` hold for
         self._bounds: list[float] = []
         self._recent: deque[tuple[float, float]] = deque(maxlen=SHORT)
@@ -335,36 +322,48 @@ class TiltBelief:
 
         Beside them the `scatters` within, about a straight line, of so many independent readings.
         """
-        found, scale = [], self._noise_scale
-        for noise, each in zip(self._noise_of(looks, scatters), inner, strict=True):
-            if noise is not None and noise.means[1][1] >= SHORT:
-                counts = 2, *(count for _, count in noise.means)
-                if (counts, each) != self._bounds_of:
-                    self._bounds_of, self._bounds = (counts, each), _bounds(counts, each)
-                seen = noise.last, *(mean for mean, _ in noise.means)
-                scale = math.sqrt(max(1.0, *map(truediv, seen, self._bounds)))
-            found.append(scale)
-        return found
-
-    def _noise_of(self, looks: Sequence[_Look], scatters: Sequence[tuple[float, ...]]) -> list[_Noise | None]:
-        """Noise as it was seen after each window, about its neighbours and within."""
         last, recent = self._last, list(self._recent)[-2:]
         if self.doubt or last is None or looks[0].number != last.number + 1:
             recent = []
         without = min(2 - len(recent), len(looks))  # the first windows have not two before them
-        course, squares, within = [*recent, *(look.surplus for look in looks)], list[float](), list[float]()
-        slow = self._drifted**2
-        for (x, y), (x1, y1), (x2, y2), look in zip(course, course[1:], course[2:], looks[without:], strict=False):
-            variance = 1.5 * look.stated**2 + slow
-            squares += min((x1 - 0.5 * (x + x2)) ** 2 / variance, 1e6), min((y1 - 0.5 * (y + y2)) ** 2 / variance, 1e6)
+        among = self._among([*recent, *(look.surplus for look in looks)], looks[without:])
+        within = list[float]()
         for (x, y), look in zip(scatters[without:], looks[without:], strict=True):
             within += min(x**2 / look.variance, 1e6), min(y**2 / look.variance, 1e6)
-        means = zip(*self._squares.add(squares, 2), *self._within.add(within, 2), strict=True)
-        pairs = zip(squares[::2], squares[1::2], strict=True)
-        found = [self._noise_seen] * without
-        found += [_Noise((x + y) / 2, four) for (x, y), four in zip(pairs, means, strict=True)]
-        self._noise_seen = found[-1]
+        ends = list(zip(self._squares.add(among, 2), self._within.add(within, 2), strict=True))
+        before = self._squares.end - len(among), self._within.end - len(within)
+        found, scale = [], self._noise_scale
+        for end, each in zip([before] * without + ends, inner, strict=True):
+            scale = self._noise_by(*end, each) if end[0] >= SHORT else scale
+            found.append(scale)
         return found
+
+    def _among(self, course: Sequence[tuple[float, float]], looks: Sequence[_Look]) -> list[float]:
+        """Squares of both components of windows about their neighbours over what the stated noise makes of them."""
+        squares, slow = list[float](), self._drifted**2
+        for (x, y), (x1, y1), (x2, y2), look in zip(course, course[1:], course[2:], looks, strict=False):
+            variance = 1.5 * look.stated**2 + slow
+            squares += min((x1 - 0.5 * (x + x2)) ** 2 / variance, 1e6), min((y1 - 0.5 * (y + y2)) ** 2 / variance, 1e6)
+        return squares
+
+    def _noise_by(self, end: int, end_within: int, each: float) -> float:
+        """By how much noise is more than is stated, by squares among windows and within up to places."""
+        among, within = self._squares, self._within
+        spans = among.count(end, SHORT), among.count(end, LONG)
+        counts = 2, *spans, within.count(end_within, 2 * SHORT), within.count(end_within, LONG)
+        if (counts, each) != self._bounds_of:
+            self._bounds_of, self._bounds = (counts, each), _bounds(counts, each)
+        last, few, many, few_within, many_within = self._bounds
+        return math.sqrt(
+            max(
+                1.0,
+                among.mean(end, 2) / last,
+                among.excess(end, SHORT, few),
+                among.excess(end, LONG, many),
+                within.excess(end_within, 2 * SHORT, few_within),
+                within.excess(end_within, LONG, many_within),
+            )
+        )
 
     @property
     def _deviation(self) -> float:
