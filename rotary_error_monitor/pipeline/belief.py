@@ -179,6 +179,8 @@ class Belief:
     def _verdicts(self, windows: Windows) -> Iterator[Verdict]:
         """What holds for each of some windows, up to that after which whole turns or other streams are to be taken."""
         chosen, self._quiet = self.left_out, self.streams.quiet
+        self.ring.foresee(windows)
+        self.command.foresee(windows)
         for some in _up_to_measurements(windows):
             if len(some) >= FEWEST and self._are_calm(some):
                 yield self.verdict

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
@@ -117,6 +118,11 @@ class CommandBelief:
                 self.doubt = ""
                 self._zero.begin(sound=False)
         self._settle(speed, self._scatter(window), window.mean.ecc, window.duration)
+
+    def foresee(self, windows: Windows) -> None:
+        """Make ready for windows that are to be judged."""
+        thetas, distances = windows.mean.theta, windows.mean.ecc
+        self._slope.foresee(windows.first, SHORT, list(map(operator.sub, thetas, distances)), distances)
 
     def are_calm(self, windows: Windows) -> bool:
         """Whether rotation and command belong together in windows that have both, but for what the last may measure."""

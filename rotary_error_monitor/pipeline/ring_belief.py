@@ -101,6 +101,11 @@ class RingBelief:
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
 
+    def foresee(self, windows: Windows) -> None:
+        """Make ready for windows that are to be judged."""
+        mean = windows.mean
+        self._slope.foresee(windows.first, SHORT, mean.theta, mean.surplus_x, mean.surplus_y)
+
     def are_calm(self, windows: Windows) -> bool:
         """Whether windows of heads that see the radial error motion and agree fit, but for what the last may measure."""
         mean = windows.mean
