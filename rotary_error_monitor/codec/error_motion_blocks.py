@@ -37,7 +37,7 @@ def block_from_error_motion(motion: ErrorMotion, columns: Sequence[str]) -> Samp
     """Error motion at one time at least as the columns that the wire contract names after `t`."""
     beside = np.array([motion.theta, motion.observable @ _BITS, *(getattr(motion, name) for name in _BESIDE)])
     numbers = np.hstack([motion.components, motion.covariance.reshape(-1, _LAST - _FIRST), beside.T])
-    return block_from_samples(motion.times_ns, columns, numbers[:, _places_of(tuple(columns))])
+    return block_from_samples(motion.times_ns, columns, np.take(numbers, _places_of(tuple(columns)), axis=1))
 
 
 def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
@@ -49,10 +49,8 @@ def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
     for name in _ALWAYS:
         if name not in block.names:
             block.column(name)  # says what there is
-    here, there, ones = _places_in(block.names)
-    numbers = np.zeros((len(block.rows), len(_NAMES)))
-    numbers[:, ones] = 1.0
-    numbers[:, here] = block.rows[:, there]
+    absent = np.tile([0.0, 1.0], (len(block.rows), 1))
+    numbers = np.take(np.hstack([block.rows, absent]), _places_in(block.names), axis=1)  # a third of the time of [:, …]
     theta, observable, streams, doubts, *beside = numbers[:, _LAST:].T
     return ErrorMotion(
         theta,
@@ -73,12 +71,8 @@ def _places_of(columns: tuple[str, ...]) -> NDArray[np.intp]:
 
 
 @cache
-def _places_in(names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Which of `_NAMES` are among columns, where in these they stand, and which of the others are one where absent."""
-    here = [place for place, name in enumerate(_NAMES) if name in names]
-    ones = [
-        place
-        for place, name in enumerate(_NAMES)
-        if name not in names and name.endswith(("_scale", "_conflict"))
-    ]
-    return np.array(here, np.intp), np.array([names.index(_NAMES[place]) for place in here], np.intp), np.array(ones, np.intp)
+def _places_in(names: tuple[str, ...]) -> NDArray[np.intp]:
+    """Where each of `_NAMES` stands in columns that are followed by two for those that are absent: zeros and ones."""
+    zeros, ones = len(names), len(names) + 1
+    absent = {name: ones if name.endswith(("_scale", "_conflict")) else zeros for name in _NAMES}
+    return np.array([names.index(name) if name in names else absent[name] for name in _NAMES], np.intp)

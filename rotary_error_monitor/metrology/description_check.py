@@ -253,7 +253,7 @@ class FigureCheck:
         product, mirrored = complex(np.vdot(described, seen)), complex(np.dot(described, seen))
         left = [size + each * square - 2.0 * (t * product + m * mirrored).real for t, m, each in self._conjugates]
         most = max(total * math.exp((1.0 - IMPOSSIBLE) / len(seen)), ROUNDING * (size + square))
-        return all([each > most for each in left])
+        return all(each > most for each in left)
 
     def _wrong_readings(self, seen: Array, described: Array) -> list[_Rival]:
         """What each mistake would show."""

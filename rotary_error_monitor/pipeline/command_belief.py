@@ -125,15 +125,15 @@ class CommandBelief:
         self._slope.foresee(windows.first, SHORT, list(map(operator.sub, thetas, distances)), distances)
 
     def are_calm(self, windows: Windows) -> bool:
-        """Whether rotation and command belong together in windows that have both, but for what the last may measure."""
+        """Whether rotation and command belong together in windows that have both, but for what the last measures."""
         last, farthest = self._last, self._limits.following_error
         if last is None or last.number != windows.first - 1 or self.doubt or self._zero.open or self._late():
             return False
-        if not all([abs(ecc) <= farthest for ecc in windows.mean.ecc]):
+        if not all(abs(ecc) <= farthest for ecc in windows.mean.ecc):
             return False
         places = pairwise([(last.mean.theta, last.mean.ecc), *zip(windows.mean.theta, windows.mean.ecc, strict=True)])
         most = STEADY * farthest
-        return all([abs(place[1] - before[1]) <= most and self._goes_along(place, before) for before, place in places])
+        return all(abs(place[1] - before[1]) <= most and self._goes_along(place, before) for before, place in places)
 
     def take_in(self, windows: Windows) -> list[tuple[float, Reach]]:
         """Take in windows that are calm, as `judge` does; give `lag` and `reach` after each."""
@@ -243,13 +243,16 @@ class CommandBelief:
     def _measure(
         self, first: int, thetas: Sequence[float], distances: Sequence[float], scatters: Sequence[float]
     ) -> list[tuple[float, float] | None]:
-        """Take in rotation, distance and scatter within windows from the `first` on, rad; give `_variances` after each."""
+        """Take in rotation, distance and scatter within windows from the `first` on; give `_variances` after each."""
         for number, (theta, distance) in enumerate(zip(thetas, distances, strict=True), start=first):
             # the command's speed: at its rest a drive that settles goes as its distance does, late or not
             self._slope.add(number, theta - distance, distance)
         course = [*self._distances, *distances]
         self._distances = course[-2:]
-        squares = [(here - 0.5 * (before + after)) ** 2 for before, here, after in zip(course, course[1:], course[2:])]
+        squares = [
+            (here - 0.5 * (before + after)) ** 2
+            for before, here, after in zip(course, course[1:], course[2:], strict=False)
+        ]
         without = len(distances) - len(squares)  # the first windows have not two before them
         within = self._within.add([each**2 for each in scatters[without:]])
         found = [self._variances] * without

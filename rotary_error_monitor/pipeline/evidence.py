@@ -187,7 +187,8 @@ class Windows:
     def __getitem__(self, place: int) -> Window:
         """One of them; its arrays are views."""
         place = range(len(self))[place]
-        mean, scatter = (each._make([column[place] for column in each]) for each in (self.mean, self.scatter))
+        mean = Means._make([column[place] for column in self.mean])
+        scatter = Scatter._make([column[place] for column in self.scatter])
         parity, readings = self.parity[place], self.readings[place]
         steady, available = self.steady[place], self.available[place]
         number = self.first + place
@@ -206,7 +207,8 @@ class Windows:
     def part(self, begin: int, end: int) -> Windows:
         """Those from a place to before another."""
         chosen = slice(begin, end)
-        mean, scatter = (each._make([column[chosen] for column in each]) for each in (self.mean, self.scatter))
+        mean = Means._make([column[chosen] for column in self.mean])
+        scatter = Scatter._make([column[chosen] for column in self.scatter])
         arrays = self.parity[chosen], self.available[chosen], self.steady[chosen], self.readings[chosen]
         return Windows(self.first + begin, self.duration, self.ticks, mean, scatter, *arrays)
 

@@ -163,7 +163,7 @@ class HeadBelief:
             and self.settled == frozenset(available)
             and last is not None
             and last[0] == windows.first - 1
-            and all([found < least for found in windows.mean.believed_agreement])
+            and all(found < least for found in windows.mean.believed_agreement)
         )
 
     def take_in(self, windows: Windows) -> list[tuple[float, float]]:
@@ -182,7 +182,8 @@ class HeadBelief:
         """Bear what the uncertainty of stamps makes; give the speed of the readings over their noise, 1/s.
 
         Args:
-            number, duration: of the window.
+            number: of the window.
+            duration: of it, s.
             theta: rotation in it, rad.
             variance: of what is seen of the ring's centre, m².
         """

@@ -107,12 +107,12 @@ class RingBelief:
         self._slope.foresee(windows.first, SHORT, mean.theta, mean.surplus_x, mean.surplus_y)
 
     def are_calm(self, windows: Windows) -> bool:
-        """Whether windows of heads that see the radial error motion and agree fit, but for what the last may measure."""
+        """Whether windows of heads that see the radial error motion and agree fit, but for what the last measures."""
         mean = windows.mean
         if self.doubt or not self.figure.covers(mean.theta):
             return False
         motions = map(_motion, mean.surplus_x, mean.surplus_y, mean.described_x, mean.described_y)
-        if not (all([each > 0.0 for each in mean.believed_agreement]) and all([each <= self._limit for each in motions])):
+        if not (all(each > 0.0 for each in mean.believed_agreement) and all(each <= self._limit for each in motions)):
             return False
         if len(self._agreement) + len(windows) < LONG:
             return True

@@ -69,14 +69,15 @@ class SpeedSlope:
         self._new.clear()
 
     def foresee(self, first: int, every: int, thetas: Sequence[float], *values: Sequence[float]) -> None:
-        """Make ready for windows that are to be taken in from the number `first` on: at once it takes less than one by one.
+        """Make ready for windows that are to be taken in: of many at once it takes less time than of each.
 
         What was foreseen before and did not come is forgotten.
 
         Args:
             first: number of the first; it is made ready for nothing where that does not follow upon what was taken in.
             every: a measurement follows upon each window whose number is a multiple.
-            thetas, values: as of `add`.
+            thetas: of each, as of `add`.
+            *values: the same.
         """
         self._ahead = 0
         self._none.clear()
@@ -187,7 +188,7 @@ class SpeedSlope:
     ) -> NDArray[np.bool_]:
         """(m,) the same of those from one of m places to before another, which are evenly spaced.
 
-        It is told by normal equations: less than half of the time of a fit, a tenth for many at once, but digits are lost.
+        It is told by normal equations: half of the time of a fit, of many at once a tenth, but digits are lost.
         """
         fitted = self._unknown
         columns = np.empty((TREND + 1 + len(rows), len(number)))
@@ -212,7 +213,7 @@ class SpeedSlope:
         later, counts = (beside @ later @ beside.swapaxes(1, 2)).tolist(), (ends - begins).tolist()
         for place, each in enumerate(free.tolist()):
             slopes = range(1, len(each)) if sure[place] else ()
-            none[place] = sure[place] and all([self._is_chance(each, later[place], k, counts[place]) for k in slopes])
+            none[place] = sure[place] and all(self._is_chance(each, later[place], k, counts[place]) for k in slopes)
         return none
 
     def _is_chance(self, same: list[list[float]], later: list[list[float]], place: int, count: int) -> bool:
@@ -245,8 +246,8 @@ class SpeedSlope:
 def _products(columns: Array, begins: NDArray[np.intp], ends: NDArray[np.intp]) -> tuple[Array, Array, Array]:
     """Products of rows of columns (r, n) from each of m places to before another, which are evenly spaced.
 
-    Given are (m, r, r) those of each row with each other, (m, r, r) with the other one column before, and (r,) the squares
-    of all columns.
+    Given are (m, r, r) those of each row with each other, (m, r, r) with the other one column before, and (r,) the
+    squares of all columns.
     """
     begin, end, more = int(begins[0]), int(ends[0]), len(begins) - 1
     first = columns[:, begin:end]

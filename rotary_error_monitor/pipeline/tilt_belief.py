@@ -143,7 +143,7 @@ class TiltBelief:
         self._settle(duration)
 
     def are_calm(self, windows: Windows) -> bool:
-        """Whether the tilt moves and fits in windows that have it and the rotation, but for what the last may measure."""
+        """Whether the tilt moves and fits in windows that have it and the rotation, but for what the last measures."""
         last, calm = self._last, self._calm
         if last is None or last.number != windows.first - 1 or self.doubt:
             return False
@@ -157,9 +157,9 @@ class TiltBelief:
         allowed = self._step_allowed(duration, math.hypot(least, self._drift(duration)))
         farthest = 2.0 * self._limits.tilt
         return (
-            all([one != other for one, other in pairwise(readings)])
-            and all([_distance(one, other) <= allowed for one, other in pairwise(surplus)])
-            and all([math.hypot(x, y) <= farthest for x, y in surplus])
+            all(one != other for one, other in pairwise(readings))
+            and all(_distance(one, other) <= allowed for one, other in pairwise(surplus))
+            and all(math.hypot(x, y) <= farthest for x, y in surplus)
         )
 
     def take_in(self, windows: Windows) -> list[tuple[float, Reach]]:

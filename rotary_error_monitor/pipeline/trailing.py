@@ -12,8 +12,8 @@ ROUNDING = 1e-12
 class Trailing:
     """Keeps the latest values of a sequence, none of them negative, and gives means over spans of them.
 
-    A mean has the same bits however many values were taken in at once: those of its own values added one by one. Running
-    sums tell whether that has to be done.
+    A mean has the same bits however many values were taken in at once: those of its own values, added one by one.
+    Running sums tell whether that has to be done.
     """
 
     __slots__ = ("_kept", "_longest", "_sums")

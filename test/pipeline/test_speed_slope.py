@@ -124,9 +124,7 @@ def test_what_normal_equations_spare_is_what_the_fit_gives(motion, seed, monkeyp
 
     def course(foreseen: int = 0) -> list[list[float]]:
         slope, found, numbered = SpeedSlope(300, 2, orders=3), [], numbers.tolist()
-        for place, (number, row) in enumerate(
-            zip(numbered, np.stack([theta, *values], axis=1).tolist(), strict=True)
-        ):
+        for place, (number, row) in enumerate(zip(numbered, np.stack([theta, *values], axis=1).tolist(), strict=True)):
             if foreseen and place % foreseen == 0:
                 come = slice(place, place + foreseen)
                 slope.foresee(number, 10, theta[come].tolist(), *values[:, come].tolist())
