@@ -207,8 +207,8 @@ class Windows:
     def part(self, begin: int, end: int) -> Windows:
         """Those from a place to before another."""
         chosen = slice(begin, end)
-        mean = Means._make([column[chosen] for column in self.mean])
-        scatter = Scatter._make([column[chosen] for column in self.scatter])
+        mean: Means[list[float]] = Means._make([column[chosen] for column in self.mean])
+        scatter: Scatter[list[float]] = Scatter._make([column[chosen] for column in self.scatter])
         arrays = self.parity[chosen], self.available[chosen], self.steady[chosen], self.readings[chosen]
         return Windows(self.first + begin, self.duration, self.ticks, mean, scatter, *arrays)
 

@@ -291,13 +291,13 @@ class HeadBelief:
                 return
             if before is None:
                 return
-            back = _distance(place, before) <= RETURNED_STEP * self._step
+            back = distance(place, before) <= RETURNED_STEP * self._step
             self._agreeing = self._agreeing + window.duration if back else 0.0
             if self._agreeing >= AGREEMENT:
                 self.contradiction, self._step = "", 0.0
             return
         settled = self.settled.issuperset(self._believed)
-        steps = [_distance(place, each) for each in (last, None if settled else before) if each is not None]
+        steps = [distance(place, each) for each in (last, None if settled else before) if each is not None]
         most = allowed + min(self._limits.radial_rate * (passed - window.duration), self._limits.radial)
         if steps and min(steps) > most:
             self._step, self._agreeing = min(steps), 0.0
@@ -309,7 +309,7 @@ class HeadBelief:
         self._scatter.add(window.number, place, variance, rate)
         if steps and min(steps) > allowed:  # in windows that tell nothing a bearing has the time for as much
             self.settled, settled = self.settled - frozenset(self._believed), False
-        told = [_distance(place, each) for each in (last if sure else None, before) if each is not None]
+        told = [distance(place, each) for each in (last if sure else None, before) if each is not None]
         if not settled and (min(told) <= allowed if told else course.turn.empty):
             self.settled, settled = self.settled | frozenset(self._believed), True
         course.sure = settled
@@ -373,6 +373,6 @@ class HeadBelief:
         return self._layouts[names]
 
 
-def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
+def distance(one: tuple[float, float], other: tuple[float, float]) -> float:
     """The larger of the two components."""
     return max(abs(one[0] - other[0]), abs(one[1] - other[1]))

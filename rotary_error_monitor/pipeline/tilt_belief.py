@@ -14,7 +14,7 @@ from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
 from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window, Windows
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT, distance
 from rotary_error_monitor.pipeline.trailing import Trailing
 
 SIGMAS = 6.0
@@ -91,8 +91,8 @@ class TiltBelief:
         """Believe the tilt again."""
         self.doubt = ""
         self.scale = self._noise_scale = 1.0
-        self._here = _Look(0, 0.0, (0.0, 0.0), (0.0, 0.0), 1.0, self._noise, math.inf)  # what is judged
-        self._drifted = 0.0  # what turbulence makes of its mean, rad
+        # of the window that is judged: what it shows, and what turbulence makes of its mean, rad
+        self._here, self._drifted = _Look(0, 0.0, (0.0, 0.0), (0.0, 0.0), 1.0, self._noise, math.inf), 0.0
         self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
         self.figure.forget()
@@ -155,11 +155,10 @@ class TiltBelief:
         surplus = [last.surplus, *windows.pairs("tilt_surplus")]
         least = self._noise / math.sqrt(max(1.0, windows.ticks * max(windows.mean.tilt_samples)))
         allowed = self._step_allowed(duration, math.hypot(least, self._drift(duration)))
-        farthest = 2.0 * self._limits.tilt
         return (
             all(one != other for one, other in pairwise(readings))
-            and all(_distance(one, other) <= allowed for one, other in pairwise(surplus))
-            and all(math.hypot(x, y) <= farthest for x, y in surplus)
+            and all(distance(one, other) <= allowed for one, other in pairwise(surplus))
+            and all(math.hypot(x, y) <= 2.0 * self._limits.tilt for x, y in surplus)
         )
 
     def take_in(self, windows: Windows) -> list[tuple[float, Reach]]:
@@ -219,7 +218,7 @@ class TiltBelief:
             self.doubt = self.doubt if self.doubt and step else wrong
             self._agreeing = 0.0
         if self._before is not None:
-            self._farthest = max(self._farthest, _distance(self._here.surplus, self._before))
+            self._farthest = max(self._farthest, distance(self._here.surplus, self._before))
         if not wrong:
             self._agreeing = self._agreeing + duration if self._is_back() else 0.0
             if self._agreeing >= AGREEMENT:
@@ -250,10 +249,10 @@ class TiltBelief:
         """
         here, calm = self._here, self._calm
         near = self._instrument.resolution + SIGMAS * _ROOT * self._deviation
-        if calm is None or _distance(here.reading, calm.reading) > near:
+        if calm is None or distance(here.reading, calm.reading) > near:
             self._calm, self._gone, self._most_gone = here, 0.0, 0.0
             return ""
-        gone = _distance(here.surplus, calm.surplus)
+        gone = distance(here.surplus, calm.surplus)
         self._gone = gone if gone > 0.5 * near else 0.0  # less is noise
         self._most_gone = max(self._most_gone, self._gone)
         if abs(here.theta - calm.theta) < 2 * math.pi:
@@ -265,7 +264,7 @@ class TiltBelief:
 
     def _moved(self) -> float:
         """How far the reading should have moved since it has been the same, rad; 0 where it is not."""
-        return 0.0 if self._still is None else _distance(self._here.surplus, self._still.surplus)
+        return 0.0 if self._still is None else distance(self._here.surplus, self._still.surplus)
 
     def _unseen(self, duration: float) -> float:
         """Standard deviation of what the tilt can be off by beyond its noise without being doubted, rad.
@@ -277,7 +276,7 @@ class TiltBelief:
         again = 0.0
         if self._excursion is not None and (self._here.number - self._excursion[0]) * duration < REMEMBERED:
             again = self._excursion[1] / SIGMAS
-        off = 0.0 if self._repeated is None else max(self._moved(), _distance(self._here.surplus, self._repeated))
+        off = 0.0 if self._repeated is None else max(self._moved(), distance(self._here.surplus, self._repeated))
         return math.hypot(max(off, self._gone), again)
 
     def _step(self, duration: float) -> str:
@@ -285,7 +284,7 @@ class TiltBelief:
         if last is None:
             return ""
         passed = (self._here.number - last.number) * duration
-        step = _distance(self._here.surplus, last.surplus)
+        step = distance(self._here.surplus, last.surplus)
         if step <= self._step_allowed(passed, math.hypot(self._deviation, self._drifted)):
             return ""
         self._size = step
@@ -383,7 +382,7 @@ class TiltBelief:
     def _is_back(self) -> bool:
         """Whether the tilt is near where it was before it was doubted; the description where nothing was before."""
         near = self._near + SIGMAS * math.hypot(self._deviation, self._drifted)
-        return _distance(self._here.surplus, self._before or (0.0, 0.0)) <= near
+        return distance(self._here.surplus, self._before or (0.0, 0.0)) <= near
 
 
 def _bounds(counts: Sequence[int], each: float) -> list[float]:
@@ -396,11 +395,6 @@ def _bounds(counts: Sequence[int], each: float) -> list[float]:
 
 def _mean(pairs: list[tuple[float, float]]) -> tuple[float, float]:
     return sum(x for x, _ in pairs) / len(pairs), sum(y for _, y in pairs) / len(pairs)
-
-
-def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
-    """The larger of the two components."""
-    return max(abs(one[0] - other[0]), abs(one[1] - other[1]))
 
 
 _MISREAD = "it does not fit its description"
