@@ -49,8 +49,9 @@ def error_motion_from_block(block: SampleBlock) -> ErrorMotion:
     for name in _ALWAYS:
         if name not in block.names:
             block.column(name)  # says what there is
-    absent = np.tile([0.0, 1.0], (len(block.rows), 1))
-    numbers = np.take(np.hstack([block.rows, absent]), _places_in(block.names), axis=1)  # a third of the time of [:, …]
+    absent = np.zeros((2, len(block.rows)))
+    absent[1] = 1.0
+    numbers = np.vstack([block.rows.T, absent])[_places_in(block.names)].T  # half of the time of choosing columns
     theta, observable, streams, doubts, *beside = numbers[:, _LAST:].T
     return ErrorMotion(
         theta,
