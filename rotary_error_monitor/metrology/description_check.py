@@ -163,8 +163,10 @@ class FigureCheck:
         """
         self._mistakes = tuple(mistakes)
         factors = np.array(list(mistakes.values()), np.complex128).reshape(-1, 2).T[:, :, None]
-        self._reading, self._conjugates = Reading(*factors), Reading(*factors.conj())
-        self._sizes = np.square(np.abs(factors)).sum(axis=0)
+        self._reading = Reading(*factors)
+        # of each mistake, as single numbers: so few are faster one by one
+        pairs = [(complex(each.turned), complex(each.mirrored)) for each in mistakes.values()]
+        self._conjugates = [(t.conjugate(), m.conjugate(), abs(t) ** 2 + abs(m) ** 2) for t, m in pairs]
         self._noise = max(noise, LEAST_NOISE)
         self._fixed, self._fixed_name, self._claim = fixed, fixed_name, claim
         self.forget()
@@ -188,20 +190,25 @@ class FigureCheck:
 
     def add(self, theta: float, seen: tuple[float, float], described: tuple[float, float]) -> bool:
         """Take in what is seen and described (x, y) at a rotation (rad); give whether an angle is new."""
-        place = _place(theta)
-        new = self._count[place] == 0
-        if place != self._last:
-            self._count[place] = 0  # what was seen at the last visit makes room
-            self._last = place
-        count = self._count[place] + 1
-        part = 1.0 / count
-        self._seen[place] += part * (complex(*seen) - self._seen[place])
-        self._described[place] += part * (complex(*described) - self._described[place])
-        self._turned[place] = complex(math.cos(theta), math.sin(theta))
-        self._count[place] = count
-        if new:
-            self.covered = (BINS - self._count.count(0)) / BINS
-        return new
+        return self.extend([theta], [complex(*seen)], [complex(*described)])
+
+    def extend(self, thetas: Iterable[float], seen: Iterable[complex], described: Iterable[complex]) -> bool:
+        """The same at one rotation after another, of vectors `x + 1j * y`."""
+        any_new, counts = False, self._count
+        for theta, here, said in zip(thetas, seen, described, strict=True):
+            place = _place(theta)
+            new = counts[place] == 0
+            if place != self._last:
+                counts[place] = 0  # what was seen at the last visit makes room
+                self._last = place
+            counts[place] += 1
+            part = 1.0 / counts[place]
+            self._seen[place] += part * (here - self._seen[place])
+            self._described[place] += part * (said - self._described[place])
+            self._turned[place] = complex(math.cos(theta), math.sin(theta))
+            if new:
+                self.covered, any_new = (BINS - counts.count(0)) / BINS, True
+        return any_new
 
     def judge(self, deviation: float = 0.0) -> Finding | None:
         """The mistake that explains most of what the description leaves; None where none does.
@@ -217,7 +224,8 @@ class FigureCheck:
         left = seen - described
         least = angles * self._noise**2
         total = max(_square(left), least)
-        vector = complex((left / turned).mean()) if angles >= FEWEST else 0j
+        # not `mean`, which takes as long as all the rest of this
+        vector = complex(np.add.reduce(left / turned) / angles) if angles >= FEWEST else 0j
         # Nothing in a recording tells one that is described wrong from the rotor's own.
         self.unresolved = abs(vector)
         if self._claim is not None:
@@ -241,11 +249,11 @@ class FigureCheck:
 
         What a mistake leaves, |s - t d - m d*|², follows from four sums over the angles for all of them at once.
         """
-        sizes = _square(seen), _square(described)
-        turned, mirrored = self._conjugates
-        products = turned * np.vdot(described, seen) + mirrored * np.dot(described, seen)
-        least = float((sizes[0] + self._sizes * sizes[1] - 2.0 * products.real).min(initial=math.inf))
-        return least > max(total * math.exp((1.0 - IMPOSSIBLE) / len(seen)), ROUNDING * sum(sizes))
+        size, square = (float(np.vdot(each, each).real) for each in (seen, described))
+        product, mirrored = complex(np.vdot(described, seen)), complex(np.dot(described, seen))
+        left = [size + each * square - 2.0 * (t * product + m * mirrored).real for t, m, each in self._conjugates]
+        most = max(total * math.exp((1.0 - IMPOSSIBLE) / len(seen)), ROUNDING * (size + square))
+        return all(each > most for each in left)
 
     def _wrong_readings(self, seen: Array, described: Array) -> list[_Rival]:
         """What each mistake would show."""
@@ -290,7 +298,7 @@ def _degrees(value: complex) -> float:
 
 
 def _square(values: Array) -> float:
-    return float((values * values.conj()).real.sum())
+    return float(np.add.reduce((values * values.conj()).real))
 
 
 def _squares(rows: Array) -> list[float]:

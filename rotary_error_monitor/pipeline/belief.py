@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 from rotary_error_monitor.description.stage import Mirror, StageDescription
 from rotary_error_monitor.metrology.description_check import FigureCheck
 from rotary_error_monitor.metrology.periodic_curves import steepest
 from rotary_error_monitor.pipeline.command_belief import CommandBelief
 from rotary_error_monitor.pipeline.commanded_rotation import CommandedRotation
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Evidence, Window, WindowGrid
+from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, SHORT, Evidence, Reach, Window, WindowGrid, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT, HeadBelief
 from rotary_error_monitor.pipeline.ring_belief import ABSENT, RingBelief
 from rotary_error_monitor.pipeline.stream_belief import StreamBelief
@@ -160,29 +160,39 @@ class Belief:
         size, count = self._grid.ticks, len(evidence.ticks)
         skipped = int(-evidence.ticks[0] % size)  # of a window whose begin was not seen
         whole = max(0, (count - skipped) // size)
-        # live, most blocks complete no window
-        windows = self._grid.summarise(evidence.part(slice(skipped, skipped + whole * size))) if whole else []
-        self._quiet = whole > 0 and self.streams.quiet
         parts: list[tuple[slice, Verdict]] = []
         begin = 0
-        for some in _between_measurements(windows):
-            standing = self._standing() if len(some) >= FEWEST and self._are_calm(some) else None
-            for window in some:
+        if whole:  # live, most blocks complete no window
+            chosen = self.left_out
+            for verdict in self._verdicts(self._grid.summarise(evidence.part(slice(skipped, skipped + whole * size)))):
                 end = begin + size if begin else skipped + size
-                parts.append((slice(max(begin - before, 0), end - before), self.verdict))
-                begin, chosen = end, self.left_out
-                if standing is not None:
-                    self._take_in(window, standing)
-                    continue
-                self._judge(window)
-                self.turns = int(window.mean.turns) if window.mean.turns.is_integer() else 0
-                if self.turns or self.left_out != chosen:
-                    return parts, end - before
+                parts.append((slice(max(begin - before, 0), end - before), verdict))
+                begin = end
+            if self.turns or self.left_out != chosen:
+                return parts, begin - before
         if begin < count:
             parts.append((slice(max(begin - before, 0), count - before), self.verdict))
         incomplete = skipped + whole * size
         self._pending = evidence.part(slice(incomplete, count)) if incomplete < count else None
         return parts, count - before
+
+    def _verdicts(self, windows: Windows) -> Iterator[Verdict]:
+        """What holds for each of some windows, up to that after which whole turns or other streams are to be taken."""
+        chosen, self._quiet = self.left_out, self.streams.quiet
+        self.ring.foresee(windows)
+        self.command.foresee(windows)
+        for some in _up_to_measurements(windows):
+            if len(some) >= FEWEST and self._are_calm(some):
+                yield self.verdict
+                yield from self._take_in(some)
+                continue
+            for place in range(len(some)):
+                yield self.verdict
+                window = some[place]
+                self._judge(window)
+                self.turns = int(window.mean.turns) if window.mean.turns.is_integer() else 0
+                if self.turns or self.left_out != chosen:
+                    return
 
     def _joined(self, evidence: Evidence) -> tuple[Evidence, int]:
         """Evidence behind that of a window that was not complete, and how many ticks of that there are."""
@@ -213,24 +223,26 @@ class Belief:
             self.ring.figure.forget()
             self.tilt.figure.forget()
 
-    def _are_calm(self, windows: Sequence[Window]) -> bool:
+    def _are_calm(self, windows: Windows) -> bool:
         """Whether all that is judged is there and believed in windows, so that their means have to be kept, no more."""
-        first, judges = windows[0], (self.ring, self.tilt, self.command)
         return (
             self._quiet
             and not (self._commanded or self._zero_open or self._began or self._explained)
-            and self._heard == first.number - 1
-            and all(each.available == first.available and each.is_whole for each in windows)
-            and self.heads.are_calm(windows, self._heads_there(first.available))
-            and all(judge.are_calm(windows) for judge in judges)
+            and self._heard == windows.first - 1
+            and windows.are_whole
+            and self.heads.are_calm(windows, self._heads_there(windows.available[0]))
+            and all(judge.are_calm(windows) for judge in (self.ring, self.tilt, self.command))
         )
 
-    def _take_in(self, window: Window, standing: Standing) -> None:
-        """Take in one of windows that are calm, as `_judge` does: what stands before them stands in all."""
-        self._heard = window.number
-        for judge in (self.heads, self.ring, self.tilt, self.command):
-            judge.take_in(window)
-        self.verdict = self._verdict(standing)
+    def _take_in(self, windows: Windows) -> list[Verdict]:
+        """Take in windows that are calm, as `_judge` does: verdicts after each but the last."""
+        standing = self._standing()  # what stands before them stands in all but the last
+        self._heard = windows.numbers[-1]
+        judges = (self.heads, self.ring, self.tilt, self.command)
+        seen = list(zip(*(judge.take_in(windows) for judge in judges), strict=True))
+        self._note_doubts(windows.numbers[-1])
+        self.verdict = self._conclude()
+        return [self._verdict(standing, heads, late, tilt, command) for heads, late, tilt, command in seen[:-1]]
 
     def _heads_there(self, available: int) -> tuple[str, ...]:
         if available not in self._heads_of:
@@ -258,10 +270,14 @@ class Belief:
             self.tilt.judge(window)
             self.command.judge(window)
             self._settle_zero(window)
+        self._note_doubts(window.number)
+        self.verdict = self._conclude()
+
+    def _note_doubts(self, number: int) -> None:
+        """Keep since which window what is judged at the rotation is doubted."""
         if self._began or self.ring.doubt or self.tilt.doubt or self.command.doubt:
             doubting = (name for name, judge in self._judges_of_the_rotation() if judge.doubt)
-            self._began = {name: self._began.get(name, window.number) for name in doubting}
-        self.verdict = self._conclude()
+            self._began = {name: self._began.get(name, number) for name in doubting}
 
     def _heads_left_out(self) -> set[str]:
         if not (self.streams.doubted or self.heads.doubted):
@@ -289,7 +305,15 @@ class Belief:
             self.tilt.figure.forget()
 
     def _conclude(self) -> Verdict:
-        return self._verdict(self._standing())
+        heads, tilt, command = self.heads, self.tilt, self.command
+        return self._verdict(
+            self._standing(),
+            (heads.scale, heads.most),
+            self.ring.late,
+            (tilt.scale, tilt.reach),
+            (command.lag, command.reach),
+            heads.reach,
+        )
 
     def _standing(self) -> Standing:
         excluded, heads, ring, tilt, command = self.left_out, self.heads, self.ring, self.tilt, self.command
@@ -320,33 +344,42 @@ class Belief:
             self._mask_of[heads.settled],
         )
 
-    def _verdict(self, standing: Standing) -> Verdict:
-        heads, ring, tilt, command = self.heads, self.ring, self.tilt, self.command
+    def _verdict(
+        self,
+        standing: Standing,
+        heads: tuple[float, float],
+        late: float,
+        tilt: tuple[float, Reach],
+        command: tuple[float, Reach],
+        radial: Reach = EVERYWHERE,
+    ) -> Verdict:
+        """Verdict by what stands and by what the judges say of one window, as they give it in `take_in`."""
         excluded, doubts, unresolved, unresolved_tilt, settled = standing
+        lag = command[0]
         values = (  # in the order of `Verdict`
             excluded,
             doubts,
-            heads.scale,
-            tilt.scale,
-            math.hypot(command.lag, ring.late / self._radius),
+            heads[0],
+            tilt[0],
+            math.hypot(lag, late / self._radius),
             # a component may have all of what is late, but only half the square of what turns with the rotor
-            math.hypot(unresolved, _ROOT * ring.late),
-            math.hypot(unresolved_tilt, _ROOT * self._figure_slope * command.lag),
-            heads.most,
+            math.hypot(unresolved, _ROOT * late),
+            math.hypot(unresolved_tilt, _ROOT * self._figure_slope * lag),
+            heads[1],
             settled,
-            tilt.reach,
-            command.reach,
-            heads.reach,
+            tilt[1],
+            command[1],
+            radial,
         )
         return Verdict._make(values)
 
 
-def _between_measurements(windows: Sequence[Window]) -> Iterator[Sequence[Window]]:
-    """Windows in parts: one in which judges measure, whose number is a multiple of `SHORT`, and those in between."""
+def _up_to_measurements(windows: Windows) -> Iterator[Windows]:
+    """Windows in parts, each up to one in which judges measure, whose number is a multiple of `SHORT`."""
     begin = 0
     while begin < len(windows):
-        end = begin + max(1, -windows[begin].number % SHORT)
-        yield windows[begin:end]
+        end = min(begin + 1 + -(windows.first + begin) % SHORT, len(windows))
+        yield windows.part(begin, end)
         begin = end
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
 
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.ring_belief import ABSENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
@@ -56,14 +57,14 @@ class CommandBelief:
         self._agreeing = 0.0
         self._size = 0.0
         self._before: float | None = None
-        self._squares: deque[float] = deque(maxlen=LONG)
-        self._within = Trailing(SHORT, LONG)
-        self._variances: tuple[float, float] | None = None  # by those two; None where they have changed since
+        self._squares = Trailing(LONG)
+        self._within = Trailing(LONG)
+        self._variances: tuple[float, float] | None = None  # by those two, of enough windows
         self._last: Window | None = None
         self._compared: int | None = None
         self._still = self._speed = 0.0
         self._zero = _ZeroKeeping()
-        self._distances: deque[float] = deque(maxlen=2)
+        self._distances: list[float] = []  # of the last two windows
         self._slope = SpeedSlope(10 * LONG)
 
     def retract(self, *, doubt: bool) -> None:
@@ -93,7 +94,7 @@ class CommandBelief:
         self.reach = self._anywhere
         if not (window.has("command") and window.has("heads")) or last is None or window.number != last.number + 1:
             self._agreeing = 0.0
-            self.lag = self._lag_at(self._speed_of(window, last), window)
+            self.lag = self._lag_at(self._speed_of(window, last), self._scatter(window))
             if not self._zero.open:
                 self._zero.begin(sound=False)
             return
@@ -103,8 +104,8 @@ class CommandBelief:
         step = self._step(window, last, speed, scatter) or self._moved_in_silence(window, last, speed, scatter)
         wrong = self._beyond(window, speed) or self._stuck(window, last) or step
         if not wrong:
-            self._measure(window)
-            wrong = self._late()
+            self._measure(window.number, [window.mean.theta], [window.mean.ecc], [window.scatter.ecc])
+            wrong = self._measure_delay(window)
         if wrong and not self.doubt:
             self._before = (window.mean.ecc - self._zero.latest if self._zero.open else last.mean.ecc) if step else None
         if wrong:
@@ -116,38 +117,56 @@ class CommandBelief:
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
                 self._zero.begin(sound=False)
-        self._settle(window, speed)
+        self._settle(speed, self._scatter(window), window.mean.ecc, window.duration)
 
-    def are_calm(self, windows: Sequence[Window]) -> bool:
-        """Whether rotation and command belong together in windows that have both, none a multiple of `SHORT`."""
+    def foresee(self, windows: Windows) -> None:
+        """Make ready for windows that are to be judged."""
+        thetas, distances = windows.mean.theta, windows.mean.ecc
+        self._slope.foresee(windows.first, SHORT, list(map(operator.sub, thetas, distances)), distances)
+
+    def are_calm(self, windows: Windows) -> bool:
+        """Whether rotation and command belong together in windows that have both, but for what the last measures."""
         last, farthest = self._last, self._limits.following_error
-        if last is None or last.number != windows[0].number - 1 or self.doubt or self._zero.open or self._late():
+        if last is None or last.number != windows.first - 1 or self.doubt or self._zero.open or self._late():
             return False
-        steps = list(pairwise([last, *windows]))
-        return (
-            all(abs(window.mean.ecc) <= farthest for window in windows)
-            and all(abs(window.mean.ecc - before.mean.ecc) <= STEADY * farthest for before, window in steps)
-            and all(self._goes_along(window, before) for before, window in steps)
-        )
+        if not all(abs(ecc) <= farthest for ecc in windows.mean.ecc):
+            return False
+        places = pairwise([(last.mean.theta, last.mean.ecc), *zip(windows.mean.theta, windows.mean.ecc, strict=True)])
+        most = STEADY * farthest
+        return all(abs(place[1] - before[1]) <= most and self._goes_along(place, before) for before, place in places)
 
-    def take_in(self, window: Window) -> None:
-        """Take in one of windows that are calm, as `judge` does."""
-        last, self._last = self._last, window
+    def take_in(self, windows: Windows) -> list[tuple[float, Reach]]:
+        """Take in windows that are calm, as `judge` does; give `lag` and `reach` after each."""
+        last, self._last = self._last, windows.last
         assert last is not None
-        self._compared = window.number
-        speed = self._speed_of(window, last)
-        self.shift = self._shift_in_silence(window, last, speed)
-        self._still = 0.0
-        self._measure(window)
-        self._settle(window, speed)
+        self._compared, self._still = windows.last.number, 0.0
+        thetas, distances, duration = windows.mean.theta, windows.mean.ecc, windows.duration
+        moved = [theta - before for before, theta in pairwise([last.mean.theta, *thetas])]
+        speeds = [self._speed_of(windows[0], last), *[each / duration for each in moved[1:]]]
+        if len(windows) > 1:
+            self._told = windows.last, speeds[-1]
+        for theta, turned, distance, speed in zip(thetas, moved, distances, speeds, strict=True):
+            self.shift = self._zero.judge(theta, turned, distance + self.delay * speed, self._noise)
+        measured = self._measure(windows.first, thetas, distances, windows.scatter.ecc)
+        samples = [max(1.0, windows.ticks * each) for each in windows.mean.head_samples]
+        scatters = list(map(_deviation, measured, samples))
+        found = []
+        for place, (speed, scatter, distance) in enumerate(zip(speeds, scatters, distances, strict=True), start=1):
+            if place == len(windows):
+                self.doubt = self._measure_delay(windows.last)
+                if self.doubt:
+                    self._before, self._agreeing = None, 0.0
+            self._settle(speed, scatter, distance, duration)
+            found.append((self.lag, self.reach))
+        return found
 
-    def _settle(self, window: Window, speed: float) -> None:
-        """How sure the distance is at a speed (rad/s), and where it can be next."""
+    def _settle(self, speed: float, scatter: float, distance: float, duration: float) -> None:
+        """How sure the distance is at a speed (rad/s) and with a scatter (rad), and where it can be next."""
         self._speed = speed
-        self.lag = self._lag_at(speed, window)
-        faster = ACCELERATION * window.duration * self._limits.latency
+        self.lag = self._lag_at(speed, scatter)
+        faster = ACCELERATION * duration * self._limits.latency
         reach = STEADY * self._limits.following_error + faster + 6.0 * self.lag
-        self.reach = Reach(window.mean.ecc, 0.0, reach)
+        self.reach = Reach(distance, 0.0, reach)
 
     def _speed_of(self, window: Window, last: Window | None) -> float:
         """Speed in a window by that before it, rad/s; where it is not told the largest that it can be."""
@@ -157,8 +176,8 @@ class CommandBelief:
         self._told = window, speed
         return speed
 
-    def _lag_at(self, speed: float, window: Window) -> float:
-        return math.hypot(speed * math.hypot(self.delay, self._timing), self._scatter(window), self.shift)
+    def _lag_at(self, speed: float, scatter: float) -> float:
+        return math.hypot(speed * math.hypot(self.delay, self._timing), scatter, self.shift)
 
     def _largest_speed(self, number: int) -> float:
         """How fast the stage may turn in a window by its number, rad/s: it may have accelerated since it was told."""
@@ -203,18 +222,11 @@ class CommandBelief:
 
     def _scatter(self, window: Window) -> float:
         """Standard deviation of a single distance by the scatter of windows about their neighbours, or within, rad."""
-        if len(self._squares) < SHORT:
-            return 0.0
-        if self._variances is None:
-            latest, every = self._within.few, self._within.many
-            within = max(sum(every) / len(every), sum(latest) / len(latest))
-            self._variances = sum(self._squares) / len(self._squares) / 1.5, within
-        samples = max(1.0, window.ticks * window.mean.head_samples)
-        return math.sqrt(max(self._variances[0] * samples, self._variances[1]))
+        return _deviation(self._variances, max(1.0, window.ticks * window.mean.head_samples))
 
     def _stuck(self, window: Window, last: Window) -> str:
         """A command that stands while the rotor turns."""
-        if self._goes_along(window, last):
+        if self._goes_along((window.mean.theta, window.mean.ecc), (last.mean.theta, last.mean.ecc)):
             self._still = 0.0
             return ""
         self._still += abs(window.mean.theta - last.mean.theta)
@@ -222,25 +234,41 @@ class CommandBelief:
             return ""
         return f"the command stands still while the rotor has turned by {self._still * 1e6:.3g} µrad"
 
-    def _goes_along(self, window: Window, last: Window) -> bool:
-        """Whether the command moves where the rotor does."""
-        command = (window.mean.theta - window.mean.ecc) - (last.mean.theta - last.mean.ecc)
-        turned = window.mean.theta - last.mean.theta
+    def _goes_along(self, place: tuple[float, float], last: tuple[float, float]) -> bool:
+        """Whether the command moves where the rotor does, from one rotation and distance (rad) to the next."""
+        command = (place[0] - place[1]) - (last[0] - last[1])
+        turned = place[0] - last[0]
         return abs(command) > STANDS * abs(turned) or abs(turned) < 6.0 * self._noise
 
-    def _measure(self, window: Window) -> None:
-        """Scatter of the distance, and its slope over the speed, where that stands out from the scatter."""
-        before = self._distances
-        if len(before) >= 2:
-            self._squares.append((before[-1] - 0.5 * (before[-2] + window.mean.ecc)) ** 2)
-            self._within.add(window.scatter.ecc**2)
-            self._variances = None
-        before.append(window.mean.ecc)
-        # the command's speed: at its rest a drive that settles goes as its distance does, late or not
-        self._slope.add(window.number, window.mean.theta - window.mean.ecc, window.mean.ecc)
+    def _measure(
+        self, first: int, thetas: Sequence[float], distances: Sequence[float], scatters: Sequence[float]
+    ) -> list[tuple[float, float] | None]:
+        """Take in rotation, distance and scatter within windows from the `first` on; give `_variances` after each."""
+        for number, (theta, distance) in enumerate(zip(thetas, distances, strict=True), start=first):
+            # the command's speed: at its rest a drive that settles goes as its distance does, late or not
+            self._slope.add(number, theta - distance, distance)
+        course = [*self._distances, *distances]
+        self._distances = course[-2:]
+        squares = [
+            (here - 0.5 * (before + after)) ** 2
+            for before, here, after in zip(course, course[1:], course[2:], strict=False)
+        ]
+        without = len(distances) - len(squares)  # the first windows have not two before them
+        within = self._within.add([each**2 for each in scatters[without:]])
+        found = [self._variances] * without
+        for end, end_within in zip(self._squares.add(squares), within, strict=True):
+            known = self._squares.count(end, SHORT) == SHORT
+            variances = self._squares.mean(end, LONG) / 1.5, self._within.larger_mean(end_within, (LONG, SHORT))
+            found.append(variances if known else None)
+        self._variances = found[-1]
+        return found
+
+    def _measure_delay(self, window: Window) -> str:
+        """Renew the delay now and then, behind a window that was taken in; give why it is too much."""
         if window.number % SHORT == 0 and len(self._slope) >= SHORT:
             self._slope.measure(window.duration)
             self.delay = -float(self._slope.value[0])
+        return self._late()
 
     def _late(self) -> str:
         if abs(self.delay) <= self._limits.latency:
@@ -249,6 +277,11 @@ class CommandBelief:
             f"the heads are {self.delay * 1e3:.3g} ms behind the command, more than the "
             f"{self._limits.latency * 1e3:.3g} ms of the stage's limits: stamps of one of them are wrong"
         )
+
+
+def _deviation(variances: tuple[float, float] | None, samples: float) -> float:
+    """Standard deviation of a single one of so many samples by the variances among windows and within; 0 without."""
+    return 0.0 if variances is None else math.sqrt(max(variances[0] * samples, variances[1]))
 
 
 class _ZeroKeeping:

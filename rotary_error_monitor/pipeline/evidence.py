@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import repeat
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Number = TypeVar("Number", float, list[float])
+"""Of one window a number, of several a list of one for each."""
 
 WINDOW_NS = 10_000_000
 """Length of a window, ns: a tenth of the time after which what is published has to be right again."""
@@ -22,34 +25,34 @@ PERSISTENT = 3
 """Windows out of the last `SHORT` in which something is beyond its limit that make it more than a passing glitch."""
 
 
-class Means(NamedTuple):
+class Means(NamedTuple, Generic[Number]):
     """Means over a window of what its ticks say; its fields are the columns of `Evidence`."""
 
-    theta: float  # rad
-    heads: float  # whether the heads tell the rotation
-    radial: float  # whether both radial components are seen
-    head_samples: float  # independent samples of a head behind one tick, at most 1
-    agreement: float  # chi-square of the heads that are there over its degrees of freedom
-    believed_agreement: float  # the same of those that are believed
-    command: float  # whether there is a command
-    turns: float  # whole turns between rotation and command
-    ecc: float  # rotation minus command, rad, within half a turn
-    centre_x: float  # of the ring, m
-    centre_y: float
-    surplus_x: float  # centre less all that the description predicts of it, m, as far as the heads see it
-    surplus_y: float
-    described_x: float  # error motion that the description predicts, m, as far as the heads see it
-    described_y: float
-    radial_variance: float  # m²
-    tilt: float  # whether there is a tilt
-    tilt_samples: float  # independent samples behind one tick, at most 1
-    tilt_x: float  # of the mirror, rad
-    tilt_y: float
-    tilt_surplus_x: float  # tilt less all that the description predicts of it, rad
-    tilt_surplus_y: float
-    tilt_variance: float  # rad²
-    commanded: float  # whether the command alone tells the rotation, of a stage without heads
-    velocity: float  # of the command that does, rad/s
+    theta: Number  # rad
+    heads: Number  # whether the heads tell the rotation
+    radial: Number  # whether both radial components are seen
+    head_samples: Number  # independent samples of a head behind one tick, at most 1
+    agreement: Number  # chi-square of the heads that are there over its degrees of freedom
+    believed_agreement: Number  # the same of those that are believed
+    command: Number  # whether there is a command
+    turns: Number  # whole turns between rotation and command
+    ecc: Number  # rotation minus command, rad, within half a turn
+    centre_x: Number  # of the ring, m
+    centre_y: Number
+    surplus_x: Number  # centre less all that the description predicts of it, m, as far as the heads see it
+    surplus_y: Number
+    described_x: Number  # error motion that the description predicts, m, as far as the heads see it
+    described_y: Number
+    radial_variance: Number  # m²
+    tilt: Number  # whether there is a tilt
+    tilt_samples: Number  # independent samples behind one tick, at most 1
+    tilt_x: Number  # of the mirror, rad
+    tilt_y: Number
+    tilt_surplus_x: Number  # tilt less all that the description predicts of it, rad
+    tilt_surplus_y: Number
+    tilt_variance: Number  # rad²
+    commanded: Number  # whether the command alone tells the rotation, of a stage without heads
+    velocity: Number  # of the command that does, rad/s
 
 
 COLUMNS = Means._fields
@@ -60,12 +63,12 @@ ALWAYS = 1.0 - 1e-9
 """Mean of a column of zeros and ones from which all of them were ones."""
 
 
-class Scatter(NamedTuple):
+class Scatter(NamedTuple, Generic[Number]):
     """Standard deviations of ticks about a straight line: a ripple in step with the windows does not show in means."""
 
-    ecc: float
-    tilt_surplus_x: float
-    tilt_surplus_y: float
+    ecc: Number
+    tilt_surplus_x: Number
+    tilt_surplus_y: Number
 
 
 SCATTERING = Scatter._fields
@@ -131,8 +134,8 @@ class Window(NamedTuple):
     number: int
     duration: float
     ticks: int
-    mean: Means
-    scatter: Scatter
+    mean: Means[float]
+    scatter: Scatter[float]
     parity: Array
     available: int
     steady: bool
@@ -143,21 +146,89 @@ class Window(NamedTuple):
         place = _PLACES[name]
         return self.mean[place], self.mean[place + 1]
 
+    def vector(self, name: str) -> complex:
+        """The same as `x + 1j * y`."""
+        return complex(*self.pair(name))
+
     def has(self, what: str) -> bool:
         """Whether `what` (heads, commanded, radial, command, tilt) was there at every tick."""
         return self.mean[INDEX[what]] > ALWAYS
 
     @property
-    def is_whole(self) -> bool:
-        """Whether the same streams were there at every tick, and told all of rotation, centre, command and tilt."""
-        mean = self.mean
-        there = min(mean.heads, mean.radial, mean.command, mean.tilt)
-        return self.steady and there > ALWAYS and mean.turns == 0.0
-
-    @property
     def tells_rotation(self) -> bool:
         """Whether the rotation was known at every tick."""
         return self.mean.heads > ALWAYS or self.mean.commanded > ALWAYS
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows one behind another, as columns: what `Window` says of one, of n of them.
+
+    Attributes:
+        first: number of the first on its grid.
+        duration, ticks: of each.
+        mean, scatter: (n,) for each of their fields.
+        parity: (n, h), readings: (n, P), available, steady: (n,) as of `Window`.
+    """
+
+    first: int
+    duration: float
+    ticks: int
+    mean: Means[list[float]]
+    scatter: Scatter[list[float]]
+    parity: Array
+    available: Sequence[int]
+    steady: Sequence[bool]
+    readings: Array
+
+    def __len__(self) -> int:
+        return len(self.steady)
+
+    def __getitem__(self, place: int) -> Window:
+        """One of them; its arrays are views."""
+        place = range(len(self))[place]
+        mean = Means._make([column[place] for column in self.mean])
+        scatter = Scatter._make([column[place] for column in self.scatter])
+        parity, readings = self.parity[place], self.readings[place]
+        steady, available = self.steady[place], self.available[place]
+        number = self.first + place
+        return Window(number, self.duration, self.ticks, mean, scatter, parity, available, steady, readings)
+
+    @cached_property
+    def last(self) -> Window:
+        """The last of them."""
+        return self[-1]
+
+    @property
+    def numbers(self) -> range:
+        """(n,) of each on its grid."""
+        return range(self.first, self.first + len(self))
+
+    def part(self, begin: int, end: int) -> Windows:
+        """Those from a place to before another."""
+        chosen = slice(begin, end)
+        mean: Means[list[float]] = Means._make([column[chosen] for column in self.mean])
+        scatter: Scatter[list[float]] = Scatter._make([column[chosen] for column in self.scatter])
+        arrays = self.parity[chosen], self.available[chosen], self.steady[chosen], self.readings[chosen]
+        return Windows(self.first + begin, self.duration, self.ticks, mean, scatter, *arrays)
+
+    def pairs(self, name: str) -> list[tuple[float, float]]:
+        """(n,) both components of a vector in the plane."""
+        place = _PLACES[name]
+        return list(zip(self.mean[place], self.mean[place + 1], strict=True))
+
+    def vectors(self, name: str) -> list[complex]:
+        """(n,) the same as `x + 1j * y`."""
+        place = _PLACES[name]
+        return list(map(complex, self.mean[place], self.mean[place + 1]))
+
+    @property
+    def are_whole(self) -> bool:
+        """Whether the same streams were there at every tick, and told all of rotation, centre, command and tilt."""
+        mean = self.mean
+        there = min(map(min, (mean.heads, mean.radial, mean.command, mean.tilt)))
+        same = self.available.count(self.available[0]) == len(self)
+        return same and all(self.steady) and there > ALWAYS and not any(mean.turns)
 
 
 class WindowGrid:
@@ -172,30 +243,29 @@ class WindowGrid:
         """The window in which a tick lies."""
         return tick // self.ticks
 
-    def summarise(self, evidence: Evidence) -> list[Window]:
+    def summarise(self, evidence: Evidence) -> Windows:
         """Windows of evidence that holds whole ones only."""
         count = len(evidence.ticks) // self.ticks
         # over the middle axis numpy adds one after another: the same bits however many windows there are
         values = evidence.values.reshape(count, self.ticks, len(COLUMNS))
-        means = (values.sum(axis=1) / self.ticks).tolist()
-        scatter = self._scatter(values[:, :, _SCATTERING]).tolist()
+        means = (values.sum(axis=1) / self.ticks).T.tolist()
+        scatter = self._scatter(values[:, :, _SCATTERING]).T.tolist()
         parity, readings = (
             each.reshape(count, self.ticks, each.shape[1]).sum(axis=1) / self.ticks
             for each in (evidence.parity, evidence.readings)
         )
         masks = evidence.available.reshape(count, self.ticks)
-        columns = (
-            (evidence.ticks[:: self.ticks] // self.ticks).tolist(),
-            repeat(self.duration),
-            repeat(self.ticks),
-            map(Means._make, means),
-            map(Scatter._make, scatter),
+        return Windows(
+            self.number(int(evidence.ticks[0])),
+            self.duration,
+            self.ticks,
+            Means._make(means),
+            Scatter._make(scatter),
             parity,
             np.bitwise_and.reduce(masks, axis=1).tolist(),
             (masks == masks[:, :1]).all(axis=1).tolist(),
             readings,
         )
-        return list(map(Window._make, zip(*columns, strict=False)))
 
     def _scatter(self, values: Array) -> Array:
         """(w, k) standard deviation of values (w, t, k) of the t ticks of each window about a straight line."""

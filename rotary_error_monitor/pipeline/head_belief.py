@@ -10,7 +10,7 @@ from rotary_error_monitor.description.stage import Encoder
 from rotary_error_monitor.description.stage_limits import StageLimits
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.encoder_heads import HeadLayout
-from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, PERSISTENT, SHORT, Reach, Window
+from rotary_error_monitor.pipeline.evidence import EVERYWHERE, LONG, PERSISTENT, SHORT, Reach, Window, Windows
 from rotary_error_monitor.pipeline.ring_scatter import RingScatter
 from rotary_error_monitor.pipeline.trailing import Trailing
 from rotary_error_monitor.pipeline.turn_memory import Course
@@ -81,7 +81,7 @@ class HeadBelief:
         self.reach = EVERYWHERE
         self.contradicting = False
         self._agreeing = 0.0
-        self._agreement = Trailing(SHORT, LONG)
+        self._agreement = Trailing(LONG)
         self._bounds_of, self._bounds = (0.0, (0, 0, 0)), [0.0]  # of `_excesses`, and for what degrees of freedom
         self._lasting = 1.0
         self._believed: tuple[str, ...] = ()
@@ -111,9 +111,12 @@ class HeadBelief:
     @property
     def most(self) -> float:
         """Contradiction that is borne, in standard deviations of noise: beside noise the stamps are uncertain."""
-        if self._tolerance == 1.0:
+        return self._borne(self._tolerance)
+
+    def _borne(self, tolerance: float) -> float:
+        if tolerance == 1.0:
             return self._limit
-        return math.hypot(self._limit, WEAK * math.sqrt(self._tolerance**2 - 1.0))
+        return math.hypot(self._limit, WEAK * math.sqrt(tolerance**2 - 1.0))
 
     @property
     def unsettled(self) -> bool:
@@ -139,15 +142,17 @@ class HeadBelief:
             self._forget()
         self._redundancy = self._layout(believed).redundancy
         self.redundant = self._redundancy > 0
-        rate = self._allow_for_stamps(window)
+        rate = self._allow_for_stamps(window.number, window.duration, window.mean.theta, window.mean.radial_variance)
         self._restore(window, available)
-        self._remember(window)
+        mean, there = window.mean, window.has("command")
+        shown = mean.theta, mean.ecc if there else math.nan, mean.surplus_x, mean.surplus_y
+        self._history.append((shown, window.parity[: self._redundancy].tolist()))
         if self.redundant:
             self._judge_redundant(window)
         else:
             self._judge_steps(window, rate)
 
-    def are_calm(self, windows: Sequence[Window], available: Sequence[str]) -> bool:
+    def are_calm(self, windows: Windows, available: Sequence[str]) -> bool:
         """Whether the same heads agree in windows that all have them, as they did before: nothing is to be judged."""
         last, least = self._last, min(WEAK, self._limit) ** 2
         return (
@@ -157,55 +162,74 @@ class HeadBelief:
             and self._believed == available
             and self.settled == frozenset(available)
             and last is not None
-            and last[0] == windows[0].number - 1
-            and all(window.mean.believed_agreement < least for window in windows)
+            and last[0] == windows.first - 1
+            and all(found < least for found in windows.mean.believed_agreement)
         )
 
-    def take_in(self, window: Window) -> None:
-        """Take in one of windows that are calm, as `judge` does."""
-        self._allow_for_stamps(window)
-        self._remember(window)
-        self._weigh(window.mean.believed_agreement, window)
-        self._follow(window)
+    def take_in(self, windows: Windows) -> list[tuple[float, float]]:
+        """Take in windows that are calm, as `judge` does; give `scale` and `most` after each."""
+        mean, duration, tolerances = windows.mean, windows.duration, list[float]()
+        for number, theta, variance in zip(windows.numbers, mean.theta, mean.radial_variance, strict=True):
+            self._allow_for_stamps(number, duration, theta, variance)
+            tolerances.append(self._tolerance)
+        shown = zip(mean.theta, mean.ecc, mean.surplus_x, mean.surplus_y, strict=True)
+        self._history.extend(zip(shown, windows.parity[:, : self._redundancy].tolist(), strict=True))
+        weighed = self._weigh(mean.believed_agreement, mean.head_samples, tolerances, windows.ticks)
+        self._course(windows.last).follow_turn(windows.first, mean.theta, windows.pairs("surplus"))
+        return weighed
 
-    def _allow_for_stamps(self, window: Window) -> float:
-        """Bear what the uncertainty of stamps makes; give the speed of the readings over their noise, 1/s."""
-        speed, reading = self._motion(window)
+    def _allow_for_stamps(self, number: int, duration: float, theta: float, variance: float) -> float:
+        """Bear what the uncertainty of stamps makes; give the speed of the readings over their noise, 1/s.
+
+        Args:
+            number: of the window.
+            duration: of it, s.
+            theta: rotation in it, rad.
+            variance: of what is seen of the ring's centre, m².
+        """
+        reading = math.sqrt(2.0 * variance) / self._radius  # noise of a head's: stamps show as speed over noise
+        last, self._last = self._last, (number, theta)
+        if last is None or number == last[0] or reading == 0.0:
+            speed, reading = 0.0, 1.0
+        else:
+            speed = (theta - last[1]) / ((number - last[0]) * duration)
         self._tolerance = math.hypot(1.0, self._timing * speed / reading)
         return abs(speed) / reading
 
-    def _remember(self, window: Window) -> None:
-        # no whole windows, which are ten times as large, and no views, which keep the block that they are of
-        self._history.append((self._course_of(window), window.parity[: self._redundancy].copy()))
+    def _weigh(
+        self, agreements: Sequence[float], samples: Sequence[float], tolerances: Sequence[float], ticks: int
+    ) -> list[tuple[float, float]]:
+        """Take in contradictions that were found, as chi-square over degrees of freedom; give `scale` and `most`.
 
-    def _weigh(self, found: float, window: Window) -> None:
-        """Take in a contradiction that was found, as chi-square over its degrees of freedom."""
-        most = self.most**2
-        self._agreement.add(min(found, most))
-        freedom = max(1.0, window.ticks * window.mean.head_samples) * self._redundancy
-        of_last, of_some, of_all = self._excesses(freedom)
-        self.contradicted = math.sqrt(max(1.0, of_last, of_some, of_all))
-        self._lasting = math.sqrt(max(1.0, of_all))
-        self.scale = max(self.contradicted, self._tolerance)
+        Each of a window with so many `ticks` and independent `samples` behind one, and the tolerance in it.
+        """
+        borne = [self._borne(each) for each in tolerances]
         # what is borne changes with the speed: each window has its own
-        self.contradicting = found >= most
-        weakly = found >= (WEAK * self._tolerance) ** 2
-        self._beyond.append((self.contradicting, weakly, found))
-        self._since = 0 if self.contradicting or weakly else self._since + 1
-
-    def _follow(self, window: Window) -> None:
-        """Keep where heads show the ring that can be believed."""
-        course, theta, place = self._course(window), window.mean.theta, window.pair("surplus")
-        course.turn.put(theta, course.moved(window.number, theta), place)
-        course.follow(window.number, theta, place, sure=True)
+        largest = [most**2 for most in borne]
+        counted = [min(each, most) for each, most in zip(agreements, largest, strict=True)]
+        freedoms = [max(1.0, ticks * each) * self._redundancy for each in samples]
+        weighed = []
+        for place, end in enumerate(self._agreement.add(counted)):
+            of_last, of_some, of_all = self._excesses(freedoms[place], end)
+            self.contradicted = math.sqrt(max(1.0, of_last, of_some, of_all))
+            self._lasting = math.sqrt(max(1.0, of_all))
+            found, tolerance = agreements[place], tolerances[place]
+            self.scale = max(self.contradicted, tolerance)
+            self.contradicting = found >= largest[place]
+            weakly = found >= (WEAK * tolerance) ** 2
+            self._beyond.append((self.contradicting, weakly, found))
+            self._since = 0 if self.contradicting or weakly else self._since + 1
+            weighed.append((self.scale, borne[place]))
+        return weighed
 
     def _judge_redundant(self, window: Window) -> None:
         found = window.mean.believed_agreement
-        self._weigh(found, window)
+        self._weigh([found], [window.mean.head_samples], [self._tolerance], window.ticks)
         if not self.contradicting and not self.contradiction:
             if not self.settled.issuperset(self._believed):
                 self.settled |= frozenset(self._believed)
-            self._follow(window)
+            # where heads show the ring that can be believed
+            self._course(window).follow_turn(window.number, [window.mean.theta], [window.pair("surplus")])
         if self._since >= SHORT and not self.contradiction:  # none of the last ones is beyond anything
             return
         persistent = sum([beyond for beyond, _, _ in self._beyond]) >= PERSISTENT
@@ -226,14 +250,14 @@ class HeadBelief:
                 "which is wrong; a head's place, zero or direction, or the described noise may be wrong"
             )
 
-    def _excesses(self, freedom: float) -> tuple[float, float, float]:
-        """Mean contradiction over what chance allows, for the last window and the longer spans."""
-        some, every = self._agreement.few, self._agreement.many
-        counts = 1, len(some), len(every)
+    def _excesses(self, freedom: float, end: int) -> tuple[float, float, float]:
+        """Mean contradiction over what chance allows, for a last window and the longer spans, where it is more."""
+        among = self._agreement
+        counts = 1, among.count(end, SHORT), among.count(end, LONG)
         if (freedom, counts) != self._bounds_of:
             self._bounds_of, self._bounds = (freedom, counts), [chi_square_bound(freedom * each) for each in counts]
         of_last, of_some, of_all = self._bounds
-        return every[-1] / of_last, sum(some) / counts[1] / of_some, sum(every) / counts[2] / of_all
+        return among.last(end) / of_last, among.excess(end, SHORT, of_some), among.excess(end, LONG, of_all)
 
     def _leave_out_the_wrong(self) -> bool:
         """Leave out the head that causes the contradiction; give whether its course tells which that is."""
@@ -244,14 +268,6 @@ class HeadBelief:
         self._agreeing = 0.0
         self._settle()
         return True
-
-    def _motion(self, window: Window) -> tuple[float, float]:
-        """Speed, and the noise of a head's reading, rad/s and rad: stamps that are off show as one over the other."""
-        reading = math.sqrt(2.0 * window.mean.radial_variance) / self._radius
-        last, self._last = self._last, (window.number, window.mean.theta)
-        if last is None or window.number == last[0] or reading == 0.0:
-            return 0.0, 1.0
-        return (window.mean.theta - last[1]) / ((window.number - last[0]) * window.duration), reading
 
     def _judge_steps(self, window: Window, rate: float) -> None:
         """Without redundancy: a step that no bearing makes, and that noise and stamps do not at such a rate.
@@ -275,13 +291,13 @@ class HeadBelief:
                 return
             if before is None:
                 return
-            back = _distance(place, before) <= RETURNED_STEP * self._step
+            back = distance(place, before) <= RETURNED_STEP * self._step
             self._agreeing = self._agreeing + window.duration if back else 0.0
             if self._agreeing >= AGREEMENT:
                 self.contradiction, self._step = "", 0.0
             return
         settled = self.settled.issuperset(self._believed)
-        steps = [_distance(place, each) for each in (last, None if settled else before) if each is not None]
+        steps = [distance(place, each) for each in (last, None if settled else before) if each is not None]
         most = allowed + min(self._limits.radial_rate * (passed - window.duration), self._limits.radial)
         if steps and min(steps) > most:
             self._step, self._agreeing = min(steps), 0.0
@@ -293,7 +309,7 @@ class HeadBelief:
         self._scatter.add(window.number, place, variance, rate)
         if steps and min(steps) > allowed:  # in windows that tell nothing a bearing has the time for as much
             self.settled, settled = self.settled - frozenset(self._believed), False
-        told = [_distance(place, each) for each in (last if sure else None, before) if each is not None]
+        told = [distance(place, each) for each in (last if sure else None, before) if each is not None]
         if not settled and (min(told) <= allowed if told else course.turn.empty):
             self.settled, settled = self.settled | frozenset(self._believed), True
         course.sure = settled
@@ -323,13 +339,6 @@ class HeadBelief:
         if self._agreeing >= AGREEMENT:
             self.doubted.clear()
             self.contradiction = ""
-
-    def _course_of(self, window: Window) -> tuple[float, float, float, float]:
-        """Rotation, distance from the command, and the two radial components over the radius, rad."""
-        x, y = window.pair("surplus")
-        ecc = window.mean.ecc if window.has("command") else math.nan
-        # the angle by which the readings differ, also where it is large (Lou et al. 2019, Equation 3)
-        return window.mean.theta, ecc, math.atan(x / self._radius), math.atan(y / self._radius)
 
     def _settle(self) -> None:
         """What the heads contradicted one another by so far is accounted for."""
@@ -364,6 +373,6 @@ class HeadBelief:
         return self._layouts[names]
 
 
-def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
+def distance(one: tuple[float, float], other: tuple[float, float]) -> float:
     """The larger of the two components."""
     return max(abs(one[0] - other[0]), abs(one[1] - other[1]))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from operator import sub
 
 from rotary_error_monitor.description.stage import Encoder, StageDescription
 from rotary_error_monitor.metrology.description_check import MIRRORED, Claim, FigureCheck, departure
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Window
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Window, Windows
 from rotary_error_monitor.pipeline.head_belief import AGREEMENT
 from rotary_error_monitor.pipeline.speed_slope import SpeedSlope
 
@@ -59,7 +60,7 @@ class RingBelief:
         self.doubt = ""
         self.figure.forget()
         self.late = 0.0
-        self._last: Window | None = None
+        self._last: tuple[int, float] | None = None  # number and rotation of the last window
         self._slope = SpeedSlope(10 * LONG, 2, TURN_ORDERS)
         self._agreeing = 0.0
         self._agreement: deque[float] = deque(maxlen=LONG)
@@ -88,10 +89,11 @@ class RingBelief:
         if not window.has("heads"):
             self._agreeing = 0.0
             return
-        self._measure(window)
+        self._measure(window.number, window.duration, window.mean.theta, *window.pair("surplus"))
         wrong = self._beyond(window)
         if not wrong and window.has("radial"):
-            wrong = self._misread(window) or self._too_quiet(window)
+            new = self._add([window.mean.theta], [window.vector("centre")], [window.vector("surplus")])
+            wrong = self._misread(window, new) or self._too_quiet(window)
         if wrong:
             self.doubt, self._agreeing = wrong, 0.0
         elif self.doubt:
@@ -99,26 +101,42 @@ class RingBelief:
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
 
-    def are_calm(self, windows: Sequence[Window]) -> bool:
-        """Whether windows of heads that see the radial error motion and agree, none a multiple of `SHORT`, fit."""
-        if self.doubt or not self.figure.covers([window.mean.theta for window in windows]):
+    def foresee(self, windows: Windows) -> None:
+        """Make ready for windows that are to be judged."""
+        mean = windows.mean
+        self._slope.foresee(windows.first, SHORT, mean.theta, mean.surplus_x, mean.surplus_y)
+
+    def are_calm(self, windows: Windows) -> bool:
+        """Whether windows of heads that see the radial error motion and agree fit, but for what the last measures."""
+        mean = windows.mean
+        if self.doubt or not self.figure.covers(mean.theta):
             return False
-        if not all(window.mean.believed_agreement > 0.0 and _motion(window) <= self._limit for window in windows):
+        motions = map(_motion, mean.surplus_x, mean.surplus_y, mean.described_x, mean.described_y)
+        if not (all(each > 0.0 for each in mean.believed_agreement) and all(each <= self._limit for each in motions)):
             return False
         if len(self._agreement) + len(windows) < LONG:
             return True
         lasting = sum(list(self._agreement)[len(windows) - LONG :])  # of those that all of the windows come behind
         return math.sqrt(lasting / LONG) > MORE * CONFIDENT
 
-    def take_in(self, window: Window) -> None:
-        """Take in one of windows that are calm, as `judge` does."""
-        self._measure(window)
-        self._add(window)
-        self._agreement.append(window.mean.believed_agreement)
-        self._turned.append(window.mean.theta)
+    def take_in(self, windows: Windows) -> list[float]:
+        """Take in windows that are calm, as `judge` does; give `late` after each."""
+        mean, duration, late = windows.mean, windows.duration, list[float]()
+        for number, theta, x, y in zip(windows.numbers, mean.theta, mean.surplus_x, mean.surplus_y, strict=True):
+            self._measure(number, duration, theta, x, y)
+            late.append(self.late)
+        self._add(mean.theta, windows.vectors("centre"), windows.vectors("surplus"))
+        wrong = self._misread(windows.last, new=False)
+        if wrong:
+            self.doubt, self._agreeing = wrong, 0.0
+        told = len(windows) - bool(wrong)
+        self._agreement.extend(mean.believed_agreement[:told])
+        self._turned.extend(mean.theta[:told])
+        return late
 
     def _beyond(self, window: Window) -> str:
-        motion = _motion(window)
+        mean = window.mean
+        motion = _motion(mean.surplus_x, mean.surplus_y, mean.described_x, mean.described_y)
         if motion <= self._limit:
             return ""
         return (
@@ -126,29 +144,29 @@ class RingBelief:
             "Eccentricity, radius of the ring or places of the heads are not as described"
         )
 
-    def _measure(self, window: Window) -> None:
+    def _measure(self, number: int, duration: float, theta: float, x: float, y: float) -> None:
         """The part of the displacement that goes with the speed."""
-        last, self._last = self._last, window
-        if last is None or last.number != window.number - 1:
+        last, self._last = self._last, (number, theta)
+        if last is None or last[0] != number - 1:
             return
-        speed = (window.mean.theta - last.mean.theta) / window.duration
-        self._slope.add(window.number, window.mean.theta, *window.pair("surplus"))
-        if window.number % SHORT == 0 and len(self._slope) >= SHORT:
-            self._slope.measure(window.duration)
+        speed = (theta - last[1]) / duration
+        self._slope.add(number, theta, x, y)
+        if number % SHORT == 0 and len(self._slope) >= SHORT:
+            self._slope.measure(duration)
         self.late = abs(speed) * self._slope.length
 
-    def _misread(self, window: Window) -> str:
-        if not self._add(window) and window.number % SHORT:
+    def _misread(self, window: Window, new: bool) -> str:
+        """What the figure shows where its angle is new, and now and then."""
+        if not new and window.number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
         found = self.figure.judge(math.sqrt(window.mean.radial_variance))
         if found is None:
             return ""
         return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µm that is unexplained)"
 
-    def _add(self, window: Window) -> bool:
-        """Add to the figure where the centre is seen; give whether its angle is new."""
-        (x, y), (off_x, off_y) = window.pair("centre"), window.pair("surplus")
-        return self.figure.add(window.mean.theta, (x, y), (x - off_x, y - off_y))
+    def _add(self, thetas: Sequence[float], centres: Sequence[complex], surplus: Sequence[complex]) -> bool:
+        """Add to the figure where the centre is seen; give whether an angle is new."""
+        return self.figure.extend(thetas, centres, map(sub, centres, surplus))
 
     def _too_quiet(self, window: Window) -> str:
         """Heads that move and yet scatter far less than the described noise."""
@@ -167,10 +185,9 @@ class RingBelief:
         return f"the heads scatter by {seen:.2g} times their described noise: that is stated far too large"
 
 
-def _motion(window: Window) -> float:
+def _motion(surplus_x: float, surplus_y: float, described_x: float, described_y: float) -> float:
     """Radial error motion, described or not, m."""
-    mean = window.mean
-    return math.hypot(mean.surplus_x + mean.described_x, mean.surplus_y + mean.described_y)
+    return math.hypot(surplus_x + described_x, surplus_y + described_y)
 
 
 _BEYOND = "a radial error motion"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -15,12 +16,12 @@ changes its speed shows any slope."""
 TREND = 2
 """Power of time up to which what is seen may drift, as where a stage warms up."""
 
-LEAST_PART = 1e-8
-"""Part of a wave's square that must be left beside the others before normal equations are trusted: sums over a thousand
-windows are wrong by 2e-13 of the whole at most, 1 in 10,000 of that part."""
+DIGITS = 1e-8
+"""Part of a square that must be left beside all else, of waves times of speed and values, before normal equations are
+trusted: sums over two thousand windows are wrong by 1e-13 of the whole at most, 1 in 100,000 of that part."""
 
-ROUNDING = 1e-10
-"""Part of speed and values that must be left beside all else, for the same reason: less may be rounding."""
+FEWEST = 3
+"""Measurements from which it is faster to make them ready together."""
 
 SURELY = 0.9
 """Part of the largest slope by chance below which there is none for sure, whatever digits are lost."""
@@ -56,16 +57,66 @@ class SpeedSlope:
         self._shown, self._waves = slice(2, 2 + size), slice(2 + size, None)
         self._begin = self._end = 0
         self._new: list[tuple[float, ...]] = []  # windows that are not in the room yet
+        self._ahead = 0  # windows behind the end that were foreseen
+        self._none: set[int] = set()  # numbers of windows behind which for sure no slope stands out if all of them come
         self._unknown = TREND + 1 + 2 * orders
         self.value, self.length = np.zeros(size), 0.0
 
     def forget(self) -> None:
         """Forget the windows; what they have shown stays."""
-        self._begin = self._end = 0
+        self._begin = self._end = self._ahead = 0
+        self._none.clear()
         self._new.clear()
+
+    def foresee(self, first: int, every: int, thetas: Sequence[float], *values: Sequence[float]) -> None:
+        """Make ready for windows that are to be taken in: of many at once it takes less time than of each.
+
+        What was foreseen before and did not come is forgotten.
+
+        Args:
+            first: number of the first; it is made ready for nothing where that does not follow upon what was taken in.
+            every: a measurement follows upon each window whose number is a multiple.
+            thetas: of each, as of `add`.
+            *values: the same.
+        """
+        self._ahead = 0
+        self._none.clear()
+        count = min(len(thetas), self._kept)
+        if count < FEWEST * every:
+            return
+        self._make_room()
+        if not self._end or self._room[0, self._end - 1] != first - 1:
+            return
+        new = [thetas[:count], *(each[:count] for each in values)]
+        self._put(np.array([range(first, first + count), *new], np.float64))
+        self._ahead = count
+        ends = np.arange(self._end + 1 + -first % every, self._end + count + 1, every)
+        whole = ends - self._begin > self._kept  # from then on one leaves for each that comes
+        for some in (ends[~whole], ends[whole]):
+            sure = some[self._are_none(some)]
+            self._none.update(self._room[0, sure - 1].astype(np.int64).tolist())
+
+    def _are_none(self, ends: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Whether for sure no slope stands out of the windows up to each of some evenly spaced places."""
+        begins = np.maximum(self._begin, ends - self._kept)
+        told = ends - begins - 2 >= 2 * self._unknown
+        sure = np.zeros(len(ends), np.bool_)
+        if told.any():
+            room = self._room[:, begins[told][0] : ends[-1]]
+            if room[0, -1] - room[0, 0] == room.shape[1] - 1:
+                places = begins[told] - begins[told][0], ends[told] - begins[told][0] - 2
+                sure[told] = self._show_none(room[0, 1:-1], self._rows(room, 1.0), *places)
+        return sure
 
     def add(self, number: int, theta: float, *values: float) -> None:
         """Take in what the window of a `number` shows at a rotation (rad)."""
+        if self._ahead and self._room[0, self._end] == number:
+            self._ahead -= 1
+            self._end += 1
+            self._begin = max(self._begin, self._end - self._kept)
+            return
+        self._ahead = 0
+        self._none.clear()
         self._new.append((number, theta, *values))
         if len(self._new) >= self._kept:
             self._make_room()
@@ -77,17 +128,17 @@ class SpeedSlope:
         """
         self._make_room()
         room = self._room[:, self._begin : self._end]
-        speed, among = (room[1, 2:] - room[1, :-2]) / (2.0 * duration), room[:, 1:-1]
+        if not self.length and self._none and int(room[0, -1]) in self._none:
+            return
+        number, rows = room[0, 1:-1], self._rows(room, duration)
         if room[0, -1] - room[0, 0] != room.shape[1] - 1:  # some windows are missing
             inner = np.flatnonzero(room[0, 2:] - room[0, :-2] == 2.0)
-            speed, among = speed[inner], among[:, inner]
-        if among.shape[1] < 2 * self._unknown:
+            number, rows = number[inner], rows[:, inner]
+        if len(number) < 2 * self._unknown:
             return
-        powers, trend = _trend(among[0])
-        rows = np.vstack([among[self._waves], speed, among[self._shown]])
-        if not self.length and self._shows_none(rows, trend):
+        if not self.length and self._shows_none(number, rows):
             return
-        slope, margin = self._regress(rows, powers, trend)
+        slope, margin = self._regress(rows, *_trend(number))
         unseen = np.where(np.abs(slope - self.value) > margin, 0.0, self.value)
         self.value = np.where(np.abs(slope) > margin, slope, unseen)
         self.length = math.sqrt(float(self.value @ self.value))
@@ -98,16 +149,20 @@ class SpeedSlope:
             return
         new = np.array(self._new).T
         self._new.clear()
+        self._put(new)
+        self._end += new.shape[1]
+        self._begin = max(self._begin, self._end - self._kept)
+
+    def _put(self, new: Array) -> None:
+        """Put new windows behind the end."""
         count = new.shape[1]
         if self._end + count > self._room.shape[1]:
-            latest = self._room[:, max(self._begin, self._end + count - self._kept) : self._end]
+            latest = self._room[:, self._begin : self._end]
             self._begin, self._end = 0, latest.shape[1]
             self._room[:, : self._end] = latest
         room, angles = self._room[:, self._end : self._end + count], self._orders * new[1]
         room[: len(new)] = new
         room[self._waves] = np.concatenate([np.cos(angles), np.sin(angles)])
-        self._end += count
-        self._begin = max(self._begin, self._end - self._kept)
 
     def _regress(self, rows: Array, powers: Array, trend: Array) -> tuple[Array, Array]:
         """Slope (k,), and how large it can be by chance, from rows (w + 1 + k, n): waves, speed, values.
@@ -119,34 +174,53 @@ class SpeedSlope:
         columns = np.ascontiguousarray(rows[fitted:].T)
         return self._slope_of(columns - others @ (others.T @ columns))
 
-    def _shows_none(self, rows: Array, trend: Array) -> bool:
-        """Whether for sure no slope stands out, told by normal equations: a third of the time, but digits are lost."""
-        fitted = len(rows) - 1 - len(self.value)
-        free = rows - (rows @ trend) @ np.ascontiguousarray(trend.T)
-        others = free[fitted:]
-        if fitted:
-            waves = free[:fitted]
-            products = free @ waves.T
-            squares = products[:fitted]
-            try:
-                pivots = np.square(np.linalg.cholesky(squares).diagonal())
-            except np.linalg.LinAlgError:
-                return False
-            if (pivots < LEAST_PART * squares.diagonal()).any():
-                return False
-            others = others - np.linalg.solve(squares, products[fitted:].T).T @ waves
-        # of speed and values with one another, and with what is one window later
-        # by a copy: for an array with itself numpy asks for a symmetric product, which takes as long as all the rest
-        same, later = (others @ others.copy().T).tolist(), (others[:, 1:] @ others[:, :-1].T).tolist()
-        if any(same[k][k] <= ROUNDING**2 * float(row @ row) for k, row in enumerate(rows[fitted:])):
-            return False
-        return all(self._is_chance(same, later, k, rows.shape[1]) for k in range(1, len(same)))
+    def _rows(self, room: Array, duration: float) -> Array:
+        """(w + 1 + k, n) waves, speed and values of windows between the first and the last of a part of the room."""
+        speed, among = (room[1, 2:] - room[1, :-2]) / (2.0 * duration), room[:, 1:-1]
+        return np.vstack([among[self._waves], speed, among[self._shown]])
+
+    def _shows_none(self, number: Array, rows: Array) -> bool:
+        """Whether for sure no slope stands out of rows as of `_regress`, at the numbers (n,) of their windows."""
+        return bool(self._show_none(number, rows, np.zeros(1, np.intp), np.array([len(number)]))[0])
+
+    def _show_none(
+        self, number: Array, rows: Array, begins: NDArray[np.intp], ends: NDArray[np.intp]
+    ) -> NDArray[np.bool_]:
+        """(m,) the same of those from one of m places to before another, which are evenly spaced.
+
+        It is told by normal equations: half of the time of a fit, of many at once a tenth, but digits are lost.
+        """
+        fitted = self._unknown
+        columns = np.empty((TREND + 1 + len(rows), len(number)))
+        columns[0], columns[1] = 1.0, (number - number[-1]) / self._kept
+        columns[2] = columns[1] * columns[1]
+        columns[TREND + 1 :] = rows
+        seen = columns[fitted:]
+        seen -= seen.sum(axis=1, keepdims=True) / len(number)  # which the powers of time hold as well
+        same, later, whole = _products(columns, begins, ends)
+        none = np.zeros(len(begins), np.bool_)
+        squares, mixed = same[:, :fitted, :fitted], same[:, :fitted, fitted:]
+        try:
+            pivots = np.square(np.linalg.cholesky(squares).diagonal(axis1=1, axis2=2))
+            part = np.linalg.solve(squares, mixed).swapaxes(1, 2)
+        except np.linalg.LinAlgError:
+            return none
+        free = same[:, fitted:, fitted:] - part @ mixed
+        left = free.diagonal(axis1=1, axis2=2) / whole[fitted:]
+        sure = (pivots / whole[:fitted]).min(axis=1) * left.min(axis=1) > DIGITS
+        beside = np.empty((len(none), len(whole) - fitted, len(whole)))
+        beside[:, :, :fitted], beside[:, :, fitted:] = -part, np.eye(len(whole) - fitted)
+        later, counts = (beside @ later @ beside.swapaxes(1, 2)).tolist(), (ends - begins).tolist()
+        for place, each in enumerate(free.tolist()):
+            slopes = range(1, len(each)) if sure[place] else ()
+            none[place] = sure[place] and all(self._is_chance(each, later[place], k, counts[place]) for k in slopes)
+        return none
 
     def _is_chance(self, same: list[list[float]], later: list[list[float]], place: int, count: int) -> bool:
         """Whether for sure a slope is none: by products of `count` speeds (0) and values, as `_slope_of`."""
         slope = same[0][place] / same[0][0]
         square = same[place][place] - slope * same[0][place]
-        if square <= ROUNDING * same[place][place]:
+        if square <= DIGITS * same[place][place]:
             return False
         alike = later[place][place] - slope * (later[0][place] + later[place][0] - slope * later[0][0])
         alike = max(alike, 0.0)
@@ -167,6 +241,34 @@ class SpeedSlope:
 
     def __len__(self) -> int:
         return min(self._end - self._begin + len(self._new), self._kept)
+
+
+def _products(columns: Array, begins: NDArray[np.intp], ends: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    """Products of rows of columns (r, n) from each of m places to before another, which are evenly spaced.
+
+    Given are (m, r, r) those of each row with each other, (m, r, r) with the other one column before, and (r,) the
+    squares of all columns.
+    """
+    begin, end, more = int(begins[0]), int(ends[0]), len(begins) - 1
+    first = columns[:, begin:end]
+    # by a copy: for an array with itself numpy asks for a symmetric product, which takes longer
+    same, later = first @ first.copy().T, first[:, 1:] @ first[:, :-1].T
+    whole = same.diagonal()
+    if not more:
+        return same[None], later[None], np.maximum(whole, _TINY)
+    came, left = int(ends[1]) - end, int(begins[1]) - begin
+    come, before = (_parts(columns, place, more, came) for place in (end, end - 1))
+    gone, behind = (_parts(columns, place, more, left) for place in (begin, begin + 1))
+    come_too, gone_too = come.swapaxes(1, 2), gone.swapaxes(1, 2)
+    entered = come @ come_too
+    all_same = np.concatenate([same[None], entered - gone @ gone_too]).cumsum(axis=0)
+    all_later = np.concatenate([later[None], come @ before.swapaxes(1, 2) - behind @ gone_too]).cumsum(axis=0)
+    return all_same, all_later, np.maximum(whole + entered.sum(axis=0).diagonal(), _TINY)
+
+
+def _parts(columns: Array, begin: int, count: int, size: int) -> Array:
+    """(count, r, size) so many parts of columns (r, n), one behind another."""
+    return columns[:, begin : begin + count * size].reshape(len(columns), count, size).swapaxes(0, 1)
 
 
 def _trend(number: Array) -> tuple[Array, Array]:

@@ -6,13 +6,15 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import sub
+from typing import NamedTuple
 
 from rotary_error_monitor.description.stage import Autocollimator, StageDescription
 from rotary_error_monitor.metrology.agreement import chi_square_bound
 from rotary_error_monitor.metrology.description_check import DARK, MIRRORED, Claim, FigureCheck, departure
 from rotary_error_monitor.metrology.repeated_readings import run_by_chance
-from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window
-from rotary_error_monitor.pipeline.head_belief import AGREEMENT
+from rotary_error_monitor.pipeline.evidence import LONG, SHORT, Reach, Window, Windows
+from rotary_error_monitor.pipeline.head_belief import AGREEMENT, distance
 from rotary_error_monitor.pipeline.trailing import Trailing
 
 SIGMAS = 6.0
@@ -34,6 +36,27 @@ windows, is less than a fivehundredth of that."""
 
 ABSENT = Autocollimator(range=1.0, resolution=1.0, noise=1.0)
 """Stands for that of a stage which has none: no tilt comes that it would be held against."""
+
+
+class _Look(NamedTuple):
+    """What a window shows of the tilt.
+
+    Attributes:
+        number: of the window.
+        theta: mean rotation, rad.
+        reading, surplus: what is read, and what of it is not described, rad.
+        samples: independent ones in the window, one at least.
+        stated: standard deviation of a mean by the stated noise, rad.
+        variance: of a tick, rad²; infinite where none is stated.
+    """
+
+    number: int
+    theta: float
+    reading: tuple[float, float]
+    surplus: tuple[float, float]
+    samples: float
+    stated: float
+    variance: float
 
 
 class TiltBelief:
@@ -68,22 +91,21 @@ class TiltBelief:
         """Believe the tilt again."""
         self.doubt = ""
         self.scale = self._noise_scale = 1.0
-        # of the window that is judged: what is read, what of it is not described, what noise and turbulence make of it
-        self._reading = self._surplus = self._last_reading = self._last_surplus = 0.0, 0.0
-        self._stated, self._drifted, self._samples = self._noise, 0.0, 1.0
+        # of the window that is judged: what it shows, and what turbulence makes of its mean, rad
+        self._here, self._drifted = _Look(0, 0.0, (0.0, 0.0), (0.0, 0.0), 1.0, self._noise, math.inf), 0.0
         self._excursion: tuple[int, float] | None = None
         self.reach = self._anywhere
         self.figure.forget()
         self._agreeing = self._size = self._near = self._farthest = 0.0
-        self._squares, self._within = Trailing(SHORT, LONG), Trailing(2 * SHORT, LONG)
+        self._squares, self._within = Trailing(LONG), Trailing(LONG)
         self._bounds_of: tuple[tuple[int, ...], float] | None = None  # counts of squares that `_bounds` hold for
         self._bounds: list[float] = []
         self._recent: deque[tuple[float, float]] = deque(maxlen=SHORT)
         self._before: tuple[float, float] | None = None
-        self._last: Window | None = None
-        self._still: Window | None = None
+        self._last: _Look | None = None
+        self._still: _Look | None = None
         self._repeated: tuple[float, float] | None = None
-        self._calm: Window | None = None
+        self._calm: _Look | None = None
         self._gone = self._most_gone = 0.0
 
     def retract(self, *, doubt: bool) -> None:
@@ -103,62 +125,88 @@ class TiltBelief:
             self._still = self._repeated = self._calm = None
             self._agreeing = self._gone = 0.0
             return
-        self._look_at(window)
-        stuck = self._is_stuck(window) or self._stands(window)
-        step = self._step(window)
-        wrong = stuck or step or self._beyond() or self._misread(window)
-        self._measure_noise(window)
+        mean, duration = window.mean, window.duration
+        self._drifted = self._drift(duration)
+        samples = window.ticks * mean.tilt_samples
+        here = window.pair("tilt"), window.pair("tilt_surplus"), samples, mean.tilt_variance
+        self._here = self._look(window.number, mean.theta, *here)
+        stuck = self._is_stuck(samples, duration) or self._stands(duration)
+        step = self._step(duration)
+        wrong = stuck or step or self._beyond()
+        if not wrong:
+            new = self._add([mean.theta], [window.vector("tilt")], [window.vector("tilt_surplus")])
+            wrong = self._misread(window.number, math.sqrt(mean.tilt_variance), new)
+        inner = (window.ticks - 2) * mean.tilt_samples
+        (self._noise_scale,) = self._measure_noise([self._here], [window.scatter[1:]], [inner])
         if wrong or self.doubt:
-            self._conclude(window, wrong, step)
-        self._settle(window)
+            self._conclude(duration, wrong, step)
+        self._settle(duration)
 
-    def are_calm(self, windows: Sequence[Window]) -> bool:
-        """Whether the tilt moves and fits in windows that have it and the rotation, none a multiple of `SHORT`."""
+    def are_calm(self, windows: Windows) -> bool:
+        """Whether the tilt moves and fits in windows that have it and the rotation, but for what the last measures."""
         last, calm = self._last, self._calm
-        if last is None or last.number != windows[0].number - 1 or self.doubt:
+        if last is None or last.number != windows.first - 1 or self.doubt:
             return False
-        thetas = [window.mean.theta for window in windows]
-        since = thetas if calm is None else [calm.mean.theta, *thetas]
+        thetas, duration = windows.mean.theta, windows.duration
+        since = thetas if calm is None else [calm.theta, *thetas]
         if not self.figure.covers(thetas) or not max(since) - min(since) < 2 * math.pi:
             return False
-        readings = [self._last_reading, *[window.pair("tilt") for window in windows]]
-        surplus = [self._last_surplus, *[window.pair("tilt_surplus") for window in windows]]
-        most = max([window.mean.tilt_samples for window in windows])
-        least = self._noise / math.sqrt(max(1.0, last.ticks * most))
-        allowed = self._step_allowed(last.duration, math.hypot(least, self._drift(last.duration)))
+        readings = [last.reading, *windows.pairs("tilt")]
+        surplus = [last.surplus, *windows.pairs("tilt_surplus")]
+        least = self._noise / math.sqrt(max(1.0, windows.ticks * max(windows.mean.tilt_samples)))
+        allowed = self._step_allowed(duration, math.hypot(least, self._drift(duration)))
         return (
             all(one != other for one, other in pairwise(readings))
-            and all(_distance(one, other) <= allowed for one, other in pairwise(surplus))
+            and all(distance(one, other) <= allowed for one, other in pairwise(surplus))
             and all(math.hypot(x, y) <= 2.0 * self._limits.tilt for x, y in surplus)
         )
 
-    def take_in(self, window: Window) -> None:
-        """Take in one of windows that are calm, as `judge` does."""
-        self._look_at(window)
-        self._still, self._repeated = window, None
-        self._stands(window)
-        self._add(window)
-        self._measure_noise(window)
-        self._settle(window)
+    def take_in(self, windows: Windows) -> list[tuple[float, Reach]]:
+        """Take in windows that are calm, as `judge` does; give `scale` and `reach` after each."""
+        mean, scatter, ticks, duration = windows.mean, windows.scatter, windows.ticks, windows.duration
+        self._drifted, self._repeated = self._drift(duration), None
+        samples = [ticks * each for each in mean.tilt_samples]
+        vectors = windows.pairs("tilt"), windows.pairs("tilt_surplus")
+        looks = list(map(self._look, windows.numbers, mean.theta, *vectors, samples, mean.tilt_variance))
+        self._add(mean.theta, windows.vectors("tilt"), windows.vectors("tilt_surplus"))
+        scatters = list(zip(scatter.tilt_surplus_x, scatter.tilt_surplus_y, strict=True))
+        scales = self._measure_noise(looks, scatters, [(ticks - 2) * each for each in mean.tilt_samples])
+        found = []
+        wrong = self._misread(windows.last.number, math.sqrt(mean.tilt_variance[-1]), new=False)
+        for look, scale in zip(looks, scales, strict=True):
+            self._here = self._still = look
+            self._stands(duration)
+            self._noise_scale = scale
+            if wrong and look is looks[-1]:
+                self._conclude(duration, wrong, "")
+            self._settle(duration)
+            found.append((self.scale, self.reach))
+        return found
 
-    def _look_at(self, window: Window) -> None:
-        self._reading, self._surplus = window.pair("tilt"), window.pair("tilt_surplus")
-        self._samples = samples = max(1.0, window.ticks * window.mean.tilt_samples)
-        self._stated, self._drifted = self._noise / math.sqrt(samples), self._drift(window.duration)
+    def _look(
+        self,
+        number: int,
+        theta: float,
+        reading: tuple[float, float],
+        surplus: tuple[float, float],
+        samples: float,
+        variance: float,
+    ) -> _Look:
+        samples = max(1.0, samples)
+        return _Look(number, theta, reading, surplus, samples, self._noise / math.sqrt(samples), variance or math.inf)
 
-    def _settle(self, window: Window) -> None:
+    def _settle(self, duration: float) -> None:
         """How sure the tilt is, and where it can be next."""
+        here = self._last = self._here
         if not self.doubt:
-            self._recent.append(self._surplus)
-        self._last, self._last_reading, self._last_surplus = window, self._reading, self._surplus
-        deviation = math.sqrt(window.mean.tilt_variance or math.inf)
-        self.scale = math.hypot(self._noise_scale, self._unseen(window) / deviation)
+            self._recent.append(here.surplus)
+        self.scale = math.hypot(self._noise_scale, self._unseen(duration) / math.sqrt(here.variance))
         # one tick is less sure than the mean of a window, and may be a window and a half away
-        noise = math.hypot(self._deviation * math.sqrt(1.0 + self._samples), self._drifted)
-        reach = 1.5 * self._limits.tilt_rate * window.duration + SIGMAS * noise
-        self.reach = Reach(*self._surplus, reach)
+        noise = math.hypot(self._deviation * math.sqrt(1.0 + here.samples), self._drifted)
+        reach = 1.5 * self._limits.tilt_rate * duration + SIGMAS * noise
+        self.reach = Reach(*here.surplus, reach)
 
-    def _conclude(self, window: Window, wrong: str, step: str) -> None:
+    def _conclude(self, duration: float, wrong: str, step: str) -> None:
         """Doubt by what is wrong, or believe again what has agreed for long enough."""
         if wrong and not self.doubt:
             self._before = self._mean_before()
@@ -170,53 +218,55 @@ class TiltBelief:
             self.doubt = self.doubt if self.doubt and step else wrong
             self._agreeing = 0.0
         if self._before is not None:
-            self._farthest = max(self._farthest, _distance(self._surplus, self._before))
+            self._farthest = max(self._farthest, distance(self._here.surplus, self._before))
         if not wrong:
-            self._agreeing = self._agreeing + window.duration if self._is_back() else 0.0
+            self._agreeing = self._agreeing + duration if self._is_back() else 0.0
             if self._agreeing >= AGREEMENT:
                 self.doubt = ""
-                self._excursion = (window.number, self._farthest)
+                self._excursion = (self._here.number, self._farthest)
 
-    def _is_stuck(self, window: Window) -> str:
+    def _is_stuck(self, samples: float, duration: float) -> str:
         """Equal readings for longer than chance allows, or while the mirror must have moved them."""
-        if self._last is None or self._still is None or self._reading != self._last_reading:
-            self._still, self._repeated = window, None
+        here = self._here
+        if self._last is None or self._still is None or here.reading != self._last.reading:
+            self._still, self._repeated = here, None
             return ""
         if self._repeated is None:  # the first windows of a run may hold some of what came before
-            earlier = list(self._recent)[: SHORT // 2] or [self._still.pair("tilt_surplus")]
-            self._repeated = _mean(earlier)
-        run = window.number - self._still.number + 1
-        readings = run * window.ticks * window.mean.tilt_samples
+            self._repeated = _mean(list(self._recent)[: SHORT // 2] or [self._still.surplus])
+        run = here.number - self._still.number + 1
+        readings = run * samples
         moved = self._moved()
         floor = self._instrument.resolution + SIGMAS * self._instrument.noise
         if readings > self._equal_run or moved > floor:
-            return f"stuck: the same reading for {run * window.duration * 1e3:.0f} ms"
+            return f"stuck: the same reading for {run * duration * 1e3:.0f} ms"
         return ""
 
-    def _stands(self, window: Window) -> str:
+    def _stands(self, duration: float) -> str:
         """A reading that stays within its noise for a turn while what is described of it goes on: its digits stick.
 
         For less than a turn it may stand at a turning point while a motion that is not described goes on; that counts
         as uncertain.
         """
+        here, calm = self._here, self._calm
         near = self._instrument.resolution + SIGMAS * _ROOT * self._deviation
-        if self._calm is None or _distance(self._reading, self._calm.pair("tilt")) > near:
-            self._calm, self._gone, self._most_gone = window, 0.0, 0.0
+        if calm is None or distance(here.reading, calm.reading) > near:
+            self._calm, self._gone, self._most_gone = here, 0.0, 0.0
             return ""
-        gone = _distance(self._surplus, self._calm.pair("tilt_surplus"))
+        gone = distance(here.surplus, calm.surplus)
         self._gone = gone if gone > 0.5 * near else 0.0  # less is noise
         self._most_gone = max(self._most_gone, self._gone)
-        passed = (window.number - self._calm.number) * window.duration
-        far = STANDING * near + SIGMAS * _ROOT * self._drift(passed)
-        if self._most_gone <= far or abs(window.mean.theta - self._calm.mean.theta) < 2 * math.pi:
+        if abs(here.theta - calm.theta) < 2 * math.pi:
+            return ""
+        far = STANDING * near + SIGMAS * _ROOT * self._drift((here.number - calm.number) * duration)
+        if self._most_gone <= far:
             return ""
         return f"stuck: it stays where it is while what is described of it goes {self._most_gone * 1e6:.3g} µrad"
 
     def _moved(self) -> float:
         """How far the reading should have moved since it has been the same, rad; 0 where it is not."""
-        return 0.0 if self._still is None else _distance(self._surplus, self._still.pair("tilt_surplus"))
+        return 0.0 if self._still is None else distance(self._here.surplus, self._still.surplus)
 
-    def _unseen(self, window: Window) -> float:
+    def _unseen(self, duration: float) -> float:
         """Standard deviation of what the tilt can be off by beyond its noise without being doubted, rad.
 
         A reading that repeats may be stuck, and have been off from the first: it is where it was before the run, and it
@@ -224,17 +274,17 @@ class TiltBelief:
         once it is beyond `SIGMAS`.
         """
         again = 0.0
-        if self._excursion is not None and (window.number - self._excursion[0]) * window.duration < REMEMBERED:
+        if self._excursion is not None and (self._here.number - self._excursion[0]) * duration < REMEMBERED:
             again = self._excursion[1] / SIGMAS
-        off = 0.0 if self._repeated is None else max(self._moved(), _distance(self._surplus, self._repeated))
+        off = 0.0 if self._repeated is None else max(self._moved(), distance(self._here.surplus, self._repeated))
         return math.hypot(max(off, self._gone), again)
 
-    def _step(self, window: Window) -> str:
+    def _step(self, duration: float) -> str:
         last = self._last
         if last is None:
             return ""
-        passed = (window.number - last.number) * window.duration
-        step = _distance(self._surplus, self._last_surplus)
+        passed = (self._here.number - last.number) * duration
+        step = distance(self._here.surplus, last.surplus)
         if step <= self._step_allowed(passed, math.hypot(self._deviation, self._drifted)):
             return ""
         self._size = step
@@ -245,58 +295,79 @@ class TiltBelief:
         return self._limits.tilt_rate * passed + SIGMAS * _ROOT * noise
 
     def _beyond(self) -> str:
-        surplus = math.hypot(*self._surplus)
+        surplus = math.hypot(*self._here.surplus)
         if surplus <= 2.0 * self._limits.tilt:  # what is left where the description is the opposite of the truth
             return ""
         most = self._limits.tilt * 1e6
         return f"{surplus * 1e6:.3g} µrad from the described tilt; the stage tilts by {most:.3g} at most"
 
-    def _misread(self, window: Window) -> str:
-        if not self._add(window) and window.number % SHORT:
+    def _misread(self, number: int, deviation: float, new: bool) -> str:
+        """What the figure shows where its angle is new, and now and then."""
+        if not new and number % SHORT:
             return self.doubt if self.doubt.startswith(_MISREAD) else ""
-        found = self.figure.judge(math.sqrt(window.mean.tilt_variance))
+        found = self.figure.judge(deviation)
         if found is None:
             return ""
         return f"{_MISREAD}: {found.mistake} ({found.explained:.0%} of {found.left * 1e6:.3g} µrad that is unexplained)"
 
-    def _add(self, window: Window) -> bool:
-        """Add to the figure what is read; give whether its angle is new."""
-        (x, y), (off_x, off_y) = self._reading, self._surplus
-        return self.figure.add(window.mean.theta, (x, y), (x - off_x, y - off_y))
+    def _add(self, thetas: Sequence[float], readings: Sequence[complex], surplus: Sequence[complex]) -> bool:
+        """Add to the figure what is read; give whether an angle is new."""
+        return self.figure.extend(thetas, readings, map(sub, readings, surplus))
 
-    def _measure_noise(self, window: Window) -> None:
-        """Scatter of a window about its neighbours against what the stated noise explains."""
-        recent = self._recent
-        if len(recent) >= 2 and self._last is not None and window.number == self._last.number + 1 and not self.doubt:
-            variance = 1.5 * self._stated**2 + self._drifted**2
-            three = zip(recent[-2], recent[-1], self._surplus, strict=True)
-            self._squares.extend(
-                [min((middle - 0.5 * (first + last)) ** 2 / variance, 1e6) for first, middle, last in three]
-            )
-            variance = window.mean.tilt_variance or math.inf
-            _, x, y = window.scatter
-            self._within.extend((min(x**2 / variance, 1e6), min(y**2 / variance, 1e6)))
-        if len(self._squares) >= SHORT:
-            among, within = self._squares, self._within
-            counts = 2, len(among.few), len(among.many), len(within.few), len(within.many)
-            each = (window.ticks - 2) * window.mean.tilt_samples
-            if (counts, each) != self._bounds_of:
-                self._bounds_of, self._bounds = (counts, each), _bounds(counts, each)
-            last, few, many, few_within, many_within = self._bounds
-            most = max(
+    def _measure_noise(
+        self, looks: Sequence[_Look], scatters: Sequence[tuple[float, ...]], inner: Sequence[float]
+    ) -> list[float]:
+        """Scatter of windows against what the stated noise explains: `_noise_scale` after each.
+
+        Beside them the `scatters` within, about a straight line, of so many independent readings.
+        """
+        last, recent = self._last, list(self._recent)[-2:]
+        if self.doubt or last is None or looks[0].number != last.number + 1:
+            recent = []
+        without = min(2 - len(recent), len(looks))  # the first windows have not two before them
+        among = self._among([*recent, *(look.surplus for look in looks)], looks[without:])
+        within = list[float]()
+        for (x, y), look in zip(scatters[without:], looks[without:], strict=True):
+            within += min(x**2 / look.variance, 1e6), min(y**2 / look.variance, 1e6)
+        ends = list(zip(self._squares.add(among, 2), self._within.add(within, 2), strict=True))
+        before = self._squares.end - len(among), self._within.end - len(within)
+        found, scale = [], self._noise_scale
+        for end, each in zip([before] * without + ends, inner, strict=True):
+            scale = self._noise_by(*end, each) if end[0] >= SHORT else scale
+            found.append(scale)
+        return found
+
+    def _among(self, course: Sequence[tuple[float, float]], looks: Sequence[_Look]) -> list[float]:
+        """Squares of both components of windows about their neighbours over what the stated noise makes of them."""
+        squares, slow = list[float](), self._drifted**2
+        for (x, y), (x1, y1), (x2, y2), look in zip(course, course[1:], course[2:], looks, strict=False):
+            variance = 1.5 * look.stated**2 + slow
+            squares += min((x1 - 0.5 * (x + x2)) ** 2 / variance, 1e6), min((y1 - 0.5 * (y + y2)) ** 2 / variance, 1e6)
+        return squares
+
+    def _noise_by(self, end: int, end_within: int, each: float) -> float:
+        """By how much noise is more than is stated, by squares among windows and within up to places."""
+        among, within = self._squares, self._within
+        spans = among.count(end, SHORT), among.count(end, LONG)
+        counts = 2, *spans, within.count(end_within, 2 * SHORT), within.count(end_within, LONG)
+        if (counts, each) != self._bounds_of:
+            self._bounds_of, self._bounds = (counts, each), _bounds(counts, each)
+        last, few, many, few_within, many_within = self._bounds
+        return math.sqrt(
+            max(
                 1.0,
-                (among.many[-2] + among.many[-1]) / 2 / last,
-                sum(among.few) / counts[1] / few,
-                sum(among.many) / counts[2] / many,
-                sum(within.few) / counts[3] / few_within,
-                sum(within.many) / counts[4] / many_within,
+                among.mean(end, 2) / last,
+                among.excess(end, SHORT, few),
+                among.excess(end, LONG, many),
+                within.excess(end_within, 2 * SHORT, few_within),
+                within.excess(end_within, LONG, many_within),
             )
-            self._noise_scale = math.sqrt(most)
+        )
 
     @property
     def _deviation(self) -> float:
         """Standard deviation of the mean of the window that is judged, rad."""
-        return self._stated * self._noise_scale
+        return self._here.stated * self._noise_scale
 
     def _drift(self, passed: float) -> float:
         """Standard deviation of what turbulence changes within a time (s), over the root of two, rad."""
@@ -311,7 +382,7 @@ class TiltBelief:
     def _is_back(self) -> bool:
         """Whether the tilt is near where it was before it was doubted; the description where nothing was before."""
         near = self._near + SIGMAS * math.hypot(self._deviation, self._drifted)
-        return _distance(self._surplus, self._before or (0.0, 0.0)) <= near
+        return distance(self._here.surplus, self._before or (0.0, 0.0)) <= near
 
 
 def _bounds(counts: Sequence[int], each: float) -> list[float]:
@@ -324,11 +395,6 @@ def _bounds(counts: Sequence[int], each: float) -> list[float]:
 
 def _mean(pairs: list[tuple[float, float]]) -> tuple[float, float]:
     return sum(x for x, _ in pairs) / len(pairs), sum(y for _, y in pairs) / len(pairs)
-
-
-def _distance(one: tuple[float, float], other: tuple[float, float]) -> float:
-    """The larger of the two components."""
-    return max(abs(one[0] - other[0]), abs(one[1] - other[1]))
 
 
 _MISREAD = "it does not fit its description"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 
 ANGLES = 360
 """Angles told apart in a turn: error motion of order 8 changes by a seventh of its size from one to the next."""
@@ -68,6 +70,13 @@ class Course:
     def moved(self, number: int, theta: float) -> float:
         """Rotation since the last window, rad; of a window behind a gap nothing but its middle is known."""
         return theta - self.theta if self.theta is not None and self.number == number - 1 else 0.0
+
+    def follow_turn(self, first: int, thetas: Sequence[float], places: Sequence[tuple[float, float]]) -> None:
+        """Take in, and keep for the turn, where it is for sure in windows one behind another from the `first` on."""
+        moved = [self.moved(first, thetas[0]), *(theta - before for before, theta in pairwise(thetas))]
+        for each in zip(thetas, moved, places, strict=True):
+            self.turn.put(*each)
+        self.follow(first + len(thetas) - 1, thetas[-1], places[-1], sure=True)
 
     def follow(self, number: int, theta: float, place: tuple[float, float], *, sure: bool) -> None:
         """Take in where it is in a window."""

@@ -19,9 +19,9 @@ RECENT = 30
 
 Array = NDArray[np.float64]
 
-Shown: TypeAlias = tuple[tuple[float, ...], Array]
-"""What heads show in a window: rotation, distance from the command, two components of the radial error motion over the
-radius, rad; and their contradiction (P,), rad."""
+Shown: TypeAlias = tuple[tuple[float, float, float, float], list[float]]
+"""What heads show in a window: rotation and distance from the command, rad, two components of the radial error motion,
+m; and their contradiction (P,), rad. Lists, for they are kept: a view would keep the block that it is of."""
 
 
 def wrong_head(layout: HeadLayout, history: Iterable[Shown], limits: StageLimits, radius: float) -> Isolation | None:
@@ -33,8 +33,10 @@ def wrong_head(layout: HeadLayout, history: Iterable[Shown], limits: StageLimits
         limits: of the stage.
         radius: of the ring, m.
     """
-    motion, parity = (np.array(each) for each in zip(*history, strict=True))
-    found = _isolations(layout, motion, parity, limits, radius)
+    shown, parity = zip(*history, strict=True)
+    # the angle by which the readings differ, also where it is large (Lou et al. 2019, Equation 3)
+    motion = np.array([(theta, ecc, math.atan(x / radius), math.atan(y / radius)) for theta, ecc, x, y in shown])
+    found = _isolations(layout, motion, np.array(parity), limits, radius)
     return next((each for each in found if each is not None), None)
 
 

@@ -72,7 +72,7 @@ def block_from_samples(
         raise InputError(f"{len(times_ns)} times and {len(names)} names do not fit values of shape {values.shape}")
     stamp = int(times_ns[0]) if stamp_ns is None else stamp_ns
     seconds = (times_ns - stamp) * 1e-9
-    return SampleBlock(stamp, ("t", *names), np.column_stack([seconds, values]).astype("<f8"))
+    return SampleBlock(stamp, ("t", *names), np.column_stack([seconds, values]).astype("<f8", copy=False))
 
 
 def block_from_bytes(

@@ -122,15 +122,46 @@ def test_what_normal_equations_spare_is_what_the_fit_gives(motion, seed, monkeyp
     values = size * np.stack([slow(generator, count, 10), generator.normal(size=count)])
     values += 1e-6 + np.outer(size * 10.0 ** generator.uniform(-3, 2, 2), np.gradient(theta) / PERIOD)
 
-    def course() -> list[list[float]]:
-        slope, found = SpeedSlope(300, 2, orders=3), []
-        for number, row in zip(numbers.tolist(), np.stack([theta, *values], axis=1).tolist(), strict=True):
+    def course(foreseen: int = 0) -> list[list[float]]:
+        slope, found, numbered = SpeedSlope(300, 2, orders=3), [], numbers.tolist()
+        for place, (number, row) in enumerate(zip(numbered, np.stack([theta, *values], axis=1).tolist(), strict=True)):
+            if foreseen and place % foreseen == 0:
+                come = slice(place, place + foreseen)
+                slope.foresee(number, 10, theta[come].tolist(), *values[:, come].tolist())
             slope.add(number, *row)
             if number % 10 == 0:
                 slope.measure(PERIOD)
                 found.append([*slope.value.tolist(), slope.length])
         return found
 
-    spared = course()
-    monkeypatch.setattr(SpeedSlope, "_shows_none", lambda *_: False)
-    assert course() == spared
+    spared = [course(), course(30), course(137)]
+    monkeypatch.setattr(SpeedSlope, "_show_none", lambda _, *given: np.zeros(len(given[-1]), np.bool_))
+    assert spared == [course()] * 3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_windows_that_were_foreseen_and_do_not_come_are_not_reckoned_with(seed, monkeypatch):
+    """Nothing was foreseen of a jump in what is seen, or of windows that are missing."""
+    generator, count, kept = np.random.default_rng(seed), 600, 300
+    theta, _ = swing(count)
+    value = 1e-6 * generator.normal(size=count)
+    instead = value + np.where(np.arange(count) > 400, 1e-4, 0.0) * np.cos(PERIOD * np.arange(count))
+    missing = set(generator.integers(350, 500, 3).tolist())
+
+    def course(foreseen: bool) -> list[float]:
+        slope, found = SpeedSlope(kept), []
+        for number in range(count):
+            if foreseen and number in (100, 350, 401):
+                shown = value if number < 401 else instead
+                slope.foresee(number, 10, theta[number:].tolist(), shown[number:].tolist())
+            if number == 401:
+                slope.forget()
+            if number not in missing:
+                slope.add(number, float(theta[number]), float((instead if number > 400 else value)[number]))
+            if number % 10 == 0:
+                slope.measure(PERIOD)
+                found.append(slope.length)
+        return found
+
+    assert course(True) == course(False)
+    assert course(True)[-1] > 0.0
