@@ -149,7 +149,7 @@ class RingFit:
     @property
     def highest(self) -> int:
         """Highest order."""
-        return (len(self.values) - self.turn.shape[1] + 2) // 6
+        return int(len(self.values) - self.turn.shape[1] + 2) // 6
 
     def graduation(self, order: int) -> tuple[Array, Array]:
         """Cosine and sine (2,) of an order of the graduation from 2 on, rad, with their covariance (2, 2)."""
