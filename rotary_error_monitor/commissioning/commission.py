@@ -117,10 +117,7 @@ def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> C
     if tilt is not None:
         handed = {way: each + known.get(way, 0.0) for way, each in log_hand(tilt, limits.tilt).items()}
     described = np.array(list(stage.azimuths.values()))
-    curves = {sense: ring_curve(stage, origin_of(stage, stated, shown, sense)) for sense in (1, -1)}
-    priors = {
-        sense: prior if each is None else replace(prior, curve=each[0], doubt=each[1]) for sense, each in curves.items()
-    }
+    priors = _with_curve(stage, stated, shown, prior)
     weighed = weigh_layouts(heads.response, described, priors, signs, handed)
     others = alternatives(weighed)
     check_ring_curve((weighed[0], *others), heads.response, described, priors)
@@ -129,6 +126,14 @@ def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> C
         check_mirror_curve(stage, found.tilt.axes.chi_square)
     findings = findings_of(stage, recorded, figures, shown, found, weighed[0], others, azimuth, tilt_unit)
     return Commissioning(figures, found, tuple(findings), weighed[0], others, shown, recorded.remarks)
+
+
+def _with_curve(stage: StageDescription, stated: Stated, shown: Shown, prior: RingPrior) -> Mapping[int, RingPrior]:
+    """What is known of the ring by the sense of the first head, with a graduation that was measured."""
+    curves = {sense: ring_curve(stage, origin_of(stage, stated, shown, sense)) for sense in (1, -1)}
+    return {
+        sense: prior if each is None else replace(prior, curve=each[0], doubt=each[1]) for sense, each in curves.items()
+    }
 
 
 def _figures(recorded: Recorded, angles: Angles) -> dict[str, StreamFigures]:

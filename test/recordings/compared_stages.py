@@ -14,6 +14,7 @@ from world.recording import LVDT, Recording
 
 from rotary_error_monitor.bags.writer import write_messages
 from rotary_error_monitor.description.stage import stage_from_mapping
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.recordings.verification import verify_bag
 from rotary_error_monitor.signals.blocks import SampleBlock
 
@@ -102,15 +103,21 @@ def held(seed: int, section: dict[str, Any]) -> dict[str, list[float]]:
     return {
         "eccentricity": (np.abs(off) <= found.expanded).astype(float).tolist(),
         "height": [float(abs(higher) <= found.higher_expanded)],
-        "difference": [axis.judgement.inside for axis in axes],
+        "differences": [axis.judgement.inside for axis in axes],
         "agrees": [float(found.agrees)],
-        "_ecc": (off / found.expanded).tolist(),
-        "_high": [higher / found.higher_expanded],
-        "_turns": [float(len(axes)), max(t.turned for t in found.turnings)],
     }
 
 
 def rates(count: int, skip: int = 0) -> dict[str, float]:
-    """Part of the bounds of each kind that hold the truth, over so many stages."""
-    found = [held(seed, section) for seed, section in leaning_stages(count, skip)]
-    return {name: round(float(np.mean([value for each in found for value in each[name]])), 4) for name in found[0]}
+    """Part of the bounds of each kind that hold the truth over so many stages, and of stages that were `compared`.
+
+    A recording without a whole turn at one speed is refused, and says nothing of bounds.
+    """
+    found = []
+    for seed, section in leaning_stages(count, skip):
+        try:
+            found.append(held(seed, section))
+        except InputError as error:
+            assert "record a whole turn" in str(error), error
+    told = {name: round(float(np.mean([value for each in found for value in each[name]])), 3) for name in found[0]}
+    return told | {"compared": len(found) / count}
