@@ -32,7 +32,7 @@ def test_a_right_description_agrees_and_a_wrong_height_does_not(tmp_path):
 def test_stated_uncertainties_hold_the_truth_in_93_to_98_of_100() -> None:
     """Of 500 stages that depart from their descriptions as far as these say, each with another noise and motion.
 
-    Uncertainties have k = 2, which is 95.4 %; the bound of one difference also holds stamps, which the zero partly takes.
+    Uncertainties have k = 2, which is 95.4 %; in the bound of one difference are stamps, which the zero partly takes.
     """
     found = rates(500)
     print(found)
