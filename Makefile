@@ -66,7 +66,8 @@ MODEL_RATES := $(addprefix test/,blind_check $(addprefix analysis/test_,motion.p
 	$(addprefix cases/test_,cases.py departures.py mimics.py))
 # Rates that take longest are for whoever changes what they are of, and before a release: `make rates`.
 SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py \
-	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py machine_sweep.py straightness_sweep.py) \
+	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py flatness_bound_rates.py machine_sweep.py \
+	straightness_sweep.py) \
 	$(addprefix faults/test_,common_zero.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
 	without_heads.py) \
 	$(addprefix metrology/test_,positioning_bound_rates.py surface_range_rates.py) $(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.analysis.comparison import Stand
+from rotary_error_monitor.analysis.reference_effects import stated_effects
 from rotary_error_monitor.analysis.reference_judgement import CHANCE, Variances, judge
 from rotary_error_monitor.analysis.rotation import speeds_in
 from rotary_error_monitor.analysis.runs import Segment, find_segments
@@ -43,6 +44,7 @@ class _Pairs:
     """Estimate and reference at n ticks where both are known, and the variance of what is between them.
 
     Attributes:
+        motion: (n, 2) radial error motion at the height, m.
         turning: (n,) variance of what turns with the rotor and is not told from eccentricity.
         lever: (n, 2) growth of the radial error motion with the height, rad.
     """
@@ -52,6 +54,7 @@ class _Pairs:
     estimate: Array
     reference: Array
     variances: tuple[Variances, ...]
+    motion: Array
     turning: Array
     lever: Array
 
@@ -108,6 +111,7 @@ def compare_reference(
         _turning(part, pairs, reference, fit.eccentricity, zero, own, chance)
         for part, zero, own in zip(parts, fit.zeros, left, strict=True)
     ]
+    eccentric, higher = _stds(fit, stage, reference, stand.height, pairs, every)
     return ReferenceComparison(
         reference.name,
         reference.axes,
@@ -115,10 +119,10 @@ def compare_reference(
         stand.stated,
         reference.eccentricity,
         fit.eccentricity,
-        _expanded(fit, stage, reference, stand.height, pairs, every),
+        COVERAGE * eccentric,
         fit.higher,
-        COVERAGE * fit.higher_std,
-        *_lean(fit, pairs, every),
+        COVERAGE * higher,
+        *_lean(fit, higher, pairs, every),
         tuple(turnings),
         (*remarks, *more),
     )
@@ -180,7 +184,9 @@ def _pairs(
         variances.append(Variances(np.maximum(own - apart, 0.0), apart, noise, slow + stated))
     reading = seen.values[both] - reference.form_at(theta)
     estimate = motion @ reference.directions.T
-    return _Pairs(stamps[both], theta, estimate, reading, tuple(variances), signal.turning[both], lever), remarks
+    return _Pairs(
+        stamps[both], theta, estimate, reading, tuple(variances), motion, signal.turning[both], lever
+    ), remarks
 
 
 def _radial_signal(
@@ -336,38 +342,35 @@ DOUBTED = 4.0
 """Standard uncertainties by which a height that is fitted may be off by chance: of few turns Student's t is wide."""
 
 
-def _lean(fit: ReferenceFit, pairs: _Pairs, every: NDArray[np.intp]) -> tuple[float, float]:
+def _lean(fit: ReferenceFit, higher_std: float, pairs: _Pairs, every: NDArray[np.intp]) -> tuple[float, float]:
     """What the height that fits best makes of the differences, and the largest that nothing speaks against, m."""
     if not np.isfinite(fit.higher_std):
         return 0.0, 0.0
     own = [each.at(every) for each in pairs.variances]
     reading = np.mean([each.reading + BOUND**2 * float(np.mean(each.lasting)) for each in own])
-    return abs(fit.higher) * fit.leaning, float(np.sqrt(reading)) + DOUBTED * fit.higher_std * fit.leaning
+    return abs(fit.higher) * fit.leaning, float(np.sqrt(reading)) + DOUBTED * higher_std * fit.leaning
 
 
-def _expanded(
+def _stds(
     fit: ReferenceFit,
     stage: StageDescription,
     reference: Reference,
     height: float,
     pairs: _Pairs,
     every: NDArray[np.intp],
-) -> Array:
-    """(2,) expanded uncertainty of the eccentricity: scatter, and all that looks like an eccentricity.
+) -> tuple[Array, float]:
+    """Standard uncertainties of the eccentricity (2,), and of the height that fits best, m.
 
-    That is what of the estimate turns with the rotor (ring and mirror), the stated graduation and flatness, of which
-    orders beside the first look like it, and what gain, directions and height of the reference make of it.
+    Beside scatter that is what the fit takes for them of all that is the same in all turns: what of the estimate turns
+    with the rotor, which is all eccentricity, and what is stated of graduation, flatness, gains and directions. What is
+    stated of the reference's height is no uncertainty of the height that is found.
     """
-    assembly, lever = AssemblyVariance.of(stage), height**2
-    mirror = 0.5 * float(np.dot(stage.mirror.tilt, stage.mirror.tilt))
-    alike = float(pairs.turning[every].mean()) + assembly.graduation
-    alike += lever * (assembly.flatness + (assembly.gain + assembly.roll) * mirror)
-    size = float(fit.eccentricity @ fit.eccentricity)
-    alike += (reference.gain**2 + reference.roll**2) * size + reference.lasting
-    cos, sin = np.cos(pairs.theta[every]), np.sin(pairs.theta[every])
-    leaned = pairs.lever[every]
-    leans = (
-        np.mean(leaned[:, 0] * cos + leaned[:, 1] * sin) ** 2 + np.mean(leaned[:, 1] * cos - leaned[:, 0] * sin) ** 2
-    )
-    alike += reference.place**2 * float(leans)
-    return np.asarray(COVERAGE * np.sqrt(np.diag(fit.covariance) + alike))
+    turning = float(pairs.turning[every].mean())
+    squares = np.diag(fit.covariance) + turning
+    higher = fit.higher_std**2
+    theta, lever, motion = pairs.theta[every], pairs.lever[every], pairs.motion[every]
+    for effect in stated_effects(stage, reference, height, theta, motion, lever, fit.eccentricity):
+        found, by_height = fit.taken(effect)
+        squares, higher = squares + found**2, higher + by_height**2
+    squares = squares + fit.taken(reference.place * lever @ reference.directions.T)[0] ** 2
+    return np.asarray(np.sqrt(squares)), float(np.sqrt(higher))

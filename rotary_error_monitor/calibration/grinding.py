@@ -192,8 +192,24 @@ def _side(machine: MachineDescription, letter: str) -> float:
 def _worst(
     first: WorkpieceCurve, second: WorkpieceCurve, reversal: float, errors: VerticalErrors
 ) -> GrindingComparison:
+    found = ground_by_phase(first, second, reversal, errors)
+
+    def flatness(surface: GroundSurface) -> float:
+        return surface.flatness
+
+    return GrindingComparison(
+        before=found[0].before,
+        unrotated=max((each.unrotated for each in found), key=flatness),
+        rotated=max((each.rotated for each in found), key=flatness),
+    )
+
+
+def ground_by_phase(
+    first: WorkpieceCurve, second: WorkpieceCurve, reversal: float, errors: VerticalErrors
+) -> list[GrindingComparison]:
+    """Surfaces by where the wave of the positioning error lies, each place as probable as the others."""
     reach = np.linspace(-AROUND, AROUND, math.ceil(2 * AROUND / min(errors.period, AROUND) * SAMPLES) + 1)
-    found = [
+    return [
         compare_compensation(
             first,
             second,
@@ -205,15 +221,6 @@ def _worst(
         )
         for phase in range(PHASES if errors.positioning > 0 else 1)
     ]
-
-    def flatness(surface: GroundSurface) -> float:
-        return surface.flatness
-
-    return GrindingComparison(
-        before=found[0].before,
-        unrotated=max((each.unrotated for each in found), key=flatness),
-        rotated=max((each.rotated for each in found), key=flatness),
-    )
 
 
 def trajectory_csv(prediction: FlatnessPrediction, step: float) -> str:

@@ -40,6 +40,8 @@ class Doubts:
         error_uncertainty: standard uncertainty of the range of the deviations, m.
         error_bounds: 95 % interval for it, m.
         between: part of `uncertainty` by what lies between the readings, m.
+        correlation: of the noise of neighbouring readings.
+        doubt: part of `uncertainty` by what does not fit or was not repeated, m.
         misfits: what does not fit, in words.
     """
 
@@ -47,6 +49,8 @@ class Doubts:
     error_uncertainty: float
     error_bounds: tuple[float, float]
     between: float
+    correlation: float
+    doubt: float
     misfits: tuple[str, ...]
 
     def beside(self, misfits: tuple[str, ...], moved: float = 0.0) -> Doubts:
@@ -56,6 +60,7 @@ class Doubts:
         return replace(
             self,
             uncertainty=math.hypot(self.uncertainty, moved),
+            doubt=math.hypot(self.doubt, moved),
             error_uncertainty=math.hypot(self.error_uncertainty, math.sqrt(2) * moved),
             error_bounds=(max(0.0, low - wider), high + wider),
             misfits=(*misfits, *self.misfits),
@@ -82,6 +87,8 @@ def find_doubts(parts: Sequence[Placed], spliced: SplicedProfile, straightness: 
         error_uncertainty=math.hypot(math.sqrt(across), further),
         error_bounds=range_bounds(straightness.deviations, covariance * (1 + correlation), further),
         between=between,
+        correlation=correlation,
+        doubt=doubt,
         misfits=(*disagreements, *misfits),
     )
 

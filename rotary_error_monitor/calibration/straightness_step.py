@@ -60,6 +60,7 @@ class StraightnessResult:
         doubts: how sure that is, and what does not fit.
         spacing: of the readings, m.
         comparison: with a direct measurement; None where there is none.
+        table: positions and values as the machine file has them, m.
         written: whether the file was written.
     """
 
@@ -71,6 +72,7 @@ class StraightnessResult:
     spacing: float
     rotated: RotatedCurve | None
     comparison: ProfileComparison | None
+    table: tuple[Array, Array]
     written: bool
 
     @property
@@ -135,6 +137,7 @@ def calibrate_straightness(
         spacing=max(float(np.median(np.diff(part.combined.positions))) for part in parts),
         rotated=rotated,
         comparison=comparison,
+        table=(positions, values),
         written=written,
     )
 

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 
+from rotary_error_monitor.calibration.flatness_doubts import (
+    CurveDoubt,
+    bounds_text,
+    check_curve,
+    predict_bounds,
+    read_covariance,
+)
 from rotary_error_monitor.calibration.grinding import (
+    FlatnessPrediction,
     VerticalErrors,
     flatness_text,
     predict_flatness,
@@ -13,8 +22,9 @@ from rotary_error_monitor.calibration.grinding import (
 )
 from rotary_error_monitor.calibration.workpiece import measured_text, read_workpiece
 from rotary_error_monitor.commands.calibration_arguments import Subparsers, add_figure, writing
-from rotary_error_monitor.commands.values import limits_of, not_negative, positive
-from rotary_error_monitor.description.machine import load_machine, machine_path
+from rotary_error_monitor.commands.values import limits_of, not_negative, positive, split_word
+from rotary_error_monitor.description.machine import MachineDescription, load_machine, machine_path
+from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import check_outputs, check_places, write_whole
 
 USUAL_REVERSAL_UM = (0.0, 0.25, 0.5, 1.0, 2.0, 3.0)
@@ -49,6 +59,13 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
         "--measured", type=Path, metavar="CSV", help="surface ground without compensation: X_mm,Z_mm,height_um"
     )
     parser.add_argument("--measured-after", type=Path, metavar="CSV", help="surface ground with it")
+    parser.add_argument(
+        "--covariance",
+        nargs=2,
+        default=(),
+        metavar="X=CSV",
+        help="of both axes the files that `calibrate straightness --covariance` wrote, for 95 %% intervals",
+    )
     parser.add_argument("--height-noise-um", type=positive, help="standard deviation of their heights, for an interval")
     parser.add_argument(
         "--trajectory", type=Path, metavar="OUT.csv", help="write what the vertical axis adds over the workpiece"
@@ -61,7 +78,8 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
 def _flatness(arguments: argparse.Namespace) -> int:
     written = [arguments.figure, arguments.trajectory]
     measured = {"before": arguments.measured, "after": arguments.measured_after}
-    check_outputs(written, [machine_path(arguments.machine), *measured.values()])
+    stated = {name: Path(file) for name, file in map(split_word, arguments.covariance)}
+    check_outputs(written, [machine_path(arguments.machine), *measured.values(), *stated.values()])
     check_places(path for path in written if path is not None)
     machine = load_machine(arguments.machine)
     limits = limits_of(arguments.workpiece, machine)
@@ -69,9 +87,10 @@ def _flatness(arguments: argparse.Namespace) -> int:
     errors = VerticalErrors(reversal, arguments.positioning_um * 1e-6, arguments.positioning_period_um * 1e-6)
     prediction = predict_flatness(machine, arguments.vertical, limits, errors)
     surfaces = {name: read_workpiece(path, prediction) for name, path in measured.items() if path is not None}
+    told = [flatness_text(prediction), *_intervals(machine, prediction, stated)]
     trajectory = trajectory_csv(prediction, arguments.step_mm * 1e-3) if arguments.trajectory else ""
     noise = None if arguments.height_noise_um is None else arguments.height_noise_um * 1e-6
-    print("\n".join([flatness_text(prediction), *(measured_text(*each, noise) for each in surfaces.items())]))
+    print("\n".join([*told, *(measured_text(*each, noise) for each in surfaces.items())]))
     if arguments.trajectory:
         write_whole(arguments.trajectory, trajectory.encode())
     if arguments.figure:
@@ -80,3 +99,20 @@ def _flatness(arguments: argparse.Namespace) -> int:
         with writing(arguments.figure):
             draw_flatness(arguments.figure, prediction, surfaces)
     return 0
+
+
+def _intervals(machine: MachineDescription, prediction: FlatnessPrediction, stated: Mapping[str, Path]) -> list[str]:
+    """What the covariances of the curves, by axis, say of a prediction; nothing without them.
+
+    Raises:
+        InputError: they are not of both axes, or not of the curves of the machine file.
+    """
+    if not stated:
+        return []
+    if set(stated) != set(prediction.feeds):
+        raise InputError(f"--covariance of {', '.join(stated)}; expected one of each of {', '.join(prediction.feeds)}")
+    doubts: dict[str, CurveDoubt] = {}
+    for letter, path in stated.items():
+        doubts[letter] = read_covariance(path)
+        check_curve(machine, prediction.vertical, letter, doubts[letter])
+    return [bounds_text(prediction, predict_bounds(prediction, doubts))]

@@ -6,6 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from rotary_error_monitor.calibration.flatness_doubts import covariance_csv
 from rotary_error_monitor.calibration.measurements import read_mirror_profile
 from rotary_error_monitor.calibration.straightness_report import mirror_csv, straightness_text
 from rotary_error_monitor.calibration.straightness_runs import Reading
@@ -54,6 +55,9 @@ def add(steps: Subparsers[argparse.ArgumentParser]) -> None:
     add_figure(parser)
     parser.add_argument("--runs-figure", type=Path, metavar="PNG", help="draw the runs and how they repeat")
     parser.add_argument(
+        "--covariance", type=Path, metavar="OUT.csv", help="write the curve's covariance, for `calibrate flatness`"
+    )
+    parser.add_argument(
         "--monotone", action="store_true", help="rotate the curve so that its correction never reverses"
     )
 
@@ -83,7 +87,7 @@ def _add_direct(parser: argparse.ArgumentParser) -> None:
 def _straightness(arguments: argparse.Namespace) -> int:
     reading = Reading(arguments.noise_um * 1e-6, arguments.position_noise_mm * 1e-3, arguments.drop_outliers)
     read = (arguments.mirror_profile, arguments.direct)
-    written = (arguments.runs_figure, arguments.mirror_form)
+    written = (arguments.runs_figure, arguments.mirror_form, arguments.covariance)
     with job_of(arguments, read, written) as job:
         mirror = _mirror_of(arguments, "mirror-length-mm", "mirror-flatness-um", arguments.mirror_profile)
         if mirror is None and arguments.mirror_form is not None:
@@ -94,6 +98,8 @@ def _straightness(arguments: argparse.Namespace) -> int:
     form = result.spliced.mirror
     if result.written and arguments.mirror_form and form is not None:
         write_whole(arguments.mirror_form, mirror_csv(form, job.source.name).encode())
+    if result.written and arguments.covariance:
+        write_whole(arguments.covariance, covariance_csv(result).encode())
     _draw(arguments, result)
     return 0 if result.written else NOT_GOOD
 

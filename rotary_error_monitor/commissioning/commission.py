@@ -10,10 +10,16 @@ import numpy as np
 
 from rotary_error_monitor.commissioning.command import COMMAND, fit_command
 from rotary_error_monitor.commissioning.findings import Finding, findings_of
-from rotary_error_monitor.commissioning.found import Found, Shown, Stated, known_hand, parameters
+from rotary_error_monitor.commissioning.found import Found, Shown, Stated, known_hand, origin_of, parameters
 from rotary_error_monitor.commissioning.heads import Angles, angles_of, head_response
 from rotary_error_monitor.commissioning.layouts import Signs, Weighed, alternatives, weigh_layouts
 from rotary_error_monitor.commissioning.ring_model import RingPrior
+from rotary_error_monitor.commissioning.stated_curves import (
+    check_counted,
+    check_mirror_curve,
+    check_ring_curve,
+    ring_curve,
+)
 from rotary_error_monitor.commissioning.streams import Recorded, Stream, StreamFigures, describe_stream
 from rotary_error_monitor.commissioning.tilt import fit_tilt, log_hand
 from rotary_error_monitor.commissioning.units import Unit, tilt_units
@@ -78,9 +84,11 @@ def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> C
         recorded: the raw streams.
 
     Raises:
-        InputError: the stage stands still, moves less than a turn or one way only; streams do not overlap.
+        InputError: the stage stands still, moves less than a turn or one way only; streams do not overlap; a measured
+            curve of ring or mirror is not what the instruments see.
     """
     check_azimuths(stage)
+    check_counted(stage, COMMAND in recorded.streams or bool({*stated.zeros} - {COMMAND}))
     angular = [f"head_{letter}" for letter in stage.azimuths] + ([COMMAND] if COMMAND in recorded.streams else [])
     angles = angles_of(stage, {name: recorded.streams[name] for name in angular})
     figures = _figures(recorded, angles)
@@ -109,11 +117,23 @@ def commission(stage: StageDescription, stated: Stated, recorded: Recorded) -> C
     if tilt is not None:
         handed = {way: each + known.get(way, 0.0) for way, each in log_hand(tilt, limits.tilt).items()}
     described = np.array(list(stage.azimuths.values()))
-    weighed = weigh_layouts(heads.response, described, prior, signs, handed)
-    found = parameters(stage, stated, shown, weighed[0].layout, weighed[0].fit, prior)
+    priors = _with_curve(stage, stated, shown, prior)
+    weighed = weigh_layouts(heads.response, described, priors, signs, handed)
     others = alternatives(weighed)
+    check_ring_curve((weighed[0], *others), heads.response, described, priors)
+    found = parameters(stage, stated, shown, weighed[0].layout, weighed[0].fit, priors[weighed[0].layout.sense])
+    if found.tilt is not None and found.tilt.axes is not None and not found.tilt.mirrored:
+        check_mirror_curve(stage, found.tilt.axes.chi_square)
     findings = findings_of(stage, recorded, figures, shown, found, weighed[0], others, azimuth, tilt_unit)
     return Commissioning(figures, found, tuple(findings), weighed[0], others, shown, recorded.remarks)
+
+
+def _with_curve(stage: StageDescription, stated: Stated, shown: Shown, prior: RingPrior) -> Mapping[int, RingPrior]:
+    """What is known of the ring by the sense of the first head, with a graduation that was measured."""
+    curves = {sense: ring_curve(stage, origin_of(stage, stated, shown, sense)) for sense in (1, -1)}
+    return {
+        sense: prior if each is None else replace(prior, curve=each[0], doubt=each[1]) for sense, each in curves.items()
+    }
 
 
 def _figures(recorded: Recorded, angles: Angles) -> dict[str, StreamFigures]:

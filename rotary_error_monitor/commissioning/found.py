@@ -12,7 +12,8 @@ from rotary_error_monitor.commissioning.command import COMMAND, CommandFit
 from rotary_error_monitor.commissioning.heads import TURN, Angles, HeadResponse, straight_part
 from rotary_error_monitor.commissioning.layouts import Layout, turned_over
 from rotary_error_monitor.commissioning.ring_model import RingFit, RingPrior
-from rotary_error_monitor.commissioning.tilt import Axes, TiltResponse, known_axes, turned
+from rotary_error_monitor.commissioning.stated_curves import mirror_rows, ring_level
+from rotary_error_monitor.commissioning.tilt import Axes, TiltResponse, amplitudes, known_axes, turned
 from rotary_error_monitor.description.stage import AngularHarmonic, StageDescription
 
 Array = NDArray[np.float64]
@@ -98,7 +99,8 @@ class Found:
     Attributes:
         heads: by letter.
         eccentricity: (x, y) m, with the standard uncertainty of each.
-        graduation: orders that stand out and that the heads tell from all else, with the standard uncertainties.
+        graduation: orders that stand out and that the heads tell from all else, with the standard uncertainties; none
+            where the file has a measured curve.
         datum: what the rotation is counted from: `command`, or a head that states its zero.
         hidden_orders: of the graduation, which the recording does not tell from rotation and error motion.
     """
@@ -139,13 +141,14 @@ def parameters(
     straight = straight_part(response, sense * shown.heads.theta)
     datum, origin, origin_std = _origin(stage, stated, shown, sense, straight.constant)
     late = shown.heads.delays + straight.delay
+    level = ring_level(stage)
     first = _first(late, shown.tilt)
     azimuths = np.array([stage.azimuths[name.removeprefix("head_")] for name in names])[list(layout.places)]
     stds = np.sqrt(np.diag(fit.azimuth_covariance))
     heads = {}
     for i, name in enumerate(names):
         sign = sense * shown.angles.relative[name]
-        zero = sign * (straight.constant[i] - origin)
+        zero = sign * (straight.constant[i] - origin - level)
         latency = float(late[i] - first)
         timing = float(np.hypot(np.sqrt(straight.delay_covariance[i, i]), stage.timing("encoder")))
         heads[name.removeprefix("head_")] = FoundHead(
@@ -163,7 +166,7 @@ def parameters(
         None if shown.command is None else _command(shown, shown.command, sense, origin, first),
         None if shown.tilt is None else _tilt(stage, turned(shown.tilt, sense, origin), layout.mirrored, first),
         (Value(float(vector[0]), float(spread[0])), Value(float(vector[1]), float(spread[1]))),
-        tuple(_graduation(fit, origin)),
+        () if prior.curve is not None else tuple(_graduation(fit, origin)),
         datum,
         _hidden(fit, prior),
     )
@@ -186,9 +189,7 @@ def known_hand(stage: StageDescription, stated: Stated, shown: Shown) -> dict[tu
         return {}
     found = {}
     for sense in (1, -1):
-        response = shown.heads.response if sense == 1 else turned_over(shown.heads.response)
-        constants = straight_part(response, sense * shown.heads.theta).constant
-        tilt = turned(shown.tilt, sense, _origin(stage, stated, shown, sense, constants)[1])
+        tilt = turned(shown.tilt, sense, origin_of(stage, stated, shown, sense))
         for mirrored in (False, True):
             axes = known_axes(stage, tilt, mirrored)
             if axes is not None:
@@ -197,6 +198,13 @@ def known_hand(stage: StageDescription, stated: Stated, shown: Shown) -> dict[tu
         return {}
     scale = max(1.0, min(square / max(count, 1) for square, count in found.values()))
     return {way: -0.5 * square / scale for way, (square, _) in found.items()}
+
+
+def origin_of(stage: StageDescription, stated: Stated, shown: Shown, sense: int) -> float:
+    """By how much the mean of the heads is behind the rotation where the first head counts in that sense, rad."""
+    response = shown.heads.response if sense == 1 else turned_over(shown.heads.response)
+    constants = straight_part(response, sense * shown.heads.theta).constant
+    return _origin(stage, stated, shown, sense, constants)[1]
 
 
 def within_turn(angle: float) -> float:
@@ -211,7 +219,7 @@ def _origin(
     for i, name in enumerate(shown.heads.names):
         if name in stated.zeros:
             sign = sense * shown.angles.relative[name]
-            return name, float(constants[i]) - sign * stage.response(name).zero[0], 0.0
+            return name, float(constants[i]) - sign * stage.response(name).zero[0] - ring_level(stage), 0.0
     if shown.command is None:
         return shown.heads.names[0], float(constants[0]), 0.0
     zero = (*stage.response(COMMAND).zero, 0.0)[0]
@@ -238,12 +246,15 @@ def _tilt(stage: StageDescription, tilt: TiltResponse, mirrored: bool, first: fl
         if response.gain < 0:  # the same instrument, as the file has it
             gain, roll = -gain, within_turn(roll + np.pi)
     seen = tilt.along[0] if not mirrored else tilt.against[0].conj()
-    mirror = complex(seen / (gain * np.exp(1j * roll)))
+    form = mirror_rows(stage, 1)
+    still = sum(complex(row.x[0], row.y[0]) for row in form if row.order == 0)
+    still = gain * np.exp(1j * roll) * (still.conjugate() if mirrored else still)
+    mirror = complex(seen / (gain * np.exp(1j * roll))) - complex(amplitudes(form, 1)[0][0])
     std = float(np.sqrt(tilt.variance[0])) / abs(gain)
     if axes is not None and axes.std <= SURE:
         std = float(np.hypot(std, axes.std * abs(mirror)))
     return FoundTilt(
-        (Value(tilt.zero[0], tilt.zero_std), Value(tilt.zero[1], tilt.zero_std)),
+        (Value(tilt.zero[0] - still.real, tilt.zero_std), Value(tilt.zero[1] - still.imag, tilt.zero_std)),
         Value(tilt.delay - first, tilt.delay_std),
         axes,
         gain,
@@ -268,4 +279,6 @@ def _hidden(fit: RingFit, prior: RingPrior) -> tuple[int, ...]:
     """Orders of which the recording leaves most of what was unknown before."""
     orders = range(2, fit.highest + 1)
     stds = [float(np.sqrt(fit.graduation(order)[1].diagonal().max())) for order in orders]
-    return tuple(k for k, std in zip(orders, stds, strict=True) if std > TOLD * prior.graduation / k)
+    return tuple(
+        k for k, std in zip(orders, stds, strict=True) if std > TOLD * prior.graduation_std(k) and prior.curve is None
+    )

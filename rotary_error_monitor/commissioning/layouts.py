@@ -116,7 +116,7 @@ def turned_over(response: Response) -> Response:
 def weigh_layouts(
     response: Response,
     azimuths: Array,
-    prior: RingPrior,
+    priors: Mapping[int, RingPrior],
     signs: Signs,
     handed: Mapping[tuple[int, bool], float] | None = None,
 ) -> list[Weighed]:
@@ -125,7 +125,7 @@ def weigh_layouts(
     Args:
         response: of the heads, each counted as the first head counts.
         azimuths: (n,) of the heads as they are described, rad.
-        prior: of ring and rotor.
+        priors: of ring and rotor, by the sense of the first head.
         signs: of heads and command.
         handed: logarithm of the likelihood of the autocollimator by sense and whether it is mirrored, with its prior.
     """
@@ -136,24 +136,24 @@ def weigh_layouts(
     for sense in (1, -1):
         known = signs.log_prior(sense)
         for places in _places(len(azimuths)):
-            fit = fit_ring(rough[sense], azimuths[list(places)], prior)
+            fit = fit_ring(rough[sense], azimuths[list(places)], priors[sense])
             found.append((fit.evidence + known + _prior(places), sense, places, fit))
     found.sort(key=lambda each: -each[0])
     kept = found[:LOOKED_AT] + [each for each in found[LOOKED_AT:] if Layout(each[2], each[1]).exchanges < 2]
-    return _posterior(kept, whole, azimuths, prior, signs, handed or {(1, False): 0.0, (-1, False): 0.0})
+    return _posterior(kept, whole, azimuths, priors, signs, handed or {(1, False): 0.0, (-1, False): 0.0})
 
 
 def _posterior(
     kept: Sequence[tuple[float, int, tuple[int, ...], RingFit]],
     whole: Mapping[int, Orders],
     azimuths: Array,
-    prior: RingPrior,
+    priors: Mapping[int, RingPrior],
     signs: Signs,
     handed: Mapping[tuple[int, bool], float],
 ) -> list[Weighed]:
     weighed = []
     for _, sense, places, _ in kept:
-        fit = fit_ring(whole[sense], azimuths[list(places)], prior)
+        fit = fit_ring(whole[sense], azimuths[list(places)], priors[sense])
         for (way, mirrored), likelihood in handed.items():
             if way == sense:
                 total = fit.evidence + signs.log_prior(sense) + _prior(places) + likelihood

@@ -132,7 +132,10 @@ def untold(stage: StageDescription, result: Commissioning) -> Iterator[str]:
     """What stays as the file has it, or is a convention, because nothing in such a recording shows it."""
     found = result.found
     yield f"a zero common to all angles: the rotation is counted from {spoken(found.datum)}"
-    yield "a turn common to all azimuths: the direction of x is that of the described azimuths on average"
+    if stage.ring.graduation_table is None:
+        yield "a turn common to all azimuths: the direction of x is that of the described azimuths on average"
+    else:
+        yield "what the ring's measured curve is off by, which counts as described: azimuths are counted by it"
     yield "a delay common to all: the earliest of heads and autocollimator counts as in time"
     yield "eccentricity of the ring from what the rotor's own order 1 goes round with it, and both but over disc_radius"
     if found.hidden_orders:

@@ -49,27 +49,21 @@ def commission_stage(
     try:
         return stage, commission(stage, stated_in(stage_file, stage.azimuths), recorded)
     except InputError as error:
-        if str(error).startswith("encoder.heads"):
-            place = locate(stage_file, ("stage", "encoder", "heads"))
-            raise InputError(f"{place}: {str(error).partition(': ')[2]}") from error
+        for place in (("encoder", "heads"), GRADUATION, FLATNESS):
+            begin, _, what = str(error).partition(": ")
+            if begin == ".".join(place):
+                raise InputError(f"{locate(stage_file, ('stage', *place))}: {what}") from error
         raise InputError(f"{bag}: {error}") from error
 
 
 def check_commissionable(stage: StageDescription, stage_file: Path) -> None:
     """Refuse what commissioning does not take into account.
 
-    Those are measured curves of ring or mirror, for what is found here are orders, and a gain of the command.
+    That is a gain of the command.
 
     Raises:
         InputError: the stage has one; the message names file and line.
     """
-    ring = None if stage.encoder is None else stage.encoder.graduation_table
-    for place, table in ((GRADUATION, ring), (FLATNESS, stage.mirror.flatness_table)):
-        if table is not None:
-            raise InputError(
-                f"{locate(stage_file, ('stage', *place))}: a measured curve, which commissioning does not take into "
-                "account; take it out, commission, and measure the curve anew with `calibrate assembly --as table`"
-            )
     if abs(stage.response("command").gain) != 1.0:
         gain = in_file(YamlDocument(stage_file, "stage"), ("command", "gain"))
         raise InputError(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.commissioning.heads import ROUNDS, TURN, Angles, HeadResponse, earlier, loose
 from rotary_error_monitor.commissioning.response_fit import FEW, basis, fit_response, smooth_by_correlation
+from rotary_error_monitor.commissioning.stated_curves import mirror_doubt, mirror_rows
 from rotary_error_monitor.commissioning.streams import Stream
 from rotary_error_monitor.description.stage import PlanarHarmonic, StageDescription
 from rotary_error_monitor.errors import InputError
@@ -239,9 +240,12 @@ def _known(
 ) -> Iterable[tuple[complex, complex, float, float]]:
     """What is shown, what is read of it, and the variances of a part of what is read and of what is shown."""
     if "spindle.tilt" in stage.uncertainty:
-        flat = stage.uncertainty.get("mirror.flatness", FLATNESS)
+        flat = mirror_doubt(stage, FLATNESS)
         doubt = (stage.uncertainty["spindle.tilt"] ** 2 + flat**2) / 2
-        along, against = amplitudes((*stage.spindle.tilt, *stage.mirror.flatness), len(tilt.along))
+        stated = {row.order for row in (*stage.spindle.tilt, *stage.mirror.flatness)}
+        # of other orders the curve says what the mirror shows, and nothing says what the rotor does
+        measured = (row for row in mirror_rows(stage, HIGHEST) if row.order in stated)
+        along, against = amplitudes((*stage.spindle.tilt, *stage.mirror.flatness, *measured), len(tilt.along))
         for k in range(len(tilt.along)):
             pair = (along[k], against[k]) if not mirrored else (against[k].conj(), along[k].conj())
             # of order 1 one part is the mirror's: that which goes with the rotation, as it is read

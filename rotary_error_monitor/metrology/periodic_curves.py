@@ -169,13 +169,13 @@ def stage_by_orders(stage: StageDescription, highest: int, least: tuple[float, f
     """
     encoder, mirror, doubts = stage.encoder, stage.mirror, dict(stage.uncertainty)
     if encoder is not None and encoder.graduation_table is not None:
-        limit = max(least[0], STANDS_OUT * _coefficient_std(encoder.graduation_table))
+        limit = max(least[0], STANDS_OUT * coefficient_std(encoder.graduation_table))
         _doubt(doubts, "encoder.graduation", encoder.graduation_table)
         found = angular_orders(encoder.graduation_table, highest)
         more = tuple(row for row in found if row.order != 1 and np.hypot(row.cos, row.sin) > limit)
         encoder = replace(encoder, graduation=_with_angular(encoder.graduation, more), graduation_table=None)
     if mirror.flatness_table is not None:
-        limit = max(least[1], STANDS_OUT * _coefficient_std(mirror.flatness_table))
+        limit = max(least[1], STANDS_OUT * coefficient_std(mirror.flatness_table))
         _doubt(doubts, "mirror.flatness", mirror.flatness_table)
         forms = planar_orders(mirror.flatness_table, highest)
         flat = tuple(row for row in forms if np.linalg.norm([*row.x, *row.y]) > limit)
@@ -186,10 +186,10 @@ def stage_by_orders(stage: StageDescription, highest: int, least: tuple[float, f
 def _doubt(doubts: dict[str, float], name: str, table: PeriodicTable) -> None:
     """Add to the uncertainties of a stage that of coefficients that are from a table, if it states one."""
     if table.uncertainty:
-        doubts[name] = float(np.hypot(doubts.get(name, 0.0), _coefficient_std(table)))
+        doubts[name] = float(np.hypot(doubts.get(name, 0.0), coefficient_std(table)))
 
 
-def _coefficient_std(table: PeriodicTable) -> float:
+def coefficient_std(table: PeriodicTable) -> float:
     """Standard uncertainty of a coefficient of one of the orders that a table tells, rad."""
     return table.uncertainty / float(np.sqrt(max(1, (len(table.knots[0]) - 1) // TO_A_WAVE)))
 

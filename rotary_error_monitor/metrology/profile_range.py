@@ -38,14 +38,20 @@ def range_bounds(deviations: Array, covariance: Array, further: float = 0.0) -> 
     what of its short waves is noise; the interval is the normal one about what was found less that bias (Davison and
     Hinkley, Bootstrap Methods and their Application, 1997, Section 5.2.1).
     """
+    middle, std = range_estimate(deviations, covariance)
+    margin = NORMAL_95 * math.hypot(std, further)
+    return max(0.0, middle - margin), max(0.0, middle + margin)
+
+
+def range_estimate(deviations: Array, covariance: Array) -> tuple[float, float]:
+    """Range of a true curve without the bias of the range found, and its standard uncertainty, m; as `range_bounds`."""
     count = min(MOST_POINTS, deviations.size)
     chosen = np.unique(np.round(np.linspace(0, deviations.size - 1, count)).astype(int))
     spread = covariance[np.ix_(chosen, chosen)]
     probable = _smoothed(deviations[chosen], spread)
     drawn = np.ptp(probable + np.random.default_rng(0).normal(size=(DRAWS, count)) @ symmetric_root(spread), axis=1)
     middle = float(np.ptp(deviations)) - float(drawn.mean() - np.ptp(probable))
-    margin = NORMAL_95 * math.hypot(float(drawn.std()), further)
-    return max(0.0, middle - margin), max(0.0, middle + margin)
+    return middle, float(drawn.std())
 
 
 def _smoothed(values: Array, covariance: Array) -> Array:

@@ -35,6 +35,8 @@ class ReferenceFit:
         joint: (2,) eccentricity where the height is unknown as well, m.
         higher: by how much the reference seems to stand higher than stated, m.
         higher_std: standard uncertainty of that by scatter alone, m; infinite where no tilt tells.
+        maps: by which a difference (n, p) becomes the eccentricity, and the eccentricity with the height: (2, n, p) and
+            (3, n, p), whatever the difference is.
         leaning: root mean square along a direction of the lever, what looks like zero or eccentricity left out, rad:
             times `higher` it is what the height makes of the differences.
     """
@@ -47,6 +49,12 @@ class ReferenceFit:
     higher: float
     higher_std: float
     leaning: float
+    maps: tuple[Array, Array]
+
+    def taken(self, effect: Array) -> tuple[Array, float]:
+        """What of a difference (n, p), m, is taken for eccentricity (2,) and for height, m."""
+        found, joint = (np.einsum("knp,np->k", each, effect) for each in self.maps)
+        return found, float(joint[2])
 
 
 def fit_reference(
@@ -73,11 +81,13 @@ def fit_reference(
     count = np.bincount(group).astype(np.float64)
     design = columns - _means(columns, group, count)[group]
     target = difference - _means(difference, group, count)[group]
-    found, covariance, left, _ = _solve(design[:, :, :2], target, cluster)
+    found, covariance, left, _, inverse = _solve(design[:, :, :2], target, cluster)
     zeros = _means(difference - columns[:, :, :2] @ found, group, count)
-    whole, spread, _, alone = _solve(design, target, cluster)
+    whole, spread, _, alone, joint = _solve(design, target, cluster)
+    # columns are about the means of their groups: zeros drop out
+    maps = np.einsum("kl,npl->knp", inverse, design[:, :, :2]), np.einsum("kl,npl->knp", joint, design)
     std, leaning = float(np.sqrt(spread[2, 2])), float(np.sqrt(alone[2] / target.size))
-    return ReferenceFit(zeros, found, covariance, left, whole[:2], float(whole[2]), std, leaning)
+    return ReferenceFit(zeros, found, covariance, left, whole[:2], float(whole[2]), std, leaning, maps)
 
 
 def _means(values: Array, group: NDArray[np.intp], count: Array) -> Array:
@@ -91,10 +101,10 @@ _TOLD = 1e-9
 """Part of the largest eigenvalue of the normal matrix below which a combination of unknowns is not told."""
 
 
-def _solve(design: Array, target: Array, cluster: NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
-    """Unknowns (k,), their covariance by clusters (k, k), what is left (n, p), and squares of columns (k,).
+def _solve(design: Array, target: Array, cluster: NDArray[np.intp]) -> tuple[Array, Array, Array, Array, Array]:
+    """Unknowns (k,), their covariance by clusters (k, k), what is left (n, p), squares of columns (k,), inverse (k, k).
 
-    The last are of the part of each column that no other column makes.
+    The squares are of the part of each column that no other column makes, the inverse is that of the normal matrix.
     """
     scale = np.sqrt((design**2).sum(axis=(0, 1)))
     told = scale > 0.0
@@ -112,4 +122,4 @@ def _solve(design: Array, target: Array, cluster: NDArray[np.intp]) -> tuple[Arr
     covariance = wider * inverse @ scores.T @ scores @ inverse
     covariance[~told, ~told] = np.inf
     alone = np.where(told, 1.0 / np.where(told, np.diag(inverse), 1.0), 0.0)
-    return found, covariance, left, alone
+    return found, covariance, left, alone, np.asarray(inverse)

@@ -59,6 +59,7 @@ def build(
     reversed_heads: int | None = None,
     axes: tuple[float, float] | None = None,
     tilt: float | None = None,
+    curves: bool = False,
     **options: Any,
 ) -> NewlyBuilt:
     """A stage drawn from the seed, turned both ways.
@@ -75,6 +76,7 @@ def build(
         reversed_heads: how many heads count the other way; drawn where it is None.
         axes: gain and roll (rad) of the autocollimator; drawn where it is None.
         tilt: root mean square of the spindle's tilt error motion per axis, rad; drawn where it is None.
+        curves: whether ring and mirror have errors of many orders, which the file states as measured curves.
         options: of the recording.
     """
     rng = np.random.default_rng([seed, 20261127])
@@ -90,12 +92,15 @@ def build(
             true["encoder"]["heads"][letter]["sign"] = -1 if place < reversed_heads else 1
     if axes is not None:
         true["autocollimator"]["gain"], true["autocollimator"]["roll"] = axes
+    if curves:
+        _measured(np.random.default_rng([seed, 20261128]), nominal, true)
     if sign:
         nominal["command"] = {"sign": true["command"]["sign"]}
     if known_tilt:
         nominal["spindle"] = {"tilt": copy.deepcopy(true["spindle"]["tilt"])}
-        nominal.setdefault("command", {})["zero"] = true["command"]["zero"]  # where the tilt is counted from
         nominal["uncertainty"] = {"spindle.tilt": 1e-8, "mirror.flatness": 1e-8}
+    if known_tilt or curves:
+        nominal.setdefault("command", {})["zero"] = true["command"]["zero"]  # where these are counted from
     if pushed:
         for section in (nominal, true):
             section.setdefault("spindle", {})["tilt_compliance"] = 1e-7
@@ -161,6 +166,40 @@ def _as_built(rng: np.random.Generator, nominal: Section, spindle: Section, swap
     true["command"]["latency"] = float(rng.uniform(0.0, 5e-3))
     true["spindle"] = spindle
     return true
+
+
+ORDERS = (1, 2, 3, 4, 5, 7, 11)
+"""Of the errors of a ring and a mirror that are measured."""
+
+
+def _measured(rng: np.random.Generator, nominal: Section, true: Section) -> None:
+    """Give ring and mirror errors of `ORDERS`, and state them as curves of 360 angles, each to some nanoradians."""
+    size = drawn_log(rng, 3e-6, 3e-5)
+    ring = [
+        {"order": k, **dict(zip(("cos", "sin"), (size / np.sqrt(k) * rng.normal(size=2)).tolist(), strict=True))}
+        for k in ORDERS
+    ]
+    mirror = _waves(rng, drawn_log(rng, 5e-7, 3e-6), ORDERS)
+    true["encoder"]["graduation"], true["mirror"]["flatness"] = ring, mirror
+    angles = float(rng.uniform(-3, 0)) + np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+    uncertainty = 5e-9
+    values = sum(r["cos"] * np.cos(r["order"] * angles) + r["sin"] * np.sin(r["order"] * angles) for r in ring)
+    nominal["encoder"]["graduation_table"] = {
+        "angles": angles.tolist(),
+        "values": (values + uncertainty * rng.normal(size=360)).tolist(),
+        "uncertainties": [uncertainty] * 360,
+    }
+    columns = {
+        axis: sum(r[axis][0] * np.cos(r["order"] * angles) + r[axis][1] * np.sin(r["order"] * angles) for r in mirror)
+        for axis in "xy"
+    }
+    nominal["mirror"] = {
+        "flatness_table": {
+            "angles": angles.tolist(),
+            **{axis: (each + uncertainty * rng.normal(size=360)).tolist() for axis, each in columns.items()},
+            "uncertainties": [uncertainty] * 360,
+        }
+    }
 
 
 def in_unit(recording: Recording, topics: Sequence[str], size: float) -> Recording:
