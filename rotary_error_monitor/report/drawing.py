@@ -21,6 +21,7 @@ from PIL import Image
 
 from rotary_error_monitor.report.drawn import DENSITY, INCH, Drawn
 from rotary_error_monitor.report.plot import Plot
+from rotary_error_monitor.report.quick_ticks import quick_ticks
 from rotary_error_monitor.report.wording import power_of_ten
 
 Picture = TypeVar("Picture")
@@ -60,7 +61,8 @@ class Sketch(NamedTuple):
 def drawn(figure: Figure, alt: str) -> Drawn:
     """The picture of a figure; `alt` says what it shows."""
     canvas = FigureCanvasAgg(figure)
-    canvas.draw()  # type: ignore[no-untyped-call]  # matplotlib has no types here
+    with quick_ticks(figure):
+        canvas.draw()  # type: ignore[no-untyped-call]  # matplotlib has no types here
     dots = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
     return Drawn(_png(Image.fromarray(dots).convert("RGB")), alt)
 
