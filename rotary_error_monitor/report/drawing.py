@@ -5,11 +5,12 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
@@ -66,10 +67,17 @@ class Sketch(NamedTuple):
 
 def drawn(figure: Figure, alt: str) -> Drawn:
     """The picture of a figure; `alt` says what it shows."""
-    canvas = FigureCanvasAgg(figure)
+    renderer = _renderer(*figure.bbox.size, figure.dpi)
+    renderer.clear()
     with quick_ticks(figure):
-        canvas.draw()  # type: ignore[no-untyped-call]  # matplotlib has no types here
-    return Drawn(_png(np.asarray(canvas.buffer_rgba())), alt)  # type: ignore[no-untyped-call]
+        figure.draw(renderer)
+    return Drawn(_png(np.asarray(renderer.buffer_rgba())), alt)
+
+
+@lru_cache(maxsize=4)
+def _renderer(width: float, height: float, dpi: float) -> RendererAgg:
+    """What draws pictures of a size, dots: it keeps how large texts are, and pictures of a page share many."""
+    return RendererAgg(width, height, dpi)  # type: ignore[no-untyped-call]  # matplotlib has no types here
 
 
 def new_axes(
