@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -34,13 +35,14 @@ def quick_ticks(figure: Figure) -> Iterator[None]:
 
 
 def _is_plain(axis: Axis) -> bool:
-    """Whether an axis has nothing but ticks on its usual side, all of one kind, with names and lines across."""
-    return (
-        axis.get_visible()
-        and not isinstance(axis.axes, PolarAxes)
-        and axis.get_ticks_position() in ("bottom", "left")  # type: ignore[attr-defined]  # of both kinds of axis
-        and isinstance(axis.get_minor_locator(), NullLocator)
-    )
+    """Whether an axis is drawn, and has ticks of one kind alone."""
+    return axis.get_visible() and isinstance(axis.get_minor_locator(), NullLocator)
+
+
+def _is_straight(axis: Axis) -> bool:
+    """Whether ticks, all on the usual side, differ in their place alone."""
+    side = axis.get_ticks_position()  # type: ignore[attr-defined]  # of all kinds of axis
+    return side in ("bottom", "left") and not isinstance(axis.axes, PolarAxes)
 
 
 class _Ticks(Artist):
@@ -49,7 +51,8 @@ class _Ticks(Artist):
     def __init__(self, axis: Axis) -> None:
         super().__init__()
         self._axis = axis
-        self.set_zorder(axis.get_zorder())
+        # of what lies equally high, an axis is drawn last: also after the frame, which is drawn after this
+        self.set_zorder(math.nextafter(axis.get_zorder(), math.inf))
 
     def begin(self) -> None:
         """Take the place of the axis."""
@@ -74,10 +77,19 @@ class _Ticks(Artist):
         at = axis.get_transform().transform(np.asarray(places, float))
         beyond = _ROUNDING * (high - low)
         seen = np.flatnonzero((at >= low - beyond) & (at <= high + beyond))
-        self._draw_ticks(renderer, np.asarray(places, float)[seen], [names[k] for k in seen])
+        draw = self._draw_together if _is_straight(axis) else self._draw_each
+        draw(renderer, np.asarray(places, float)[seen], [names[k] for k in seen])
         axis.label.draw(renderer)
 
-    def _draw_ticks(self, renderer: RendererBase, places: np.ndarray, names: list[str]) -> None:
+    def _draw_each(self, renderer: RendererBase, places: np.ndarray, names: list[str]) -> None:
+        """One after another, as on a circle."""
+        (tick,) = self._axis.get_major_ticks(1)
+        for place, name in zip(places, names, strict=True):
+            tick.update_position(place)
+            tick.label1.set_text(name)
+            tick.draw(renderer)
+
+    def _draw_together(self, renderer: RendererBase, places: np.ndarray, names: list[str]) -> None:
         (tick,) = self._axis.get_major_ticks(1)
         along = 0 if self._axis is self._axis.axes.xaxis else 1
         across = np.tile([0.0, 1.0, np.nan], len(places))
