@@ -37,7 +37,7 @@ _ALL_WHITE = 0xFFFFFFFF
 """A dot of paper: red, green, blue and opacity, a byte each."""
 
 _COMPRESSION = 5
-"""Of a PNG: 6, as usual, takes half as much time again and makes it smaller by a sixth at most, all of a page by 7 %."""
+"""Of a PNG: 6, as usual, takes half as much time again, and all of a page are 7 % smaller."""
 
 _SIZE, _TITLE = 9, 10
 """Of text, points."""
@@ -68,10 +68,10 @@ class Sketch(NamedTuple):
 def drawn(figure: Figure, alt: str) -> Drawn:
     """The picture of a figure; `alt` says what it shows."""
     renderer = _renderer(*figure.bbox.size, figure.dpi)
-    renderer.clear()
+    renderer.clear()  # type: ignore[no-untyped-call]  # matplotlib has no types here
     with quick_ticks(figure):
         figure.draw(renderer)
-    return Drawn(_png(np.asarray(renderer.buffer_rgba())), alt)
+    return Drawn(_png(np.asarray(renderer.buffer_rgba())), alt)  # type: ignore[no-untyped-call]
 
 
 @lru_cache(maxsize=4)

@@ -1,9 +1,9 @@
-"""Ticks of axes drawn with one tick an axis, put at all places: the drawing library makes five objects for each tick."""
+"""Ticks of an axis drawn with one of them, put at all places: the drawing library makes five objects for each tick."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -13,6 +13,9 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 
 _ROUNDING = 1e-10
 """Part of an axis by which a tick may lie beyond its end, as in the drawing library."""
@@ -65,45 +68,47 @@ class _Ticks(Artist):
         self.remove()
 
     def draw(self, renderer: RendererBase) -> None:
+        """Draw ticks, their names, lines across and the name of the axis."""
         axis = self._axis
-        places = axis.get_majorticklocs()
-        names = axis.major.formatter.format_ticks(places)
-        if axis.major.formatter.get_offset():  # its place depends on the names, and the library knows it
+        places = np.asarray(axis.get_majorticklocs(), float)
+        formatter = axis.get_major_formatter()
+        names = formatter.format_ticks(list(places))
+        if formatter.get_offset():  # the place of what all names share depends on them; the library knows it
             axis.set_visible(True)
             axis.draw(renderer)
             axis.set_visible(False)
             return
         low, high = np.sort(axis.get_transform().transform(np.array(axis.get_view_interval())))
-        at = axis.get_transform().transform(np.asarray(places, float))
-        beyond = _ROUNDING * (high - low)
+        at, beyond = axis.get_transform().transform(places), _ROUNDING * (high - low)
         seen = np.flatnonzero((at >= low - beyond) & (at <= high + beyond))
         draw = self._draw_together if _is_straight(axis) else self._draw_each
-        draw(renderer, np.asarray(places, float)[seen], [names[k] for k in seen])
+        draw(renderer, places[seen], [names[k] for k in seen])
         axis.label.draw(renderer)
 
-    def _draw_each(self, renderer: RendererBase, places: np.ndarray, names: list[str]) -> None:
+    def _draw_each(self, renderer: RendererBase, places: Array, names: Sequence[str]) -> None:
         """One after another, as on a circle."""
         (tick,) = self._axis.get_major_ticks(1)
         for place, name in zip(places, names, strict=True):
             tick.update_position(place)
-            tick.label1.set_text(name)
+            for text in (tick.label1, tick.label2):
+                text.set_text(name)
             tick.draw(renderer)
 
-    def _draw_together(self, renderer: RendererBase, places: np.ndarray, names: list[str]) -> None:
+    def _draw_together(self, renderer: RendererBase, places: Array, names: Sequence[str]) -> None:
+        """All lines across as one with gaps, all marks as one, then the names."""
         (tick,) = self._axis.get_major_ticks(1)
-        along = 0 if self._axis is self._axis.axes.xaxis else 1
-        across = np.tile([0.0, 1.0, np.nan], len(places))
-        for line, here, there in (
-            (tick.gridline, np.repeat(places, 3), across),
+        is_ordinate = self._axis is self._axis.axes.yaxis
+        ends = np.tile([0.0, 1.0, np.nan], len(places))
+        for line, along, across in (
+            (tick.gridline, np.repeat(places, 3), ends),
             (tick.tick1line, places, np.zeros(len(places))),
         ):
-            if line.get_visible():
-                before = line.get_data()
-                line.set_data(*(here, there)[:: 1 - 2 * along])
-                line.draw(renderer)
-                line.set_data(*before)
+            before = line.get_data()
+            line.set_data(*((across, along) if is_ordinate else (along, across)))
+            line.draw(renderer)
+            line.set_data(*before)
         text = tick.label1
         for place, name in zip(places, names, strict=True):
-            (text.set_y if along else text.set_x)(place)
+            (text.set_y if is_ordinate else text.set_x)(place)
             text.set_text(name)
             text.draw(renderer)
