@@ -12,7 +12,7 @@ from importlib import import_module
 
 from rotary_error_monitor import __version__
 from rotary_error_monitor.errors import InputError, excerpt, printable
-from rotary_error_monitor.start import collect_rarely, end_at_once
+from rotary_error_monitor.start import command
 from rotary_error_monitor.unwinding import unwinding
 
 BAD_INPUT = 2
@@ -94,6 +94,4 @@ def _output_is_closed() -> bool:
 
 
 if __name__ == "__main__":
-    end_at_once()
-    collect_rarely()
-    sys.exit(main())
+    sys.exit(command())

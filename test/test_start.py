@@ -77,6 +77,22 @@ with unwinding():
     print("went on")
 """
 
+# What only the collector frees stays until the process is gone; what is registered for the end is done.
+CYCLE = """
+import atexit, sys
+from rotary_error_monitor import cli, start
+class Thing:
+    def __del__(self):
+        print("collected")
+def main():
+    thing = Thing()
+    thing.itself = thing
+    atexit.register(print, "closed")
+    {how}
+cli.main = main
+sys.exit(start.command())
+"""
+
 
 def bag(folder: Path) -> Path:
     """Two seconds of two opposed heads and a command that stand still."""
@@ -185,3 +201,9 @@ def test_who_has_decided_about_a_signal_is_not_overruled():
         signal.signal(signal.SIGINT, kept)
     with pytest.raises(AttributeError, match="__path__"):
         _ = start.__path__
+
+
+@pytest.mark.parametrize("how", ["return 3", "sys.exit(3)"])
+def test_a_command_ends_without_a_look_at_all_that_it_has_made(how):
+    done = subprocess.run([sys.executable, "-c", CYCLE.format(how=how)], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "closed\n", "")

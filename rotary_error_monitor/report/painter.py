@@ -8,6 +8,8 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
+from rotary_error_monitor.start import end_without_collecting
+
 if TYPE_CHECKING:  # arrays load a tenth of a second, and this process shall start before anything else does
     from rotary_error_monitor.report.drawn import Sheet
     from rotary_error_monitor.report.picture import Picture
@@ -53,6 +55,7 @@ def main() -> None:
     waiting = sys.stdin.buffer.read()
     if waiting:  # none where the diagnosis was ended
         sys.stdout.buffer.write(pickle.dumps(draw(pickle.loads(waiting))))  # from the process that started this one
+    end_without_collecting()
 
 
 if __name__ == "__main__":
