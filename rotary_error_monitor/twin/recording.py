@@ -14,7 +14,7 @@ from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
-from rotary_error_monitor.sensors.library import COMMAND, input_of, kind_of, sensor_kinds
+from rotary_error_monitor.sensors.library import COMMAND, input_of, kind_of, sensor_kinds, without_class
 from rotary_error_monitor.sensors.listed import ListedKind
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
@@ -79,8 +79,14 @@ class StageRecording:
 
 
 def fields_of(stream: str) -> tuple[str, ...]:
-    """Fields of a stream's samples, those of what drives the stage included."""
+    """Fields of a stream's samples, those of what drives the stage included.
+
+    Raises:
+        InputError: the stream is of no kind of sensor that has a class.
+    """
     sensor = sensor_kinds().get(kind_of(stream)) or input_of(stream)
+    if sensor is None and stream not in _INPUTS:
+        raise InputError(f"{stream}: {without_class()}")
     return _INPUTS[stream] if sensor is None else sensor.fields
 
 
