@@ -69,7 +69,7 @@ SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py 
 	$(addprefix calibration/test_,assembly_table_rates.py axis_table_rates.py machine_sweep.py straightness_sweep.py) \
 	$(addprefix faults/test_,common_zero.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
 	without_heads.py) \
-	$(addprefix metrology/test_,positioning_bound_rates.py surface_range_rates.py) $(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \
+	$(addprefix metrology/test_,positioning_bound_rates.py surface_range_rates.py) $(addprefix pipeline/test_,listed_sensors.py listed_tilt.py stage_files.py) recordings/test_compare_rates.py \
 	reproduction/test_pan2013_rates.py \
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)

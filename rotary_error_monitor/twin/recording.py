@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.topics import samples_topic
+from rotary_error_monitor.description.topics import samples_topic, stream_of
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
@@ -181,7 +181,12 @@ def without_section(missing: Collection[str]) -> str:
     """What to do about missing topics if one is of a sensor that a stage need not have; else nothing."""
     kinds = [sensor for sensor in sensor_kinds().values() if sensor.is_needed and sensor.kind != HEAD]
     lacking = [sensor.section for sensor in kinds if samples_topic(sensor.kind) in missing]
-    return "".join(f"; a stage without {name} is described without the section '{name}'" for name in lacking)
+    said = [f"; a stage without {name} is described without the section '{name}'" for name in lacking]
+    heads = [stream for stream in map(stream_of, sorted(missing)) if stream is not None and kind_of(stream) == HEAD]
+    if heads:
+        letters = ", ".join(stream.removeprefix(f"{HEAD}_") for stream in heads)
+        said.append(f"; a stage without head {letters} is described without {letters} in 'encoder.heads'")
+    return "".join(said)
 
 
 def _coverage_remarks(topics: Mapping[str, Sequence[SampleBlock]], start_ns: int) -> tuple[str, ...]:
