@@ -127,8 +127,8 @@ def _cells(path: Path, namespace: str) -> _Cells:
         cells[node.namespace, stage_file][node] = given
     publishers: dict[str, dict[str, CellNode]] = defaultdict(dict)
     for (space, stage_file), members in cells.items():
-        for node, given in members.items():
-            for topic in topics_filled(node, given, stages[stage_file].wire, stage_file):
+        for node, stated in members.items():
+            for topic in topics_filled(node, stated, stages[stage_file].wire, stage_file):
                 other = publishers[space].setdefault(topic.frame, node)
                 if other is not node and topic.head is not None:
                     raise InputError(

@@ -107,7 +107,8 @@ def off(name, folder, seed):
     time = (motion.times_ns - EPOCH_NS) * 1e-9
     late = np.flatnonzero(time > SETTLED)
     places = [COMPONENTS.index(each) for each in STAGES[name].shows]
-    assert motion.observable[late][:, places].all() and len(late) > 50
+    # stamps that are off by three times what is stated make the heads contradict one another: such ticks are withheld
+    assert motion.observable[late][:, places].all() and len(late) > 30
     at = rng.choice(late)
     truth = plant.scene(time[at : at + 1]).error_motion[0]
     deviation = np.sqrt(np.diag(motion.covariance[at]))[places]
