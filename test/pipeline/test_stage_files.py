@@ -96,7 +96,10 @@ def estimated(stage, plant):
 
 
 def off(name, folder, seed):
-    """(k,) how far the components that a stage shows are off at one instant, in their standard deviations."""
+    """(k,) how far the components that a stage shows are off at one instant, in their standard deviations.
+
+    Not a number where nothing is published: stamps that are off by three times what is stated make heads contradict.
+    """
     described, true, rng = drawn(name, folder, seed)
     stage = stage_from_mapping(described)
     ages = {stream: stage.timing("encoder") * rng.normal() for stream in (f"head_{each}" for each in stage.azimuths)}
@@ -107,8 +110,9 @@ def off(name, folder, seed):
     time = (motion.times_ns - EPOCH_NS) * 1e-9
     late = np.flatnonzero(time > SETTLED)
     places = [COMPONENTS.index(each) for each in STAGES[name].shows]
-    # stamps that are off by three times what is stated make the heads contradict one another: such ticks are withheld
-    assert motion.observable[late][:, places].all() and len(late) > 30
+    assert motion.observable[late][:, places].all()
+    if not len(late):
+        return np.full(len(places), np.nan)
     at = rng.choice(late)
     truth = plant.scene(time[at : at + 1]).error_motion[0]
     deviation = np.sqrt(np.diag(motion.covariance[at]))[places]
@@ -124,6 +128,9 @@ def test_estimates_are_as_sure_as_their_covariance_states(name, tmp_path, instal
     if STAGES[name].package:
         install_kind(BALL_PROBE)
     found = np.array([off(name, tmp_path, seed) for seed in range(24)])
+    told = np.isfinite(found).all(axis=1)
+    assert (~told).sum() <= binom.ppf(0.9995, len(found), 0.003), "beyond three standard deviations"
+    found = found[told]
     assert np.abs(found).max() < 4.5, found
     beyond = (np.abs(found) > 2).sum(axis=0)
     assert (beyond <= binom.ppf(0.9995, len(found), 0.05)).all(), beyond
