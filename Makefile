@@ -70,7 +70,7 @@ SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py 
 	straightness_sweep.py) \
 	$(addprefix faults/test_,common_zero.py listed_sensors.py slow_autocollimators.py stuck_command.py tilt_sensors.py \
 	without_heads.py) \
-	$(addprefix metrology/test_,positioning_bound_rates.py surface_range_rates.py) $(addprefix pipeline/test_,listed_sensors.py listed_tilt.py) recordings/test_compare_rates.py \
+	$(addprefix metrology/test_,positioning_bound_rates.py surface_range_rates.py) $(addprefix pipeline/test_,listed_sensors.py listed_tilt.py stage_files.py) recordings/test_compare_rates.py \
 	reproduction/test_pan2013_rates.py \
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
@@ -80,7 +80,7 @@ DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/t
 	$(addprefix cases/test_,cases.py departures.py mimics.py) $(addprefix commissioning/test_,command.py travel.py) \
 	$(addprefix faults/test_,begin.py calibrated.py few_heads.py gaps.py recordings.py responses.py) \
 	kinds/quadrature/test_problem.py $(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py \
-	motion.py rounding.py without_autocollimator.py) machine/test_uncertainty_rates.py $(addprefix metrology/test_,assembly.py \
+	motion.py rounding.py without_autocollimator.py) machine/test_uncertainty_rates.py nodes/test_stage_files.py $(addprefix metrology/test_,assembly.py \
 	spindle_figures.py))
 MODELS := $(addprefix test/,calibration effects gap kinds machine metrology noise sensors twin)
 

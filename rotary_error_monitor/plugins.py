@@ -8,7 +8,7 @@ import logging
 import pkgutil
 from collections.abc import Iterator
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rotary_error_monitor.errors import InputError
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 _PACKAGE = __name__.partition(".")[0]
+
+T = TypeVar("T")
 
 
 def modules_in(room: ModuleType) -> Iterator[ModuleType]:
@@ -44,6 +46,19 @@ def classes_in(module: ModuleType, base: type[Any]) -> Iterator[type[Any]]:
     for item in vars(module).values():
         if inspect.isclass(item) and issubclass(item, base) and item.__module__ == module.__name__:
             yield item
+
+
+def plugged_classes(group: str, base: type[T]) -> Iterator[tuple[str, type[T], str]]:
+    """The classes that packages register under a group, each with its name there and its origin.
+
+    Raises:
+        InputError: what is registered cannot be loaded, or is no class derived from `base`.
+    """
+    for entry in plugins_of(group):
+        found = load_plugin(entry)
+        if not (inspect.isclass(found) and issubclass(found, base)):
+            raise InputError(f"{origin_of(entry)}: {entry.value} is no class derived from {base.__name__}")
+        yield entry.name, found, origin_of(entry)
 
 
 def plugins_of(group: str) -> tuple[EntryPoint, ...]:

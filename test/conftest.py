@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,10 +16,13 @@ import pytest
 import yaml
 
 from rotary_error_monitor.cases.making import make_stage_case
+from rotary_error_monitor.description import definition_files, sensor_section, topics
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.library import load_effects
 from rotary_error_monitor.effects.rotor import StageEffect
 from rotary_error_monitor.kinds.stage.problem import StageProblem
+from rotary_error_monitor.plant import instruments
+from rotary_error_monitor.sensors import library
 from rotary_error_monitor.twin.recording import record_stage
 
 hypothesis.settings.register_profile("shared computer", deadline=None)  # an example takes what else runs leaves it
@@ -108,3 +112,40 @@ def install(tmp_path, monkeypatch):
             monkeypatch.delitem(sys.modules, name)
 
     return installed
+
+
+KINDS_FOUND = (
+    sensor_section.sensor_kinds,
+    library._kinds,
+    library.sensor_kinds,
+    library.input_kinds,
+    library.kind_of,
+    library.is_listed,
+    library.instrument_of,
+    definition_files.plugged_files,
+    topics._contract,
+    topics._patterns,
+    topics.samples_topic,
+    instruments.geometries,
+)
+"""What a process finds out once of kinds of sensors and their topics."""
+
+
+@pytest.fixture
+def install_kind(install, monkeypatch):
+    """Function that installs a package with a kind of sensor, by default with the entry points that it states."""
+
+    def forget():
+        for found in KINDS_FOUND:
+            found.cache_clear()
+
+    def installed(package, entry_points=None):
+        if entry_points is None:
+            project = tomllib.loads((package / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+            entry_points = project["entry-points"]
+        install(package, entry_points)
+        forget()
+
+    yield installed
+    monkeypatch.undo()  # the package is no longer found
+    forget()

@@ -6,7 +6,7 @@ import argparse
 import asyncio
 from pathlib import Path
 
-from rotary_error_monitor.supervision.served_sensors import checked_nodes
+from rotary_error_monitor.supervision.served_sensors import checked_nodes, unserved_sensors
 from rotary_error_monitor.supervision.supervisor import Supervisor
 from rotary_error_monitor.supervision.systemd import unit
 
@@ -37,6 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.systemd:
         print(unit(arguments.cell, ["--namespace", arguments.namespace] if arguments.namespace else []), end="")
         return 0
+    for remark in unserved_sensors(arguments.cell, arguments.namespace):
+        _say(remark)
     supervisor = Supervisor(nodes, ["--params-file", str(arguments.cell)], say=_say)
     return asyncio.run(supervisor.run())
 

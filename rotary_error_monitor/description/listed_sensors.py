@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from rotary_error_monitor.description.expected import entries
 from rotary_error_monitor.description.harmonics import AngularHarmonic, PlanarHarmonic
 from rotary_error_monitor.description.sections import extended, stated
-from rotary_error_monitor.description.sensor_section import SensorSection, sensor_kinds
+from rotary_error_monitor.description.sensor_section import ENTRY_POINTS, SensorSection, sensor_kinds
 from rotary_error_monitor.errors import InputError
 
 EXTERNAL_SENSORS = "external_sensors"
@@ -121,8 +121,16 @@ def quantity(kind: str) -> tuple[tuple[str, ...], str]:
     """
     found = sensor_kinds().get(kind)
     if found is None:
-        raise InputError(f"no file of sensor_kinds/ is of sensor kind '{kind}'; there are {', '.join(sensor_kinds())}")
+        raise InputError(
+            f"no file of sensor_kinds/ and no entry point of '{ENTRY_POINTS}' is of sensor kind '{kind}'; "
+            f"there are {', '.join(sensor_kinds())}"
+        )
     return found.fields, found.unit
+
+
+def kind_of_stream(stream: str) -> str | None:
+    """Kind of the listed sensor whose stream is called so; None of any other stream."""
+    return max((kind for kind in sensor_kinds() if stream.startswith(f"{kind}_")), key=len, default=None)
 
 
 def is_input(kind: str) -> bool:

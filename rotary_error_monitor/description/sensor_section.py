@@ -1,8 +1,12 @@
-"""What a stage's file says of one sensor of its list: what all kinds share. Each kind is a file of `sensor_kinds/`."""
+"""What a stage's file says of one sensor of its list: what all kinds share.
+
+Each kind is a file of `sensor_kinds/`, or an entry point of another package.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
@@ -13,7 +17,11 @@ from rotary_error_monitor.description.expected import Expected
 from rotary_error_monitor.description.harmonics import Waves
 from rotary_error_monitor.description.quantities import Latency, Noise, Range, Reading, Resolution
 from rotary_error_monitor.description.sections import Place, Section, WrongError
-from rotary_error_monitor.plugins import classes_in, modules_in
+from rotary_error_monitor.errors import InputError
+from rotary_error_monitor.plugins import classes_in, modules_in, plugged_classes
+
+ENTRY_POINTS = "rotary_error_monitor.sensor_sections"
+"""Group of the sections of kinds of sensors of other packages: the name of an entry point is that of the kind."""
 
 READ_HEAD = "read_head"
 OWN_KINDS = {
@@ -23,6 +31,12 @@ OWN_KINDS = {
     "command": ("command",),
 }
 """Section of a stage's file for kinds that a file may list as well; heads stand there by their names."""
+
+_OWN_STREAMS = ("head", *OWN_KINDS, "temperature", "error_motion")
+"""First words of streams that are of no listed kind, or that a file may list under a name of its own."""
+
+POSE_UNITS = ("m", "rad")
+"""Units of what shows how the rotor stands."""
 
 _OWN_UNITS = {READ_HEAD: "rad", "autocollimator": "rad", "lvdt": "m", "command": "rad"}
 
@@ -60,7 +74,7 @@ class SensorSection(Section):
         is_slow: whether it samples about once a second, as thermometers do.
         measures: what an input measures for the twin: `SHAFT_FORCE`, `PLACE_TEMPERATURE`, or something else, which
             effects of its own find in `RotorState.inputs`.
-        kind: of sensor: name of its file in `sensor_kinds/`.
+        kind: of sensor: name of its file in `sensor_kinds/`, or of the entry point of another package.
     """
 
     fields: ClassVar[tuple[str, ...]] = ("displacement",)
@@ -118,6 +132,38 @@ class ProbeSection(SensorSection):
 
 @cache
 def sensor_kinds() -> Mapping[str, type[SensorSection]]:
-    """The kinds of listed sensors by name: one class in one file of `sensor_kinds/` each."""
-    found = (kind for module in modules_in(folder) for kind in classes_in(module, SensorSection))
-    return MappingProxyType({kind.__module__.rpartition(".")[2]: kind for kind in found})
+    """The kinds of listed sensors by name: one class in one file of `sensor_kinds/` each, then those of other packages.
+
+    Raises:
+        InputError: what another package registers cannot be a kind.
+    """
+    own = (kind for module in modules_in(folder) for kind in classes_in(module, SensorSection))
+    found: dict[str, type[SensorSection]] = {kind.__module__.rpartition(".")[2]: kind for kind in own}
+    for name, kind, origin in plugged_classes(ENTRY_POINTS, SensorSection):
+        _check_plugged(name, kind, origin, (*found, *_OWN_STREAMS))
+        kind.names_as = f"of kind {name}:"
+        found[name] = kind
+    return MappingProxyType(found)
+
+
+def _check_plugged(name: str, kind: type[SensorSection], origin: str, known: Iterable[str]) -> None:
+    """Hold the kind of another package against what a kind has to be.
+
+    Raises:
+        InputError: its name makes no topic, or streams that could be of another kind; the class is no section of a
+            sensor.
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
+        raise InputError(f"{origin}: '{name}' makes no topic name; expected small letters, digits and '_' between them")
+    for other in known:
+        if f"{name}_".startswith(f"{other}_") or f"{other}_".startswith(f"{name}_"):
+            raise InputError(
+                f"{origin}: the topics of kind '{name}' cannot be told from those of '{other}'; choose another name"
+            )
+    if "__dataclass_params__" not in vars(kind):
+        raise InputError(f"{origin}: {kind.__name__} is no dataclass; expected @dataclass(frozen=True, kw_only=True)")
+    if not kind.is_input and kind.unit not in POSE_UNITS:
+        raise InputError(
+            f"{origin}: unit {kind.unit!r} of kind '{name}'; expected m or rad, or is_input = True of a sensor that "
+            "shows nothing of how the rotor stands"
+        )

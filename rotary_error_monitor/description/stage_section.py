@@ -40,6 +40,9 @@ from rotary_error_monitor.description.two_axis_section import (
     folded,
 )
 
+ONE_PLACE = 1e-3
+"""Angle, rad, below which two heads would be one in the other: the largest rings have 1 mm there, heads some 10 mm."""
+
 MOST_STREAMS = 51
 """Heads and listed sensors but inputs: with autocollimator and command as many bits as a float64, in which masks
 travel, holds."""
@@ -203,7 +206,7 @@ def own_places(listed: object) -> dict[Place, Place]:
     found: dict[Place, Place] = {}
     for name, row in listed.items() if isinstance(listed, Mapping) else ():
         kind = row.get("kind") if isinstance(row, Mapping) else None
-        if kind not in OWN_KINDS:
+        if not isinstance(kind, str) or kind not in OWN_KINDS:
             continue
         place = (*OWN_KINDS[kind], name) if kind == READ_HEAD else OWN_KINDS[kind]
         if place in found:
@@ -318,6 +321,7 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
             ("sensors",),
             f"{len(poses)} sensors beside {len(heads)} heads; a mask of streams has place for {MOST_STREAMS} of both",
         )
+    yield from _doubled(heads)
     for name, sensor in section.sensors.items():
         read = listed_sensor(sensor)
         for limit, values in (("resolution", (read.resolution,)), ("zero", read.zeros)):
@@ -328,6 +332,17 @@ def _contradictions(section: StageSection) -> Iterator[tuple[Place, str]]:
         yield from folded(section.autocollimator)
     yield from _doubtful_force(section)
     yield from _unknown(section, poses)
+
+
+def _doubled(heads: Mapping[str, Head]) -> Iterator[tuple[Place, str]]:
+    """Heads at one place of the ring."""
+    seen: dict[str, float] = {}
+    for letter, head in heads.items():
+        for other, azimuth in seen.items():
+            if abs(math.remainder(head.azimuth - azimuth, 2 * math.pi)) < ONE_PLACE:
+                told = f"{head.azimuth} is where head '{other}' stands ({azimuth}); expected a place of its own"
+                yield ("encoder", "heads", letter, "azimuth"), told
+        seen[letter] = head.azimuth
 
 
 def _doubtful_force(section: StageSection) -> Iterator[tuple[Place, str]]:

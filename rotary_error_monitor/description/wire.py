@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from rotary_error_monitor.description.listed_sensors import pose_streams
+from rotary_error_monitor.description.definition_files import SENSOR as SENSOR
+from rotary_error_monitor.description.definition_files import check_plugged, own_files, plugged_files
+from rotary_error_monitor.description.listed_sensors import kind_of_stream, pose_streams, quantity
 from rotary_error_monitor.description.sections import extended, read
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.wire_section import SAMPLE_BLOCK as SAMPLE_BLOCK
@@ -19,9 +21,8 @@ from rotary_error_monitor.description.wire_section import Service as Service
 from rotary_error_monitor.description.yaml_files import MOST_BYTES, parse_yaml
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.files import read_text
-from rotary_error_monitor.resources import share
 
-HEAD, SENSOR = "{head}", "{sensor}"
+HEAD = "{head}"
 TIME_COLUMN = "t"
 _EVERYONES = ("diagnostics",)
 """Keys of topics that all machines share: REP 107 puts the diagnostics of a whole system on one topic."""
@@ -161,16 +162,13 @@ def load_wire(
             raise InputError(f"head '{head}' makes no topic name; name heads by small letters and digits, such as 'a'")
     if heads is not None and len(set(heads)) != len(heads):
         raise InputError(f"heads {list(heads)}: one stands twice; name each head once")
-    folder = definitions() if folder is None else folder
     templates: dict[str, tuple[Topic, Path]] = {}
-    for path in sorted(folder.glob("*.yaml")):
-        for key, topic in _definition(path).topics.items():
+    for path, section in _definitions(folder):
+        for key, topic in section.topics.items():
             if key in templates:
                 raise InputError(f"{path}: topic '{key}' is already defined in {templates[key][1].name}; keep one")
             made = extended(Topic, topic, head=None, fields=topic.columns or topic.fields)
             templates[key] = made, path
-    if not templates:
-        raise InputError(f"{folder}: no wire contract (*.yaml) in this folder")
     found = (template for template, _ in templates.values())
     if heads is None:
         return Wire(tuple(found))
@@ -178,7 +176,10 @@ def load_wire(
     names = [topic.name for topic in topics]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"{folder}: several topics have the name {name}; give each its own")
+            files = {str(path) for template, path in templates.values() if template.name == name}
+            raise InputError(f"{' and '.join(sorted(files))}: several topics have the name {name}; give each its own")
+    for stream in sensors:
+        _check_sensor(stream, [topic for topic in topics if topic.frame == stream])
     return Wire(topics)
 
 
@@ -188,22 +189,16 @@ def load_services(folder: Path | None = None) -> tuple[Service, ...]:
     Raises:
         InputError: a file breaks the schema, two services share a key, or a node answers two by one name.
     """
-    folder = definitions() if folder is None else folder
     found: dict[str, Service] = {}
     answered: set[tuple[str, str]] = set()
-    for path in sorted(folder.glob("*.yaml")):
-        for key, service in _definition(path).services.items():
+    for path, section in _definitions(folder):
+        for key, service in section.services.items():
             again = {(node, service.name) for node in service.servers} & answered
             if key in found or again:
                 raise InputError(f"{path}: service '{key}' ({service.name}) is already defined; keep one")
             found[key] = service
             answered |= {(node, service.name) for node in service.servers}
     return tuple(found.values())
-
-
-def definitions() -> Path:
-    """Folder of the package's definitions."""
-    return share() / "msg_defs"
 
 
 def markdown_table(wire: Iterable[Topic]) -> str:
@@ -235,8 +230,43 @@ def _unit(field: Field) -> str:
     return f"{unit} (with listed sensors)" if field.of_sensors else unit
 
 
+def _definitions(folder: Path | None) -> Iterator[tuple[Path, WireSection]]:
+    """What each file of a folder says; without a folder those of the package, and those of others."""
+    for path in own_files(folder):
+        yield path, _definition(path)
+    for path in plugged_files() if folder is None else ():
+        section = _definition(path)
+        check_plugged(section, path)
+        yield path, section
+
+
 def _definition(path: Path) -> WireSection:
     return _section(read_text(path, "a YAML file", MOST_BYTES), str(path))
+
+
+def _check_sensor(stream: str, topics: Sequence[Topic]) -> None:
+    """Hold the topics of a listed sensor against its kind: what files of one package say together, two may not.
+
+    Raises:
+        InputError: its samples, or what people are shown, have no topic or several, or other fields or another unit.
+    """
+    kind = kind_of_stream(stream)
+    if kind is None:
+        return
+    fields, unit = quantity(kind)
+    samples = [topic for topic in topics if topic.is_sample_block]
+    if len(samples) != 1 or len(topics) != 2:
+        raise InputError(
+            f"the wire contract has {len(samples)} topics with samples of sensor kind '{kind}' and "
+            f"{len(topics) - len(samples)} for people; expected one of each, of frame {kind}_{SENSOR}"
+        )
+    found = [(field.name, field.unit) for field in samples[0].fields]
+    if found != [(name, unit) for name in fields]:
+        told = ", ".join(f"{name} in {of}" for name, of in found)
+        raise InputError(
+            f"the wire contract has {told} for {samples[0].name}; the section of kind '{kind}' states "
+            f"{', '.join(fields)} in {unit}"
+        )
 
 
 @cache

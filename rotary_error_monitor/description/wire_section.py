@@ -15,6 +15,11 @@ from rotary_error_monitor.errors import InputError
 SAMPLE_BLOCK = "sensor_msgs/msg/PointCloud2"
 SOME = (1, math.inf)
 
+_SYMBOL = r"(m|kg|s|A|K|mol|cd|rad|Hz|N|Pa|J|W|C|V|F|Ω|S|Wb|T|H|lm|lx)(\^[1-9])?"
+"""Units of the SI without prefix but kg (BIPM, SI Brochure, 9th edition, Tables 2 and 4), and powers of them."""
+
+_UNIT = rf"(1|°C|µm|µrad|(1|{_SYMBOL}(\*{_SYMBOL})*)(/{_SYMBOL})?)"
+
 Text = Annotated[str, Expected("a text", count=SOME)]
 Nodes = Annotated[tuple[Name, ...], Expected("names of nodes", unique=True)]
 
@@ -29,9 +34,9 @@ class Field:
     unit: Annotated[
         str,
         Expected(
-            "an SI unit, °C, µm or µrad for plotting, '1' for a number, '-' for text, several with ', ' between",
-            pattern=r"^(-|(1|m|rad|s|N|K|°C|m/s|rad/s|N\*m|m\*rad|m\^2|rad\^2|K\^2|µm|µrad)"
-            r"(, (m|rad|m/s|rad/s|m\*rad|m\^2|rad\^2))*)$",
+            "an SI unit such as m^3/s, °C, µm or µrad for plotting, '1' for a number, '-' for text, several with ', ' "
+            "between",
+            pattern=rf"^(-|{_UNIT}(, {_UNIT})*)$",
         ),
     ]
     meaning: Text

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,14 @@ from rotary_error_monitor.plant import geometry
 from rotary_error_monitor.plant.clocks import HEAD
 from rotary_error_monitor.plant.geometry import Plane, Turns, as_columns
 from rotary_error_monitor.plant.scene import Fault, Scene
+from rotary_error_monitor.plugins import load_plugin, origin_of, plugins_of
 
 Reals = NDArray[np.float64]
+
+Geometry = Callable[[ListedSensor, Scene], Reals]
+
+ENTRY_POINTS = "rotary_error_monitor.mock_sensors"
+"""Group of functions of other packages: what a sensor of a kind of theirs sees, before its zero and gain."""
 
 ARTEFACT_RADIUS = 0.02
 """Radius, m, of the round artefact before radial probes: an artefact of usual size; no description tells it."""
@@ -146,11 +152,19 @@ def _touched(scene: Scene, faults: Sequence[Fault]) -> Plane:
 
 def _listed(stream: str, scene: Scene, faults: Sequence[Fault]) -> Reals:
     """(n,) reading, or (n, fields) of a sensor of several fields."""
-    sensor = scene.stage.sensors[stream]
-    if sensor.kind not in GEOMETRY:
-        raise InputError(f"{stream}: the plant has no geometry of kind '{sensor.kind}', but {', '.join(GEOMETRY)}")
+    sensor = scene.stage.listed[stream]
+    known = geometries()
+    if sensor.kind not in known:
+        raise InputError(
+            f"{stream}: the plant has no geometry of kind '{sensor.kind}', but {', '.join(known)}; that of a kind of "
+            f"another package is an entry point of '{ENTRY_POINTS}'"
+        )
+    shown = known[sensor.kind](sensor, scene)
+    expected = (len(scene.time),) if len(sensor.fields) == 1 else (len(scene.time), len(sensor.fields))
+    if np.shape(shown) != expected:
+        raise InputError(f"{stream}: the geometry of kind '{sensor.kind}' gives {np.shape(shown)}; expected {expected}")
     zero = np.array(sensor.zeros) if len(sensor.fields) > 1 else sensor.zeros[0]
-    reading = zero + sensor.gain * GEOMETRY[sensor.kind](sensor, scene)
+    reading = zero + sensor.gain * shown
     for fault in faults:
         reading = fault.sense(reading, stream, scene)
     return np.asarray(reading, dtype=np.float64)
@@ -178,12 +192,31 @@ def _form(sensor: ListedSensor, towards: Plane, scene: Scene) -> Reals:
     return waves(sensor.forms[0], Turns(towards * scene.turns.once.conj()))
 
 
-GEOMETRY: Mapping[str, Callable[[ListedSensor, Scene], Reals]] = {
+GEOMETRY: Mapping[str, Geometry] = {
     "axial_probe": _axial_probe,
     "radial_probe": _radial_probe,
     "tilt_sensor": _tilt_sensor,
 }
 """What each kind of listed sensor sees, its target's form included: (n,), or (n, fields) of several fields."""
+
+
+@cache
+def geometries() -> Mapping[str, Geometry]:
+    """The same with what other packages say of kinds of their own, inputs among them, by the names of entry points.
+
+    Raises:
+        InputError: what a package registers cannot be loaded or called, or is of a kind that is known.
+    """
+    found = dict(GEOMETRY)
+    for entry in plugins_of(ENTRY_POINTS):
+        geometry = load_plugin(entry)
+        if entry.name in found or not callable(geometry):
+            raise InputError(
+                f"{origin_of(entry)}: expected the function of a kind that is none of {', '.join(found)}: "
+                "(sensor, scene) -> array"
+            )
+        found[entry.name] = geometry
+    return found
 
 
 def _face(sensor: ListedSensor, scene: Scene) -> tuple[Reals, Plane]:

@@ -20,7 +20,7 @@ from rotary_error_monitor.plant.clocks import fields_of as fields_of
 from rotary_error_monitor.plant.clocks import stage_clocks as stage_clocks
 from rotary_error_monitor.plant.environment import Forces, Temperature, place_temperature
 from rotary_error_monitor.plant.geometry import Turns, as_columns
-from rotary_error_monitor.plant.instruments import planar, pushed, read_off, seen, waves
+from rotary_error_monitor.plant.instruments import ENTRY_POINTS, geometries, planar, pushed, read_off, seen, waves
 from rotary_error_monitor.plant.motion import Course, reversing_motion
 from rotary_error_monitor.plant.noise import Noise, Turbulence
 from rotary_error_monitor.plant.noise_forms import NoiseForm
@@ -126,12 +126,15 @@ class StagePlant:
             return as_columns(self.forces.at(time))
         if stream == "temperature":
             return self.temperature.at(time)[:, None]
-        if stream in self.stage.inputs:
+        if stream in self.stage.inputs and self.stage.inputs[stream].kind not in geometries():
             sensor = self.stage.inputs[stream]
             if sensor.measures == SHAFT_FORCE:
                 return pushed(sensor, self.forces.at(time))
             if sensor.measures != PLACE_TEMPERATURE:
-                raise InputError(f"nothing is known of the true course of what '{stream}' measures; give its samples")
+                raise InputError(
+                    f"nothing is known of the true course of what '{stream}' measures; give its samples, or register a "
+                    f"function of kind '{sensor.kind}' as an entry point of '{ENTRY_POINTS}'"
+                )
             return sensor.zeros[0] + self.place_temperatures[name_of(stream, sensor)].at(time)[:, None]
         return read_off(seen(stream, self.scene(time), self.faults), response)
 

@@ -10,13 +10,17 @@ from types import MappingProxyType
 import numpy as np
 
 import rotary_error_monitor.sensors as room
+from rotary_error_monitor.description.listed_sensors import is_input
 from rotary_error_monitor.description.stage import ListedSensor, StageDescription
 from rotary_error_monitor.effects.rotor import Array
 from rotary_error_monitor.errors import InputError
-from rotary_error_monitor.plugins import classes_in, modules_in
+from rotary_error_monitor.plugins import classes_in, modules_of
 from rotary_error_monitor.sensors.listed import ListedKind
 from rotary_error_monitor.sensors.listed_input import ListedInput
 from rotary_error_monitor.sensors.sensor import Sensor
+
+ENTRY_POINTS = "rotary_error_monitor.sensors"
+"""Group of the modules with kinds of sensors of other packages."""
 
 COMMAND = "command"
 """Channel of what the heads share against the command: as noisy as a head, in its unit."""
@@ -24,16 +28,46 @@ COMMAND = "command"
 
 @cache
 def sensor_kinds() -> Mapping[str, Sensor]:
-    """Kinds of sensor by the first word of the names of their streams: those that this room defines."""
-    found: list[Sensor] = [item() for module in modules_in(room) for item in classes_in(module, Sensor) if item.kind]
-    return MappingProxyType({sensor.kind: sensor for sensor in found})
+    """Kinds of sensor by the first word of the names of their streams: of this room, then of other packages.
+
+    Raises:
+        InputError: as `_kinds`.
+    """
+    return MappingProxyType({name: kind for name, kind in _kinds().items() if isinstance(kind, Sensor)})
 
 
 @cache
 def input_kinds() -> Mapping[str, ListedInput]:
-    """Kinds of listed sensors that are inputs, by the first word of the names of their streams."""
-    kinds = (item for module in modules_in(room) for item in classes_in(module, ListedInput) if item.kind)
-    return MappingProxyType({item.kind: item() for item in kinds})
+    """Kinds of listed sensors that are inputs, by the first word of the names of their streams; as `sensor_kinds`."""
+    return MappingProxyType({name: kind for name, kind in _kinds().items() if isinstance(kind, ListedInput)})
+
+
+@cache
+def _kinds() -> Mapping[str, Sensor | ListedInput]:
+    """One object of each class with a `kind`, by that.
+
+    Raises:
+        InputError: a class of another package cannot be loaded or made, is of a kind that is known, or is none of those
+            that a stage lists.
+    """
+    found: dict[str, Sensor | ListedInput] = {}
+    for module, origin in modules_of(room, ENTRY_POINTS):
+        for item in (*classes_in(module, Sensor), *classes_in(module, ListedInput)):
+            if not item.kind:
+                continue
+            if item.kind in found:
+                raise InputError(f"{origin}: sensor kind '{item.kind}' is already known; choose another name")
+            base = ListedInput if is_input(item.kind) else ListedKind
+            if not (module.__name__.startswith(f"{room.__name__}.") or issubclass(item, base)):
+                raise InputError(
+                    f"{origin}: class {item.__name__} of sensor kind '{item.kind}' is none of {base.__name__}, as its "
+                    "section says; derive it from that"
+                )
+            try:
+                found[item.kind] = item()
+            except TypeError as error:  # what it has to say is left out
+                raise InputError(f"{origin}: sensor kind '{item.kind}': {error}") from error
+    return MappingProxyType(found)
 
 
 def input_of(stream: str) -> ListedInput | None:
@@ -73,8 +107,13 @@ def listed_kind(sensor: ListedSensor) -> ListedKind:
     """
     found = sensor_kinds().get(sensor.kind)
     if not isinstance(found, ListedKind):
-        raise InputError(f"sensor kind '{sensor.kind}' has a section, but no class in {room.__name__}")
+        raise InputError(f"sensor kind '{sensor.kind}': {without_class()}")
     return found
+
+
+def without_class() -> str:
+    """What is wrong with a kind of sensor that is described and nothing more."""
+    return f"it has a section, but no class in {room.__name__} or among the entry points of '{ENTRY_POINTS}'"
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,10 @@ from rotary_error_monitor.supervision.cell_file import CellNode, nodes_of, param
 ASKED = {"encoder_head": "head", "listed_sensor": "sensor"}
 """Parameter that says which of several sensors a node is of; without it the end of the node's name does."""
 
+_ESTIMATOR = "error_estimator"
+_HELPFUL = ("head_samples", "autocollimator_samples")
+"""Keys of the topics of sensors that a stage describes in sections of their own, and that a cell may lack."""
+
 
 @dataclass(frozen=True)
 class _Stage:
@@ -51,6 +55,23 @@ class _Stage:
         return place_named(self._file, ("stage", "sensors", name))
 
 
+@dataclass(frozen=True)
+class _Cells:
+    """What a cell's file starts.
+
+    Attributes:
+        nodes: in its order.
+        readers: of each namespace and stage, nodes with their parameters.
+        stages: by their files.
+        publishers: of each namespace, who publishes the samples of a stream.
+    """
+
+    nodes: tuple[CellNode, ...]
+    readers: Mapping[tuple[str, Path], Mapping[CellNode, Mapping[str, object]]]
+    stages: Mapping[Path, _Stage]
+    publishers: Mapping[str, Mapping[str, CellNode]]
+
+
 def checked_nodes(path: Path, namespace: str = "") -> tuple[CellNode, ...]:
     """Nodes that a cell's file names, once they and the sensors that their stages list go together.
 
@@ -64,28 +85,57 @@ def checked_nodes(path: Path, namespace: str = "") -> tuple[CellNode, ...]:
         InputError: as `nodes_of` and `load_stage`; a sensor that no node publishes, or two of them, or a node of a
             sensor that the stage does not list. The message names both files and lines, and what to write.
     """
+    cells = _cells(path, namespace)
+    for (space, stage_file), readers in cells.readers.items():
+        _check_external(path, cells.stages[stage_file], readers, cells.publishers[space])
+        _check_listed(path, cells.stages[stage_file], readers, cells.publishers[space])
+    return cells.nodes
+
+
+def unserved_sensors(path: Path, namespace: str = "") -> tuple[str, ...]:
+    """Of each head or autocollimator that an estimator of a cell waits for and none publishes, what to say.
+
+    That is no mistake by itself: another program may publish them, and an estimate goes without a head that is not
+    there. Arguments and errors are those of `checked_nodes`.
+    """
+    cells, found = _cells(path, namespace), dict[str, None]()
+    for (space, stage_file), readers in cells.readers.items():
+        wire = cells.stages[stage_file].wire
+        for topic in (topic for topic in wire if topic.key in _HELPFUL and topic.is_sample_block):
+            listening = [node.name for node in readers if node.executable == _ESTIMATOR]
+            if listening and topic.frame not in cells.publishers[space]:
+                found[
+                    f"no node of {path} publishes {space}{topic.name}, which {stage_file} describes; unless another "
+                    f"program does, {' and '.join(listening)} will go without it"
+                ] = None
+    return tuple(found)
+
+
+def _cells(path: Path, namespace: str) -> _Cells:
+    """Nodes of a cell's file by namespace and stage, and who publishes what.
+
+    Raises:
+        InputError: as `nodes_of` and `load_stage`; two nodes publish the same, or a node is of a sensor that its stage
+            does not have.
+    """
     nodes = tuple(replace(node, namespace=node.namespace or namespace) for node in nodes_of(path))
-    parameters, stages = parameters_of(path, nodes), dict[Path, _Stage]()
-    cells: dict[tuple[str, Path], list[CellNode]] = defaultdict(list)
-    for node, given in parameters.items():
+    stages = dict[Path, _Stage]()
+    cells: dict[tuple[str, Path], dict[CellNode, Mapping[str, object]]] = defaultdict(dict)
+    for node, given in parameters_of(path, nodes).items():
         stage_file = Path(str(given.get("stage") or config("stage.yaml")))
         stages.setdefault(stage_file, _Stage(stage_file))
-        cells[node.namespace, stage_file].append(node)
+        cells[node.namespace, stage_file][node] = given
     publishers: dict[str, dict[str, CellNode]] = defaultdict(dict)
     for (space, stage_file), members in cells.items():
-        for node in members:
-            for topic in topics_filled(node, parameters[node], stages[stage_file].wire, stage_file):
+        for node, stated in members.items():
+            for topic in topics_filled(node, stated, stages[stage_file].wire, stage_file):
                 other = publishers[space].setdefault(topic.frame, node)
                 if other is not node and topic.head is not None:
                     raise InputError(
                         f"{node.where}: {node.name} publishes {space}{topic.name}, as {other.name} does "
                         f"({other.where}); keep one of both"
                     )
-    for (space, stage_file), members in cells.items():
-        readers = {node: parameters[node] for node in members}
-        _check_external(path, stages[stage_file], readers, publishers[space])
-        _check_listed(path, stages[stage_file], readers, publishers[space])
-    return nodes
+    return _Cells(nodes, cells, stages, publishers)
 
 
 def topics_filled(

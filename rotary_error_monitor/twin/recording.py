@@ -10,11 +10,11 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.listed_sensors import ListedSensor
 from rotary_error_monitor.description.response import Response
-from rotary_error_monitor.description.topics import samples_topic
+from rotary_error_monitor.description.topics import samples_topic, stream_of
 from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.metrology.responses import correct_block
-from rotary_error_monitor.sensors.library import COMMAND, input_of, kind_of, sensor_kinds
+from rotary_error_monitor.sensors.library import COMMAND, input_of, kind_of, sensor_kinds, without_class
 from rotary_error_monitor.sensors.listed import ListedKind
 from rotary_error_monitor.signals.blocks import SampleBlock
 from rotary_error_monitor.signals.coverage import MessageSpans, coverage_remarks
@@ -77,8 +77,14 @@ class StageRecording:
 
 
 def fields_of(stream: str) -> tuple[str, ...]:
-    """Fields of a stream's samples, those of what drives the stage included."""
+    """Fields of a stream's samples, those of what drives the stage included.
+
+    Raises:
+        InputError: the stream is of no kind of sensor that has a class.
+    """
     sensor = sensor_kinds().get(kind_of(stream)) or input_of(stream)
+    if sensor is None and stream not in _INPUTS:
+        raise InputError(f"{stream}: {without_class()}")
     return _INPUTS[stream] if sensor is None else sensor.fields
 
 
@@ -173,7 +179,12 @@ def without_section(missing: Collection[str]) -> str:
     """What to do about missing topics if one is of a sensor that a stage need not have; else nothing."""
     kinds = [sensor for sensor in sensor_kinds().values() if sensor.is_needed and sensor.kind != HEAD]
     lacking = [sensor.section for sensor in kinds if samples_topic(sensor.kind) in missing]
-    return "".join(f"; a stage without {name} is described without the section '{name}'" for name in lacking)
+    said = [f"; a stage without {name} is described without the section '{name}'" for name in lacking]
+    heads = [stream for stream in map(stream_of, sorted(missing)) if stream is not None and kind_of(stream) == HEAD]
+    if heads:
+        letters = ", ".join(stream.removeprefix(f"{HEAD}_") for stream in heads)
+        said.append(f"; a stage without head {letters} is described without {letters} in 'encoder.heads'")
+    return "".join(said)
 
 
 def _coverage_remarks(topics: Mapping[str, Sequence[SampleBlock]], start_ns: int) -> tuple[str, ...]:

@@ -89,6 +89,9 @@ def stages(draw: st.DrawFn) -> Any:
         zeros = [largest * draw(st.floats(-1.0, 1.0)) for _ in fields]
         sensor["zero"] = zeros if len(fields) > 1 else zeros[0]
         sensor["resolution"] = min(sensor["resolution"], 0.5 * sensor["range"])
+    heads = section.get("encoder", {}).get("heads", {})
+    for number, head in enumerate(heads.values()):  # no two at one place
+        head["azimuth"] = 2 * math.pi / len(heads) * (number + draw(st.floats(0.0, 0.9)))
     collimator = section.get("autocollimator", {})
     for axis, (cubic, zero) in enumerate(
         zip(collimator.get("cubic", ()), collimator.get("zero", (0, 0)), strict=False)

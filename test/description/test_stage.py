@@ -121,6 +121,30 @@ def test_sensors_that_cannot_be_are_refused_with_their_line(tmp_path, heads, sen
         load_stage(path)
 
 
+@pytest.mark.parametrize("azimuth", ["0.0", "6.283185307179586", "-6.2831853", "9.0e-04"])
+def test_two_heads_at_one_place_are_refused(tmp_path, azimuth):
+    text = config("stage.yaml").read_text(encoding="utf-8")
+    last = "      d: {azimuth: 4.71238898038469}\n"
+    assert last in text
+    path = tmp_path / "stage.yaml"
+    path.write_text(text.replace(last, f"{last}      e: {{azimuth: {azimuth}}}\n"), encoding="utf-8")
+    line = 1 + text[: text.index(last) + len(last)].count("\n")
+    told = rf"stage\.yaml:{line}: stage\.encoder\.heads\.e\.azimuth: \S+ is where head 'a' stands \(0\.0\); expected"
+    with pytest.raises(InputError, match=told):
+        load_stage(path)
+    path.write_text(text.replace(last, f"{last}      e: {{azimuth: 0.8}}\n"), encoding="utf-8")
+    assert len(load_stage(path).azimuths) == 5
+
+
+@pytest.mark.parametrize("kind", ["[tilt_sensor]", "{}", "7", "null"])
+def test_a_kind_that_is_no_name_is_refused_with_its_line(tmp_path, kind):
+    text = config("stage.yaml").read_text(encoding="utf-8") + "  sensors:\n    x:\n      kind: " + kind + "\n"
+    path = tmp_path / "stage.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"stage\.yaml:\d+: stage\.sensors\.x.*kind.*; expected: one of read_head"):
+        load_stage(path)
+
+
 TILT = "kind: tilt_sensor, noise: 1.0e-07, resolution: 1.0e-08, range: 5.0e-04, uncertainty: 1.0e-06"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -30,9 +31,10 @@ PAGES_ELSEWHERE = {
 
 COMMISSION = "rotary_error_monitor commission BAG --stage nominal.yaml -o stage.yaml"
 KIND_OF_ONES_OWN = "pip install ./doc/examples/bath_thermometer"
+SENSOR_OF_ONES_OWN = "pip install ./doc/examples/ball_probe"
 MONITOR = "ros2 run rotary_error_monitor gap_monitor --ros-args -p effects:=doc/examples/oil_film.py"
 WIRE = "rotary_error_monitor wire"
-HERE = {COMMISSION, KIND_OF_ONES_OWN, MONITOR, WIRE}
+HERE = {COMMISSION, KIND_OF_ONES_OWN, SENSOR_OF_ONES_OWN, MONITOR, WIRE}
 
 LIVE = "test/commissioning/test_live.py"
 OPCUA = "test/nodes/test_opcua_server.py"
@@ -236,6 +238,20 @@ def test_a_kind_of_ones_own_is_installed(checkout_copy, monkeypatch):
     finally:
         for name in [name for name in sys.modules if name.partition(".")[0] == "bath_thermometer"]:
             monkeypatch.delitem(sys.modules, name)
+
+
+def test_a_kind_of_sensor_of_ones_own_is_installed(checkout_copy):
+    """With its topics; it is used in test/nodes/test_stage_files.py."""
+    site = checkout_copy / "site"
+    how = ["--quiet", "--no-deps", "--no-index", "--no-build-isolation", "--target", str(site)]
+    subprocess.run([sys.executable, "-m", *shlex.split(SENSOR_OF_ONES_OWN), *how], check=True)
+    for path, there in ((ROOT, False), (f"{ROOT}:{site}", True)):
+        begin = "from rotary_error_monitor.start import command; raise SystemExit(command())"
+        command = [sys.executable, "-c", begin, *shlex.split(WIRE)[1:]]
+        environment = {**os.environ, "PYTHONPATH": str(path)}
+        shown = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+        assert ("| `/stage/ball_probe_{sensor}/samples` |" in shown.stdout) is there
+        assert ("entry point 'ball_probe' of ball-probe: ball_probe runs as code" in shown.stderr) is there
 
 
 def test_a_monitor_runs_with_an_effect_of_ones_own(monkeypatch):

@@ -13,7 +13,7 @@ import rotary_error_monitor
 
 PACKAGE = Path(rotary_error_monitor.__file__).parent
 FILES = sorted(file for room in ("plant", "cases") for file in (PACKAGE / room).rglob("*.py"))
-OWN = ("description", "signals", "errors", "plant")
+OWN = ("description", "signals", "errors", "plugins", "plant")
 FOREIGN = (
     "__future__",
     "abc",

@@ -14,7 +14,7 @@ from rotary_error_monitor.cli import main
 from rotary_error_monitor.errors import InputError
 from rotary_error_monitor.resources import config
 from rotary_error_monitor.supervision.cell_file import CellNode, nodes_of, parameters_of
-from rotary_error_monitor.supervision.served_sensors import checked_nodes
+from rotary_error_monitor.supervision.served_sensors import checked_nodes, unserved_sensors
 
 PROBE = {"kind": "axial_probe", "radius": 0.0, "noise": 1e-8, "resolution": 5e-9, "range": 1e-4, "uncertainty": 2e-8}
 WARM = {"kind": "thermometer", "noise": 0.02, "resolution": 0.01, "range": 100.0, "uncertainty": 0.1}
@@ -236,3 +236,24 @@ def test_the_mock_cell_of_all_parameters_goes_with_a_stage_that_lists_top(tmp_pa
     assert "listed_sensor_top" in {node.name for node in checked_nodes(file)}
     file.write_text(text, encoding="utf-8")
     assert "listed_sensor_top is of the sensor 'top', of which the stage has none" in refused(file)
+
+
+HEADS = "".join(f"/**/encoder_head_{head}: {{ros__parameters: {{source: mock}}}}\n" for head in "abcd")
+
+
+def test_a_head_of_the_section_that_no_node_serves_is_said(tmp_path: Path) -> None:
+    """It may come from another program, and the estimate goes without: that is no reason not to start."""
+    heads = {name: {"azimuth": azimuth} for name, azimuth in zip("abcde", (0.0, 3.14, 1.57, 4.71, 0.8), strict=True)}
+    encoder = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))["stage"]["encoder"]
+    path = stage(tmp_path, {}, encoder={**encoder, "heads": heads})
+    file = cell(tmp_path, HEADS + "/left/error_estimator: {ros__parameters: {}}\n" + ESTIMATOR, path)
+    assert len(checked_nodes(file)) == 6
+    missing = [*(f"/left/stage/head_{head}/samples" for head in "abcde"), "/left/stage/autocollimator/samples"]
+    there = [f"no node of {file} publishes {name}, which {path} describes; " for name in missing]
+    there += [f"no node of {file} publishes /stage/{name}/samples, which" for name in ("head_e", "autocollimator")]
+    said = unserved_sensors(file)
+    assert len(said) == len(there) and all(any(one.startswith(words) for one in said) for words in there), said
+    assert all("unless another program does, error_estimator will go without it" in one for one in said)
+    served = "".join(f"/**/{name}: {{ros__parameters: {{}}}}\n" for name in ("encoder_head_e", "autocollimator"))
+    assert unserved_sensors(cell(tmp_path, HEADS + served + ESTIMATOR, path)) == ()
+    assert unserved_sensors(cell(tmp_path, RECORDER, path)) == (), "a recorder on another computer hears them all"

@@ -241,6 +241,14 @@ def test_a_recording_without_the_autocollimator_says_what_to_do(written, capsys)
         diagnosed(blind)
 
 
+def test_a_recording_without_a_head_says_what_to_do(written, capsys):
+    streams = {name: stream for name, stream in recorded(0).items() if name != "head_b"}
+    assert main(written(streams, STAGE)) == 2
+    said = capsys.readouterr().err
+    assert "no message on /stage/head_b/samples" in said
+    assert "; a stage without head b is described without b in 'encoder.heads'" in said
+
+
 def test_residuals_of_a_probe_are_shown_in_micrometres():
     topics = {samples_topic(name): blocks for name, blocks in blocks_of(recorded(0, AXIAL)).items()}
     problem = stage_problem(STAGE, record_stage(topics, "abcd", listed=tuple(STAGE.sensors)), EFFECTS)
