@@ -77,7 +77,7 @@ RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
 # `make test` takes half of the random stages that these draw (test/draws.py), `make rates` all of them.
 DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,assembly_contradictions.py axis_table.py collimator_rates.py straightness_contradictions.py) \
-	$(addprefix cases/test_,cases.py departures.py mimics.py) $(addprefix commissioning/test_,command.py travel.py) \
+	$(addprefix cases/test_,cases.py departures.py mimics.py) $(addprefix commissioning/test_,command.py measured_curves.py travel.py) \
 	$(addprefix faults/test_,begin.py calibrated.py few_heads.py gaps.py recordings.py responses.py) \
 	kinds/quadrature/test_problem.py $(addprefix kinds/stage/test_,admission.py diagnosis.py gradual.py listed_sensors.py \
 	motion.py rounding.py without_autocollimator.py) machine/test_uncertainty_rates.py nodes/test_stage_files.py $(addprefix metrology/test_,assembly.py \

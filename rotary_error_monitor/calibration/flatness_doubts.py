@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.calibration.grinding import FlatnessPrediction, ground_by_phase
-from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR, SAME_POSITION
+from rotary_error_monitor.calibration.machine_poses import SAME_POSITION
+from rotary_error_monitor.calibration.measurements import LENGTH, LINEAR_ERROR
 from rotary_error_monitor.calibration.straightness_doubts import Doubts
 from rotary_error_monitor.calibration.straightness_step import MOST_TABLE_ROWS, StraightnessResult
 from rotary_error_monitor.description.csv_tables import Column, read_table

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import cmath
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from world.newly_built import NewlyBuilt
@@ -147,9 +148,13 @@ def _off(built: NewlyBuilt, result: Commissioning) -> dict[str, float]:
         off["tilt latency"] = _sigmas(found.tilt.latency, float(tilt_late - first))
         for value, zero, name in zip(found.tilt.zero, own["zero"], "xy", strict=True):
             off[f"tilt zero {name}"] = _sigmas(value, zero)
-        shown = gain * (complex(*built.true["mirror"]["tilt"]) + _first(built, "tilt")) * cmath.exp(-1j * counted)
-        read = complex(*found.tilt.tilt) * found.tilt.gain * cmath.exp(1j * found.tilt.roll)
-        # what the mirror shows is surer than how it is shared between instrument and mirror
+        # what the mirror shows is surer than how it is shared between instrument, mirror and a curve that is stated
+        curve = sum(_turning(row) for row in built.true["mirror"].get("flatness", ()) if row["order"] == 1)
+        tilt = complex(*built.true["mirror"]["tilt"]) + _first(built, "tilt")
+        shown = gain * (tilt + curve) * cmath.exp(-1j * counted)
+        stated = curve if "flatness_table" in built.nominal.get("mirror", {}) else 0.0
+        read = complex(*found.tilt.tilt) + stated * cmath.exp(-1j * counted)
+        read *= found.tilt.gain * cmath.exp(1j * found.tilt.roll)
         std = np.hypot(found.tilt.tilt_std, found.tilt.latency.std * 2.0 * abs(shown))
         off["mirror"] = abs(read - shown) / std / np.sqrt(2)
         if found.tilt.axes_told and found.tilt.axes is not None:
@@ -162,6 +167,11 @@ def _first(built: NewlyBuilt, kind: str) -> complex:
     """What of the rotor's order 1 goes round with it, and so with what is mounted on it."""
     row = built.true["spindle"][kind][0]
     assert row["order"] == 1
+    return _turning(row)
+
+
+def _turning(row: Mapping[str, Any]) -> complex:
+    """What of a row of order 1 turns with the rotor."""
     return 0.5 * complex(row["x"][0] + row["y"][1], row["y"][0] - row["x"][1])
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from recordings.compared_stages import rates
 
-STAGES = 10
+STAGES = 6
 
 
 def test_stated_uncertainties_hold_the_truth() -> None:
-    """Of ten stages: bounds of 95 % miss more than four of twenty in one of a thousand cases."""
+    """Of six stages: bounds of 95 % miss more than two of twelve in one of fifty cases."""
     found = rates(STAGES, skip=20)
     assert found["compared"] >= 0.8, found
     assert found["eccentricity"] >= 0.8, found
