@@ -132,20 +132,27 @@ KINDS_FOUND = (
 
 
 @pytest.fixture
-def install_kind(install, monkeypatch):
-    """Function that installs a package with a kind of sensor, by default with the entry points that it states."""
+def forget_kinds():
+    """Function after which the kinds of sensors are looked for anew."""
 
     def forget():
         for found in KINDS_FOUND:
             found.cache_clear()
+
+    return forget
+
+
+@pytest.fixture
+def install_kind(install, forget_kinds, monkeypatch):
+    """Function that installs a package with a kind of sensor, by default with the entry points that it states."""
 
     def installed(package, entry_points=None):
         if entry_points is None:
             project = tomllib.loads((package / "pyproject.toml").read_text(encoding="utf-8"))["project"]
             entry_points = project["entry-points"]
         install(package, entry_points)
-        forget()
+        forget_kinds()
 
     yield installed
     monkeypatch.undo()  # the package is no longer found
-    forget()
+    forget_kinds()

@@ -13,7 +13,7 @@ import rotary_error_monitor
 
 PACKAGE = Path(rotary_error_monitor.__file__).parent
 FILES = sorted(file for room in ("plant", "cases") for file in (PACKAGE / room).rglob("*.py"))
-OWN = ("description", "signals", "errors", "plugins", "plant")
+OWN = ("arrays", "description", "signals", "errors", "plugins", "plant")
 FOREIGN = (
     "__future__",
     "abc",
@@ -51,4 +51,4 @@ def test_they_pull_in_no_other_room_when_they_are_imported(rooms: str, own: tupl
         "print(*{n.split('.')[1] for n in sys.modules if n.startswith('rotary_error_monitor.')})"
     )
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
-    assert {"plant", "description"} <= set(loaded) <= {*own, "files", "plugins", "resources"}
+    assert {"plant", "description"} <= set(loaded) <= {*own, "files", "plugins", "resources", "units"}

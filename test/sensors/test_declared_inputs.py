@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +13,11 @@ import yaml
 import rotary_error_monitor.description.sensor_kinds as sections
 import rotary_error_monitor.sensors as kinds
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.sensor_section import sensor_kinds
 from rotary_error_monitor.description.stage import StageDescription, load_stage
 from rotary_error_monitor.effects.effect import Cause, Parameter, Values
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
 from rotary_error_monitor.resources import config
-from rotary_error_monitor.sensors import library
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 from rotary_error_monitor.twin.stage import StageTwin, stage_inputs
 
@@ -81,7 +79,9 @@ class Swelling(StageEffect):
 
 
 @pytest.fixture
-def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StageDescription]:
+def stage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forget_kinds: Callable[[], None]
+) -> Iterator[StageDescription]:
     """A stage that lists sensors of two kinds that no file of the package knows."""
     folders = {sections: tmp_path / "sections", kinds: tmp_path / "kinds"}
     for room, folder in folders.items():
@@ -90,9 +90,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StageDesc
     (tmp_path / "sections" / "coolant_flow.py").write_text(FLOW, encoding="utf-8")
     (tmp_path / "sections" / "dynamometer.py").write_text(CELL, encoding="utf-8")
     (tmp_path / "kinds" / "coolant_flow.py").write_text(FLOW_KIND, encoding="utf-8")
-    caches = (sensor_kinds, library.input_kinds)
-    for cached in caches:
-        cached.cache_clear()
+    forget_kinds()
     content = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))
     content["stage"]["sensors"] = {
         "pump": {"kind": "coolant_flow", "zero": 0.5, **ROW},
@@ -104,8 +102,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StageDesc
     for name in [name for name in sys.modules if name.endswith((".coolant_flow", ".dynamometer"))]:
         del sys.modules[name]
     monkeypatch.undo()
-    for cached in caches:
-        cached.cache_clear()
+    forget_kinds()
 
 
 def recording(seed: int) -> tuple[StageRecording, Array, Array]:
