@@ -59,9 +59,9 @@ def test_what_may_lie_between_readings_raises_the_upper_end_alone() -> None:
 
 
 def test_intervals_hold_the_flatness_of_ground_workpieces() -> None:
-    """A few of each way, all together; `test_flatness_bound_rates.py` asks for 93 to 97 % of 500."""
-    found = [rate for way in WAYS for rate in rates(way, 6).values()]
-    assert np.mean(found) > 0.82, "24 workpieces: three standard deviations below 95 %"
+    """A few of each way, all together; `test_flatness_bound_rates.py` asks 500 of each."""
+    found = [rate for way in WAYS for rate in rates(way, 3).values()]
+    assert np.mean(found) > 0.76, "12 workpieces: three standard deviations below 95 %"
 
 
 def measured(path: Path, length: float, seed: int) -> Path:
