@@ -16,11 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-_DIES_WITH_ITS_PARENT = ("setpriv", "--pdeathsig", "KILL")
-_OWN_MEMORY = "mount -t tmpfs none /dev/shm"
-"""Hosts share no memory: what they say goes over the network."""
+from network.hosts import DIES_WITH_ITS_PARENT, OWN_MEMORY, holder
 
-_HOST = f"{_OWN_MEMORY} && ip link set lo up"
+_HOST = f"{OWN_MEMORY} && ip link set lo up"
 _SWITCH = "ip link add switch type bridge mcast_snooping 0 && ip link set switch up"
 """A switch that hands multicast to all, as one without management does."""
 
@@ -67,7 +65,7 @@ class SwitchedHost:
     @property
     def command(self) -> tuple[str, ...]:
         """What stands before a command that shall run on it; it dies with the process that starts it."""
-        return (*_DIES_WITH_ITS_PARENT, "nsenter", f"--target={self.process}", "--net", "--mount", "--")
+        return (*DIES_WITH_ITS_PARENT, "nsenter", f"--target={self.process}", "--net", "--mount", "--")
 
     @property
     def traffic(self) -> Traffic:
@@ -102,10 +100,10 @@ def why_not() -> str:
 def switched_hosts(count: int) -> Iterator[tuple[SwitchedHost, ...]]:
     """So many hosts at one switch, at most 250: their addresses are in one network of 254."""
     with ExitStack() as stack:
-        switch = stack.enter_context(_holder("--net", _SWITCH))
+        switch = stack.enter_context(holder("--net", _SWITCH))
         hosts = []
         for number in range(1, count + 1):
-            host = SwitchedHost(stack.enter_context(_holder("--net --mount", _HOST)), f"10.78.0.{number}")
+            host = SwitchedHost(stack.enter_context(holder("--net --mount", _HOST)), f"10.78.0.{number}")
             _run(host.process, f"ip link add {DEVICE} type veth peer name port{number} netns {switch}")
             _run(host.process, f"ip address add {host.address}/24 dev {DEVICE} && ip link set {DEVICE} up")
             _run(switch, f"ip link set port{number} master switch && ip link set port{number} up")
@@ -116,19 +114,6 @@ def switched_hosts(count: int) -> Iterator[tuple[SwitchedHost, ...]]:
 def _run(process: int, script: str) -> None:
     """A script of the shell in the network of a process."""
     subprocess.run(["nsenter", f"--target={process}", "--net", "--", "sh", "-ec", script], check=True)
-
-
-@contextmanager
-def _holder(kinds: str, prepare: str) -> Iterator[int]:
-    """A process that holds namespaces of its own, of these kinds of `unshare`: its id."""
-    command = [*_DIES_WITH_ITS_PARENT, "unshare", *kinds.split(), "sh", "-c", f"{prepare} && echo ready && exec cat"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline().strip() == "ready", f"{command} does not begin"
-            yield process.pid
-        finally:
-            process.kill()
 
 
 def held_mb(process: int) -> float:

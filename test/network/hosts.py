@@ -19,7 +19,7 @@ from pathlib import Path
 from network.relay import ADDRESSES
 
 _RELAY = Path(__file__).with_name("relay.py")
-_DIES_WITH_ITS_PARENT = ("setpriv", "--pdeathsig", "KILL")
+DIES_WITH_ITS_PARENT = ("setpriv", "--pdeathsig", "KILL")
 _GOES_FIRST = ("setsid", "nice", "-n", "-10")
 """Two hosts would have processors of their own: what else this computer does shall not be seen as the network's.
 
@@ -27,7 +27,7 @@ Linux shares its time among sessions first (sched_autogroup), and within each by
 """
 
 _CLONE_NEWNET = 0x40000000
-_OWN_MEMORY = "mount -t tmpfs none /dev/shm"
+OWN_MEMORY = "mount -t tmpfs none /dev/shm"
 """Two hosts share no memory: what they say goes over the cable."""
 
 
@@ -39,7 +39,7 @@ def why_not() -> str:
     if not os.access("/dev/net/tun", os.R_OK | os.W_OK):
         return "no /dev/net/tun here that may be opened"
     tried = subprocess.run(
-        ["unshare", "--net", "--mount", "sh", "-c", _OWN_MEMORY], capture_output=True, text=True, check=False
+        ["unshare", "--net", "--mount", "sh", "-c", OWN_MEMORY], capture_output=True, text=True, check=False
     )
     return f"namespaces are not allowed here: {tried.stderr.strip()}" if tried.returncode else ""
 
@@ -59,7 +59,7 @@ class Host:
     @property
     def command(self) -> tuple[str, ...]:
         """What stands before a command that shall run on it; it dies with the process that starts it."""
-        return (*_DIES_WITH_ITS_PARENT, "nsenter", f"--target={self.process}", "--net", "--mount", "--", *_GOES_FIRST)
+        return (*DIES_WITH_ITS_PARENT, "nsenter", f"--target={self.process}", "--net", "--mount", "--", *_GOES_FIRST)
 
     @contextmanager
     def entered(self) -> Iterator[None]:
@@ -106,10 +106,11 @@ def two_hosts() -> Iterator[Cable]:
     The first shares the memory of this process, so that a `Cell` in this process can live on it (`Host.entered`).
     """
     with ExitStack() as stack:
-        processes = [stack.enter_context(_holder(prepare)) for prepare in ("true", _OWN_MEMORY)]
+        kinds = (("--net", "true"), ("--net --mount", OWN_MEMORY))
+        processes = [stack.enter_context(holder(*each)) for each in kinds]
         first, second = (Host(pid, address) for pid, address in zip(processes, ADDRESSES, strict=True))
         command = [
-            *_DIES_WITH_ITS_PARENT,
+            *DIES_WITH_ITS_PARENT,
             *_GOES_FIRST,
             sys.executable,
             str(_RELAY),
@@ -121,12 +122,10 @@ def two_hosts() -> Iterator[Cable]:
 
 
 @contextmanager
-def _holder(prepare: str) -> Iterator[int]:
-    """Process that holds namespaces of its own: its id."""
-    inside = f"{prepare} && echo ready && exec cat"
-    command = ["unshare", "--net", "--mount", "sh", "-c", inside] if prepare == _OWN_MEMORY else []
-    command = command or ["unshare", "--net", "sh", "-c", inside]
-    with _started([*_DIES_WITH_ITS_PARENT, *command]) as process:
+def holder(kinds: str, prepare: str) -> Iterator[int]:
+    """Process that holds namespaces of its own, of these kinds of `unshare`: its id."""
+    command = ["unshare", *kinds.split(), "sh", "-c", f"{prepare} && echo ready && exec cat"]
+    with _started([*DIES_WITH_ITS_PARENT, *command]) as process:
         yield process.pid
 
 
