@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import erf
+from scipy.special import erf, ndtr
 
 from rotary_error_monitor.arrays import Array
 
@@ -12,7 +12,6 @@ _SAME = 1e-3
 
 _EQUAL = 1e-12
 """Part of the largest reading below which two readings are one: what double precision leaves of them after a gain."""
-
 
 _NOTHING = 1e-6
 """Part of the variance of rounding that is left where all readings share it, below which it is not looked for."""
@@ -33,6 +32,27 @@ def rounding_errors(values: Array, noise: float, step: float) -> Array:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         sign = np.where(values == 0.0, 0.0, erf(values / (np.sqrt(2.0) * noise)))
     return 0.5 * step * np.stack([np.ones_like(values), sign], axis=1)
+
+
+def sawtooth(values: Array, noise: float, step: float) -> Array:
+    """(n,) mean error of readings to the nearest step: a sawtooth of what is read, as far as noise leaves it one.
+
+    Of its harmonics noise leaves `exp(-2 (pi k noise / step)²)` (Widrow and Kollár, Quantization Noise, 2008).
+
+    Args:
+        values: (n,) what is read, before noise.
+        noise: standard deviation of a reading before it is rounded.
+        step: of a reading.
+    """
+    within = values / step - np.rint(values / step)
+    if noise == 0.0:
+        return np.asarray(-step * within, np.float64)
+    if noise > step:  # less than 1e-8 of a step is left
+        return np.zeros_like(within)
+    farthest = 1 + int(np.ceil(6 * noise / step))  # edges that noise reaches
+    edges = np.arange(-farthest, farthest) + 0.5
+    passed = ndtr((within[:, None] - edges) * (step / noise)).sum(axis=1) - farthest
+    return np.asarray(step * (passed - within), np.float64)
 
 
 def repeated_errors(path: Array, noise: float, step: float) -> Array:

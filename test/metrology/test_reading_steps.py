@@ -5,21 +5,31 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rotary_error_monitor.metrology.reading_steps import repeated_errors, rounding_errors, step_of
+from rotary_error_monitor.metrology.reading_steps import repeated_errors, rounding_errors, sawtooth, step_of
 
 
-@pytest.mark.parametrize("ratio", [0.2, 1.0, 2.0])
+@pytest.mark.parametrize("ratio", [0.2, 1.0, 2.0, 4.0, 100.0])
 @pytest.mark.parametrize(("way", "column"), [(np.floor, 0), (np.trunc, 1), (np.rint, None)])
-def test_mean_errors_are_those_of_readings_that_are_cut_off(ratio, way, column):
-    """Of 20,000 readings at each of 41 values, within five standard deviations of their mean; steps of two at most."""
+def test_mean_errors_are_those_of_readings_that_are_rounded_or_cut_off(ratio, way, column):
+    """Of 20,000 readings at each of 41 values, within five standard deviations of their mean."""
     noise, values = 0.5, np.linspace(-3.0, 3.0, 41)
     step = ratio * noise
     rng = np.random.default_rng(round(10 * ratio))
     read = way((values + noise * rng.normal(size=(20_000, len(values)))) / step) * step
-    expected = np.zeros(len(values)) if column is None else -rounding_errors(values, noise, step)[:, column]
-    left = np.exp(-2 * (np.pi * noise / step) ** 2) * step / np.pi  # of the sawtooth, its first order
+    expected = sawtooth(values, noise, step)
+    if column is not None:
+        expected = sawtooth(values - step / 2, noise, step) - rounding_errors(values, noise, step)[:, column]
     scatter = 5 * np.hypot(noise, step) / np.sqrt(len(read))
-    assert np.abs(read.mean(axis=0) - values - expected).max() < scatter + 1.1 * left
+    assert np.abs(read.mean(axis=0) - values - expected).max() < scatter
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_without_noise_the_sawtooth_is_what_rounding_does(seed):
+    rng = np.random.default_rng(seed)
+    step, values = 10 ** rng.uniform(-9, 0), rng.normal(0, 10.0, 1000)
+    found = sawtooth(step * values, 0.0, step)
+    np.testing.assert_allclose(found, step * (np.rint(values) - values), atol=1e-12 * step)
+    assert np.abs(sawtooth(step * values, 0.7 * step, step)).max() < 1e-4 * step, "noise breaks it up"
 
 
 def test_without_noise_the_sides_are_those_of_the_values():

@@ -1,4 +1,8 @@
-"""What nobody knows of how the instruments of a stage round, as nuisances: half a step less, or half a step to zero."""
+"""What nobody knows of how the instruments of a stage round, as nuisances.
+
+They may read half a step less, or half a step to zero, and steps coarser than the noise leave a sawtooth, whose edges
+lie between the steps or on them.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from numpy.typing import NDArray
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.rotor import HEAD
-from rotary_error_monitor.metrology.reading_steps import repeated_errors, rounding_errors, step_of
+from rotary_error_monitor.metrology.reading_steps import repeated_errors, rounding_errors, sawtooth, step_of
 from rotary_error_monitor.sensors.library import instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
 from rotary_error_monitor.twin.stage import Signals, StageTwin
@@ -18,6 +22,11 @@ from rotary_error_monitor.twin.stage import Signals, StageTwin
 WAYS = 2
 """Columns of each reading, those of `rounding_errors`: an instrument that cuts its readings off has one of them."""
 
+SAWTEETH = 2
+"""Columns more of readings whose steps noise does not break up: an instrument has one of them."""
+
+SMEARED = 0.5
+"""Part of a step from which on noise leaves less than a hundredth of the sawtooth, `exp(-2 (pi noise / step)²)`."""
 
 LOUDER = 1e-2
 """Part by which noise may be louder and be the same: far less than that by which it is known."""
@@ -76,23 +85,24 @@ class Rounding:
 
     def __init__(self, stage: StageDescription, steps: Mapping[str, float]) -> None:
         self._stage, self._steps = stage, steps
-        self._fields: dict[str, int] = {}
+        self._sawteeth = {instrument_of(n) for n, s in steps.items() if noise_before_steps(stage, n) < SMEARED * s}
+        self._columns: dict[str, int] = {}
         for name, step in steps.items():
             if step > 0.0:
-                self._fields[instrument_of(name)] = len(sensor_of(name).fields)
+                self._columns[instrument_of(name)] = len(sensor_of(name).fields) * self._ways(name)
 
     @property
     def count(self) -> int:
         """Number of columns."""
-        return WAYS * sum(self._fields.values())
+        return sum(self._columns.values())
 
     def acting(self, instrument: str) -> NDArray[np.intp]:
         """(k,) which of the columns are of an instrument."""
         before = 0
-        for name, fields in self._fields.items():
+        for name, columns in self._columns.items():
             if name == instrument:
-                return np.arange(before, before + WAYS * fields)
-            before += WAYS * fields
+                return np.arange(before, before + columns)
+            before += columns
         return np.zeros(0, np.intp)
 
     def errors(self, predicted: Signals) -> Signals:
@@ -107,11 +117,18 @@ class Rounding:
         stage, step = self._stage, self._steps[name]
         response = stage.response(name)
         readings = response.readings(values)
-        noise = noise_before_steps(stage, name)
-        columns = np.zeros((*values.shape, WAYS * values.shape[1]))
-        for field in range(values.shape[1]):
-            for way, error in enumerate(rounding_errors(readings[:, field], noise, step).T):
+        noise, ways = noise_before_steps(stage, name), self._ways(name)
+        columns = np.zeros((*values.shape, ways * values.shape[1]))
+        for field, path in enumerate(readings.T):
+            errors = [*rounding_errors(path, noise, step).T]
+            if ways > WAYS:
+                errors += [sawtooth(path, noise, step), sawtooth(path - step / 2, noise, step)]
+            for way, error in enumerate(errors):
                 moved = readings.copy()
                 moved[:, field] += error
-                columns[:, :, WAYS * field + way] = response.corrected(moved) - values
+                columns[:, :, ways * field + way] = response.corrected(moved) - values
         return columns
+
+    def _ways(self, stream: str) -> int:
+        """Columns of each field of a stream."""
+        return WAYS + SAWTEETH * (instrument_of(stream) in self._sawteeth)

@@ -51,14 +51,18 @@ PROBES = {
     }
     for name, azimuth in (("front", 0.4), ("side", 1.9))
 }
-COARSE = ("autocollimator", "lvdt", "force", "cell", "probes")
+COARSE = ("autocollimator", "lvdt", "force", "cell", "probes", "encoder")
 """Instruments that have coarse steps; those of `force` and `lvdt` no description states."""
+
+COUNTS = dict(zip(RATIOS, (20, 4, 1), strict=True))
+"""Counts of a line of a coarse encoder: interpolated, edges of square waves, lines; steps of 33 to 665 times noise."""
 
 
 def described(coarse, ratio):
     """Section `stage`, and the step of the readings of each topic that is coarse."""
     stage = yaml.safe_load(config("stage.yaml").read_text(encoding="utf-8"))["stage"]
-    stage["encoder"]["counts_per_line"] = 1000  # its noise is above its steps, which are no matter here
+    # its noise is above its steps, which are no matter elsewhere
+    stage["encoder"]["counts_per_line"] = COUNTS[ratio] if coarse == "encoder" else 1000
     stage["sensors"], steps = {}, {AUTOCOLLIMATOR: stage["autocollimator"]["resolution"], FORCE: 0.01, LVDT: 1e-9}
     if coarse == "autocollimator":
         stage["autocollimator"]["resolution"] = steps[AUTOCOLLIMATOR] = ratio * stage["autocollimator"]["noise"]
@@ -133,7 +137,7 @@ def drawn(coarse, count, first):
     return [(seed, *CASES[seed % len(CASES)], coarse) for seed in range(first, first + count)]
 
 
-@pytest.mark.parametrize("coarse", ["autocollimator", "lvdt", "probes"])
+@pytest.mark.parametrize("coarse", ["autocollimator", "lvdt", "probes", "encoder"])
 def test_parameters_are_within_what_is_stated_however_readings_are_rounded(coarse):
     """98 % of two each within three standard deviations, of normal errors 99.7 %, and none far beyond them."""
     found = np.abs(np.concatenate([distances(problem_of(*each)) for each in drawn(coarse, 135 if ALL else 9, 0)]))
