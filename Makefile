@@ -74,7 +74,7 @@ SWEEPS := $(addprefix test/,analysis/test_probes.py commissioning/test_rates.py 
 	reproduction/test_pan2013_rates.py \
 	$(addprefix kinds/stage/test_,play.py slow_noise.py stuck_thermometers.py thermometers.py told_departures.py unknown.py))
 RATES := $(CELL_RATES) $(MODEL_RATES) $(SWEEPS)
-# `make test` takes half of the random stages that these draw (test/draws.py), `make rates` all of them.
+# `make test` takes a third of the random stages that these draw (test/draws.py), `make rates` all of them.
 DRAWN := $(addprefix test/,$(addprefix analysis/test_,motion.py trend.py) bags/test_writer.py blind_check/test_blind_check.py \
 	$(addprefix calibration/test_,assembly_contradictions.py axis_table.py collimator_rates.py straightness_contradictions.py) \
 	$(addprefix cases/test_,cases.py departures.py mimics.py) $(addprefix commissioning/test_,command.py measured_curves.py travel.py) \

@@ -21,6 +21,8 @@ from rotary_error_monitor.signals.blocks import SampleBlock
 BATCH = 32
 """Messages that are reckoned with at once: what is doubted is dated to some hundredths of a second."""
 
+_SCALE_OF_TILT = "uncertainty of the autocollimator, times that of its noise"
+
 
 @dataclass
 class Doubt:
@@ -121,20 +123,26 @@ def _figures(estimator: Estimator, stage: StageDescription) -> dict[str, float]:
     found = {
         "estimates": float(status.estimates),
         "withheld": float(status.withheld),
-        "head uncertainty scale": belief.verdict.head_scale,
-        "tilt uncertainty scale": belief.verdict.tilt_scale,
-        "delay of the heads against the command, ms": belief.command.delay * 1e3,
+        _scale_of_heads(stage): belief.verdict.head_scale,
+        _SCALE_OF_TILT: belief.verdict.tilt_scale,
+        "delay of the heads against the command, ms": belief.command.delay * 1e3 + 0.0,  # no minus before a zero
         "whole turns taken out": float(status.turns),
         "eccentricity or error motion, not told which, um": belief.verdict.unresolved * 1e6,
         "tilt of the mirror or of the axis, not told which, urad": belief.verdict.unresolved_tilt * 1e6,
     }
     if stage.encoder is not None:
         return found
-    own = ("estimates", "withheld", "tilt uncertainty scale")
+    own = ("estimates", "withheld", _SCALE_OF_TILT)
     return {name: found[name] for name in own} | {
         "uncertainty of the rotation, which is the command, urad": belief.verdict.lag * 1e6,
         "contradiction among the listed sensors, times what is stated": estimator.sensor_conflict,
     }
+
+
+def _scale_of_heads(stage: StageDescription) -> str:
+    """A ring that turns fast is known less well than its readings: stamps are not of one instant."""
+    stamps = f"its stamps known to {stage.timing('encoder') * 1e6:.3g} us (uncertainty.encoder.timing)"
+    return f"uncertainty of a head, {stamps}, times that of its noise"
 
 
 def check_text(check: StageCheck) -> Iterator[str]:
