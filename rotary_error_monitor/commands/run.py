@@ -23,7 +23,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="run a machine cell on mock sensors, record and replay it, print what it reached",
         description="Exit code 0 where every figure is within its bound, 1 where one is not.",
     )
-    parser.add_argument("--duration", type=float, default=30.0, help="of the recording, s (default 30)")
+    parser.add_argument("--duration", type=float, default=21.0, help="of the recording, s (default 21)")
     parser.add_argument("--machine", default="xyzac_trt", help="machine YAML, or the name of one that ships")
     parser.add_argument("--stage", type=Path, help="stage YAML, with all sensors (default: config/stage.yaml)")
     parser.add_argument("--seed", type=int, default=1, help="of the mock stage")

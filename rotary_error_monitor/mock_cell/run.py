@@ -32,8 +32,8 @@ HEIGHTS = (0.005, 0.016, 0.060)
 SPEEDS = (1.5707963267948966, 3.141592653589793)
 """Speeds of a cycle of the stage, rad/s."""
 
-FORCE_CYCLE = 20.0
-"""Time after which the pushes at the shaft repeat, s: a run of half a minute has some at each height."""
+FORCE_CYCLE = 14.0
+"""Time after which the pushes at the shaft repeat, s: a run of 21 s has some at each height."""
 
 STARTING = 60.0
 """How long the cell may take to find itself, s."""
@@ -63,7 +63,7 @@ class MockCell:
     """
 
     folder: Path
-    duration: float = 30.0
+    duration: float = 21.0
     machine: str = "xyzac_trt"
     stage: Path | None = None
     seed: int = 1
