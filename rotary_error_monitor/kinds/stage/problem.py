@@ -8,16 +8,15 @@ from functools import partial
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, values_of
-from rotary_error_monitor.effects.rotor import HEAD, StageEffect, effects_of
+from rotary_error_monitor.effects.rotor import StageEffect, effects_of
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
-from rotary_error_monitor.gap.structure import Track, find_shared, find_structure
+from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks
 from rotary_error_monitor.kinds.stage.another import check_stage, left_out
@@ -42,6 +41,7 @@ from rotary_error_monitor.kinds.stage.predictions import KEPT, KeptPredictions
 from rotary_error_monitor.kinds.stage.rounding import Rounding, row_weights, steps_of
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
+from rotary_error_monitor.kinds.stage.tracks import Tracks
 from rotary_error_monitor.kinds.stage.warming import uncertain_forces, uncertain_warmings
 from rotary_error_monitor.kinds.stage.where import stage_where
 from rotary_error_monitor.noise.stage_noise import StageNoise, noise_std
@@ -49,9 +49,6 @@ from rotary_error_monitor.noise.whitening import side_by_side
 from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording, fields_of
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
-
-FEWEST_ROWS = 100
-"""Rows of a channel below which its structure is not looked at."""
 
 _DERIVATIVE_STEP = 1e-3
 """Step of numerical derivatives in usual sizes: far above rounding, far below curvature."""
@@ -102,7 +99,7 @@ class StageProblem:
         self._search = StageSearch(self)
         self._expected: dict[str, Array] = {}
         self._starts: dict[tuple[str, str], Array] = {}
-        self._tracks: dict[str, tuple[Array, Track]] = {}
+        self._tracks = Tracks(self)
         self._signatures = KeptSignatures()
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
         self._learning.begin(raw)
@@ -270,47 +267,12 @@ class StageProblem:
         return found
 
     def tracks(self, rest: Rows) -> Iterator[Track]:
-        """White rows with what they may depend on, for tests of structure; rows of little weight are left out.
-
-        One channel at a time: of a long recording all together would fill the memory.
-        """
-        for channel, rows in rest.items():
-            expected = self.expected(channel)
-            used = expected > 0.5 * float(expected.max(initial=0.0))
-            if np.count_nonzero(used) < FEWEST_ROWS:
-                continue
-            white = rows[used, 0] / np.sqrt(expected[used])
-            yield replace(self._track(channel, expected, used), rows=white)
-
-    def _track(self, channel: str, expected: Array, used: NDArray[np.bool_]) -> Track:
-        """What the rows of a channel that are used may depend on, without rows; kept until the noise is another."""
-        kept = self._tracks.get(channel) if self.keeps_signatures else None
-        if kept is not None and kept[0] is expected:
-            return kept[1]
-        time = self.times(channel)
-        labels = np.zeros(len(time), np.intp)
-        for stretch in range(self.conditions.stretches):
-            for block, part in self.conditions.pieces(channel, time, stretch):
-                labels[part] = self.conditions.labels[block]
-        angle = np.asarray(self.twin.inputs.command(time[used]), np.float64)
-        names, keeps = self.conditions.names, self.keeps_signatures
-        track = Track(channel, np.zeros(0), time[used], angle, labels[used], names, keeps)
-        if self.keeps_signatures:
-            self._tracks[channel] = expected, track
-        return track
+        """White rows with what they may depend on, for tests of structure, one channel at a time."""
+        return self._tracks.of(rest)
 
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of each channel against orders, lines, places and times; of those of one instrument together."""
-        findings: list[Finding] = []
-        alike: dict[str, list[Track]] = {}
-        for track in self.tracks(rest):
-            findings += find_structure(track)
-            alike.setdefault(instrument_of(track.channel), []).append(track)
-        for instrument, tracks in alike.items():
-            if len(tracks) > 1:
-                # What each head shows beyond their mean: those of one instant sum to zero.
-                findings += find_shared(tracks, len(tracks) - (instrument == HEAD))
-        return findings
+        return self._tracks.structure(rest)
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Estimate level, slow noise and spectrum of the jitter again with the causes taken out.

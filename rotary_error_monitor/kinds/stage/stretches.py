@@ -25,6 +25,7 @@ from rotary_error_monitor.kinds.stage.rounding import steps_of
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.stuck import without_stuck
 from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs
+from rotary_error_monitor.kinds.stage.tracks import Tracks
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
 from rotary_error_monitor.twin.stage import StageInputs, twin_of
 
@@ -64,7 +65,7 @@ class LongStageProblem(StageProblem):
         whole = twin_of(stage, recording, tuple(known), inputs)
         self.twin = replace(whole, keeps_states=False)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
-        self._search = StageSearch(self)
+        self._search, self._tracks = StageSearch(self), Tracks(self)
         self._starts: dict[tuple[str, str], Array] = {}
         self._expected: dict[str, Array] = {}
         bounds = np.linspace(0.0, recording.duration, max(2, round(recording.duration / STRETCH)) + 1)
