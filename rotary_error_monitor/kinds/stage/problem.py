@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
@@ -42,7 +42,7 @@ from rotary_error_monitor.kinds.stage.rounding import Rounding, row_weights, ste
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
 from rotary_error_monitor.kinds.stage.tracks import Tracks
-from rotary_error_monitor.kinds.stage.warming import uncertain_forces, uncertain_warmings
+from rotary_error_monitor.kinds.stage.warming import OtherTwin, uncertain_forces, uncertain_warmings
 from rotary_error_monitor.kinds.stage.where import stage_where
 from rotary_error_monitor.noise.stage_noise import StageNoise, noise_std
 from rotary_error_monitor.noise.whitening import side_by_side
@@ -54,6 +54,29 @@ _DERIVATIVE_STEP = 1e-3
 """Step of numerical derivatives in usual sizes: far above rounding, far below curvature."""
 
 
+@dataclass(frozen=True)
+class OfWhole:
+    """What all stretches of a recording have in common: each on its own would make it of the whole again.
+
+    Attributes:
+        inputs: what drove the stage.
+        steps: of the readings of each stream.
+        conditions: of the recording.
+        others: twins with what is not known of the inputs.
+    """
+
+    inputs: StageInputs
+    steps: Mapping[str, float]
+    conditions: Conditions
+    others: tuple[OtherTwin, ...]
+
+    @classmethod
+    def of(cls, stage: StageDescription, recording: StageRecording, twin: StageTwin) -> OfWhole:
+        """That of a recording and its twin."""
+        others = (*uncertain_warmings(twin, recording), *uncertain_forces(twin, recording))
+        return cls(twin.inputs, steps_of(stage, recording), stage_conditions(recording), others)
+
+
 class StageProblem:
     """A recording of a stage beside its twin.
 
@@ -62,8 +85,7 @@ class StageProblem:
         recording: what was measured.
         effects: the known effects.
         known: effects that the twin has besides its parameters.
-        inputs: what drove the stage, where the recording is a stretch of a longer one.
-        steps: of the readings of each stream, likewise.
+        whole: what is known of the whole, where the recording is a stretch of a longer one.
     """
 
     m_open = False
@@ -77,24 +99,23 @@ class StageProblem:
         recording: StageRecording,
         effects: Sequence[StageEffect],
         known: Sequence[Cause] = (),
-        inputs: StageInputs | None = None,
-        steps: Mapping[str, float] | None = None,
+        whole: OfWhole | None = None,
     ) -> None:
         self.stage = stage
         self.recording = recording
         self.effects = effects_of(stage, effects)
-        self.twin: StageTwin = twin_of(stage, recording, tuple(known), inputs)
+        self.twin: StageTwin = twin_of(stage, recording, tuple(known), whole and whole.inputs)
+        whole = whole or OfWhole.of(stage, recording, self.twin)
         self._predictions = KeptPredictions(self.twin, KEPT if self.keeps_signatures else 1)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
-        inputs_off = (*uncertain_warmings(self.twin, recording), *uncertain_forces(self.twin, recording))
-        steps = steps_of(stage, recording) if steps is None else steps
-        self._nuisances = Nuisances(self.twin, inputs_off, Rounding(stage, steps), self._measured, self._white)
+        others = [other.beside(self.twin) for other in whole.others]
+        self._nuisances = Nuisances(self.twin, others, Rounding(stage, whole.steps), self._measured, self._white)
         raw = self._raw_residual(())
         omega = {name: self.twin.state(name).omega for name in recording.heads}
         check_noise(self.twin.times, noise_std(stage))
-        unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, steps)
+        unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, whole.steps)
         self.noise = StageNoise(stage, recording, unspiked, omega, weights=weights)
-        self._conditions = stage_conditions(recording)
+        self._conditions = whole.conditions
         self.play = Play(self.twin.inputs, recording.duration)
         self._search = StageSearch(self)
         self._expected: dict[str, Array] = {}
