@@ -92,7 +92,7 @@ def stage_inputs(
         for stream, sensor in (listed or {}).items()
         if sensor.measures not in (PLACE_TEMPERATURE, SHAFT_FORCE) and stream in recording.streams
     }
-    return StageInputs(rotation, rotation.speed, force_of, own, warmings, others)
+    return StageInputs(rotation.angle, rotation.speed, force_of, own, warmings, others)
 
 
 def _course(stream: Stream) -> Callable[[Array], Array]:

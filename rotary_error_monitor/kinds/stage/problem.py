@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -13,7 +13,7 @@ from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.description.topics import samples_topic
 from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, values_of
-from rotary_error_monitor.effects.rotor import StageEffect, effects_of
+from rotary_error_monitor.effects.rotor import HEAD, StageEffect, effects_of
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
 from rotary_error_monitor.gap.structure import Track
@@ -62,19 +62,22 @@ class OfWhole:
         inputs: what drove the stage.
         steps: of the readings of each stream.
         conditions: of the recording.
+        play: after reversals.
         others: twins with what is not known of the inputs.
     """
 
     inputs: StageInputs
     steps: Mapping[str, float]
     conditions: Conditions
+    play: Play
     others: tuple[OtherTwin, ...]
 
     @classmethod
     def of(cls, stage: StageDescription, recording: StageRecording, twin: StageTwin) -> OfWhole:
         """That of a recording and its twin."""
         others = (*uncertain_warmings(twin, recording), *uncertain_forces(twin, recording))
-        return cls(twin.inputs, steps_of(stage, recording), stage_conditions(recording), others)
+        play = Play(twin.inputs, recording.duration)
+        return cls(twin.inputs, steps_of(stage, recording), stage_conditions(recording), play, others)
 
 
 class StageProblem:
@@ -116,7 +119,7 @@ class StageProblem:
         unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, whole.steps)
         self.noise = StageNoise(stage, recording, unspiked, omega, weights=weights)
         self._conditions = whole.conditions
-        self.play = Play(self.twin.inputs, recording.duration)
+        self.play = whole.play
         self._search = StageSearch(self)
         self._expected: dict[str, Array] = {}
         self._starts: dict[tuple[str, str], Array] = {}
@@ -224,16 +227,21 @@ class StageProblem:
         signatures = self._derivatives(cause, linear, causes)
         sudden = jumps or cause.effect.searched is Searched.MOMENT
         kind, say, real = self._no_jumps(cause, causes, signatures) if sudden else ("", stays, {})
-        stacked: Signals = {}
-        labels = spread_out((), amplitudes, sizes)
-        for name, signature in signatures.items():
-            modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps, slow)
-            modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
-            beside = [SHARE * sizes * rows[name] for rows in around]
-            beside += [real[name]] if name in real else []
-            stacked[name] = modulated(signature, amplitudes, sizes, modulations, beside)
-            labels = spread_out(modulations, amplitudes, sizes)
-        kinds, words, changes = labels
+        white: Rows = {}
+        labels = {"": spread_out((), amplitudes, sizes)}
+        # One instrument after the other: as signals and white they take more room than all else.
+        for names in _by_instrument(signatures):
+            stacked: Signals = {}
+            for name in names:
+                signature = signatures[name]
+                modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps, slow)
+                modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
+                beside = [SHARE * sizes * rows[name] for rows in around]
+                beside += [real[name]] if name in real else []
+                stacked[name] = modulated(signature, amplitudes, sizes, modulations, beside)
+                labels[name] = spread_out(modulations, amplitudes, sizes)
+            white |= self._white(stacked)
+        kinds, words, changes = labels[next(reversed(signatures), "")]
         orders = one_by_one(neighbours, SHARE * sizes)
         others = max((rows.shape[2] for rows in real.values()), default=0)
         return Departures(
@@ -241,7 +249,7 @@ class StageProblem:
             (*kinds, *(order.location for order in orders), *[kind] * others),
             (*words, *(partial(next_order, order.location) for order in orders), *[say] * others),
             np.append(changes, np.zeros(len(orders) + others)),
-            self._white(stacked),
+            white,
             (*(None for _ in kinds), *orders, *[None] * others),
         )
 
@@ -381,3 +389,9 @@ class StageProblem:
 
     def _white(self, stacked: Signals) -> Rows:
         return {channel: rows for channel, rows in self.noise.whiten(stacked).items() if np.any(rows)}
+
+
+def _by_instrument(streams: Iterable[str]) -> list[list[str]]:
+    """Streams that are made white together: all heads, which come first, and each of the others on its own."""
+    heads = [name for name in streams if instrument_of(name) == HEAD]
+    return [*([heads] if heads else []), *([name] for name in streams if name not in heads)]
