@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +23,14 @@ class HeadGrid:
 
     Attributes:
         heads: names of the streams.
-        rows: for each head, the row (n,) of each of its samples.
+        rows: for each head, the row (n,) of each of its samples; a slice where none is lost or comes twice.
         present: (m, heads) whether a head has a sample there.
         time: (m,) s, of the row.
         period: s.
     """
 
     heads: tuple[str, ...]
-    rows: Mapping[str, NDArray[np.intp]]
+    rows: Mapping[str, slice | NDArray[np.int32]]
     present: NDArray[np.bool_]
     time: Array
     period: float
@@ -51,14 +52,27 @@ class HeadGrid:
                 continue
             rows, values = self.rows[name], signals[name][:, 0, columns].T
             # Nothing lost: as one piece, which is much faster than row by row.
-            if int(rows[-1]) - int(rows[0]) == len(rows) - 1:
-                first, last = int(rows[0]), int(rows[-1]) + 1
-                head[:, :first], head[:, first:last], head[:, last:] = 0.0, values, 0.0
+            piece = rows if isinstance(rows, slice) else _piece(rows)
+            if piece is not None:
+                head[:, : piece.start], head[:, piece], head[:, piece.stop :] = 0.0, values, 0.0
             else:
                 head[...] = 0.0
                 head[:, rows] = values
             if not kept[name].all():
-                head[:, rows[~kept[name]]] = 0.0
+                head[:, self.rows_of(name, ~kept[name])] = 0.0
+
+    def rows_of(self, head: str, samples: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """Rows (k,) of some samples (n,) of a head."""
+        rows = self.rows[head]
+        if isinstance(rows, slice):
+            return np.flatnonzero(samples) + rows.start
+        return rows[samples].astype(np.intp)
+
+
+def _piece(rows: NDArray[np.int32]) -> slice | None:
+    """Rows (n,) as one piece, if there are as many of them as samples from the first to the last; else None."""
+    first, last = int(rows[0]), int(rows[-1])
+    return slice(first, last + 1) if last - first == len(rows) - 1 else None
 
 
 def align_heads(recording: StageRecording) -> HeadGrid:
@@ -71,12 +85,15 @@ def align_heads(recording: StageRecording) -> HeadGrid:
     phases = np.concatenate([(stream.time - first) / period for stream in streams.values()])
     # Mean on the circle: the phase at which rows stand in the middle of the samples that belong together.
     middle = float(np.angle(np.mean(np.exp(2j * np.pi * phases)))) / (2 * np.pi)
-    rows = {n: np.rint((s.time - first) / period - middle).astype(np.intp) for n, s in streams.items()}
-    lowest = min(int(r[0]) for r in rows.values())
-    count = max(int(r[-1]) for r in rows.values()) - lowest + 1
+    at = {n: np.rint((s.time - first) / period - middle).astype(np.intp) for n, s in streams.items()}
+    lowest = min(int(r[0]) for r in at.values())
+    count = max(int(r[-1]) for r in at.values()) - lowest + 1
     present = np.zeros((count, len(streams)), bool)
-    for i, name in enumerate(streams):
-        rows[name] -= lowest
+    rows: dict[str, slice | NDArray[np.int32]] = {}
+    for i, (name, own) in enumerate(at.items()):
+        own -= lowest
+        # As wide as a thousand hours need: of a long recording they are kept for all stretches.
+        rows[name] = slice(int(own[0]), int(own[-1]) + 1) if (np.diff(own) == 1).all() else own.astype(np.int32)
         present[rows[name], i] = True
     time = first + (middle + np.arange(count) + lowest) * period
     return HeadGrid(tuple(streams), rows, present, time, period)
@@ -90,17 +107,50 @@ def rate_of(mean: Array, known: NDArray[np.bool_], period: float) -> Array:
     return rate
 
 
-def standstill_weight(grid: HeadGrid, encoder: Encoder | None, omega: Mapping[str, Array]) -> Array:
-    """(m,) weight of each row of the heads: less at rest, where noise does not break up their steps.
+def standing_still(grid: HeadGrid, encoder: Encoder | None, omega: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """(m,) rows of the heads at rest, where noise does not break up their steps.
 
     Args:
         grid: of the heads.
         encoder: that they are of.
         omega: commanded speed (n,) at the samples of each head, rad/s.
     """
-    weight = np.ones(len(grid.time))
+    still = np.zeros(len(grid.time), bool)
     if encoder is not None and encoder.noise < 0.3 * encoder.resolution:
         for name in grid.heads:
             resting = np.abs(omega[name]) * grid.period < 0.5 * encoder.resolution
-            weight[grid.rows[name][resting]] = STANDSTILL_WEIGHT
-    return weight
+            still[grid.rows_of(name, resting)] = True
+    return still
+
+
+class HeadRows(NamedTuple):
+    """What is asked for again and again of the heads in m rows.
+
+    Attributes:
+        count: (m,) heads that were read.
+        weight: (m,) of the row: less at rest, where noise does not break up the steps of the heads.
+        late: (heads, m) how much later than the mean of the heads in its row each of them sampled, s; 0 where absent.
+    """
+
+    count: NDArray[np.intp]
+    weight: Array
+    late: Array
+
+    @classmethod
+    def of(
+        cls, grid: HeadGrid, present: NDArray[np.bool_], still: NDArray[np.bool_], times: Mapping[str, Array]
+    ) -> HeadRows:
+        """From a grid.
+
+        Args:
+            grid: of the heads.
+            present: (m, heads) which were read.
+            still: (m,) rows at rest, as `standing_still`.
+            times: (n,) s of the samples of each head.
+        """
+        count, late = present.sum(axis=1), np.zeros(present.shape)
+        for i, name in enumerate(grid.heads):
+            late[grid.rows[name], i] = times[name] - grid.time[grid.rows[name]]
+        late -= (np.sum(late * present, axis=1) / np.maximum(count, 1))[:, None]
+        late *= present
+        return cls(count, np.where(still, STANDSTILL_WEIGHT, 1.0), np.ascontiguousarray(late.T))

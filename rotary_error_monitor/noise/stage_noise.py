@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ from scipy.ndimage import median_filter
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.rotor import HEAD
-from rotary_error_monitor.noise.head_grid import align_heads, rate_of, standstill_weight
+from rotary_error_monitor.noise.head_grid import HeadRows, align_heads, rate_of, standing_still
 from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
@@ -100,13 +101,12 @@ class StageNoise:
         lost = input_gaps(recording)
         self._kept = {name: ~inside(recording.streams[name].time, lost) for name in residual}
         self._present = self._heads_present()
-        self._count = self._present.sum(axis=1)
         least = self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
         self.uncommanded = between_samples(recording.streams[COMMAND], self.grid.time, least)
         self.spikes = {name: self._find_spikes(name, residual[name]) for name in self._sensors}
-        self._weight = standstill_weight(self.grid, stage.encoder, omega)
+        self._still = standing_still(self.grid, stage.encoder, omega)
         self._turbulence = {name: sensor_of(name).turbulence(stage) for name in self._sensors}
-        self._late = self._head_times() if self.grid.heads else np.zeros((0, 0))
+        self._kept_heads: HeadRows | None = None
         self._kept_line_basis: Array | None = None
         self._kept_cells: dict[str, Cells] = {}
         self._kept_slow: dict[str, SlowNoise] = {}
@@ -159,6 +159,10 @@ class StageNoise:
             return self._slow_noise(channel).plain_sums(rows)
         return self.cells(channel).sums(rows)
 
+    def share_time(self, time: Array) -> None:
+        """Have times (m,) of the heads' rows, the same as before, in memory that others use as well."""
+        self.grid = replace(self.grid, time=time)
+
     @property
     def lines(self) -> Array:
         """(k,) frequencies, Hz, of the jitter's own lines."""
@@ -167,6 +171,7 @@ class StageNoise:
     def forget(self) -> None:
         """Give back the memory of what can be computed again."""
         self._kept_line_basis = None
+        self._kept_heads = None
         self._kept_cells.clear()
         self._kept_slow.clear()
 
@@ -197,9 +202,9 @@ class StageNoise:
 
     def _shared_rows(self, mean: Array) -> Array:
         """Whitened rows (m, p) of what the heads share (m, p)."""
-        enough = segments_of(self._count * 2 >= len(self.grid.heads))
+        enough = segments_of(self._enough)
         rows = self._command_whitener.apply(bridge(mean, self.uncommanded), enough)
-        rows *= (self._weight * ~self.uncommanded)[:, None]
+        rows *= (self._heads.weight * ~self.uncommanded)[:, None]
         return rows
 
     @property
@@ -228,7 +233,7 @@ class StageNoise:
         """
         rows: dict[str, Array] = {}
         if any(name in signals for name in self.grid.heads):
-            rows |= self._heads(signals)
+            rows |= self._of_heads(signals)
         for sensor in self._sensors:
             if sensor in signals:
                 rows |= self._sensor(sensor, signals[sensor])
@@ -267,12 +272,12 @@ class StageNoise:
         return expected
 
     def _expected_of_heads(self) -> dict[str, Array]:
-        present, count = self._present, self._count
-        weight = np.square(self._weight)
+        present, count = self._present, self._heads.count
+        weight = np.square(self._heads.weight)
         share = (1 - 1 / np.maximum(count, 1)) * weight
         expected = {name: present[:, i] * share for i, name in enumerate(self.grid.heads)}
         ones = np.ones((len(self.grid.time), 1))
-        enough = segments_of(count * 2 >= len(self.grid.heads))
+        enough = segments_of(self._enough)
         seen = (self._command_whitener.apply(ones, enough)[:, 0] != 0) & ~self.uncommanded
         expected[COMMAND] = seen * weight
         basis = self._line_basis
@@ -288,7 +293,7 @@ class StageNoise:
             table = np.empty((len(self.grid.heads), columns.stop - columns.start, count))
             self.grid.lay_out(table, signals, self._kept, columns)
             mean[columns] = self._mean(table)
-        return mean.T, (self._count * 2 >= len(self.grid.heads)) & ~self.uncommanded
+        return mean.T, self._enough & ~self.uncommanded
 
     def _heads_present(self) -> NDArray[np.bool_]:
         """(m, heads) which heads were read at each instant."""
@@ -297,18 +302,30 @@ class StageNoise:
             present[self.grid.rows[name], i] &= self._kept[name]
         return present
 
+    @property
+    def _heads(self) -> HeadRows:
+        if self._kept_heads is None:
+            times = {name: self._streams[name].time for name in self.grid.heads}
+            self._kept_heads = HeadRows.of(self.grid, self._present, self._still, times)
+        return self._kept_heads
+
+    @property
+    def _enough(self) -> NDArray[np.bool_]:
+        """(m,) whether at least half of the heads were read."""
+        return np.asarray(self._heads.count * 2 >= len(self.grid.heads), bool)
+
     def _width(self, signals: Mapping[str, Array]) -> int:
         """Number of columns of the heads' signals."""
         return next(int(signals[name].shape[-1]) for name in self.grid.heads if name in signals)
 
     def _mean(self, table: Array) -> Array:
         """(p, m) mean over the heads that are present."""
-        return np.asarray(table.sum(axis=0) / np.maximum(self._count, 1), np.float64)
+        return np.asarray(table.sum(axis=0) / np.maximum(self._heads.count, 1), np.float64)
 
-    def _heads(self, signals: Mapping[str, Array]) -> dict[str, Array]:
-        several, width, count = self._count > 1, self._width(signals), len(self.grid.time)
-        weight = self._weight * several / self.std[HEAD]
-        weights, late = self._present.T * weight, np.ascontiguousarray(self._late.T)
+    def _of_heads(self, signals: Mapping[str, Array]) -> dict[str, Array]:
+        several, width, count = self._heads.count > 1, self._width(signals), len(self.grid.time)
+        weight = self._heads.weight * several / self.std[HEAD]
+        weights, late = self._present.T * weight, self._heads.late
         table, mean = np.empty((len(self.grid.heads), width, count)), np.empty((width, count))
         for columns in few_at_once(width, count):
             part = table[:, columns]
@@ -348,15 +365,6 @@ class StageNoise:
         for start, stop in itertools.pairwise(bounds):
             found += [slice(start + s.start, start + s.stop) for s in segments_of(kept[start:stop])]
         return found
-
-    def _head_times(self) -> Array:
-        """(m, heads) how much later than the mean of the heads in its row each of them sampled, s; 0 where absent."""
-        present = self._present
-        times = np.zeros(present.shape)
-        for i, name in enumerate(self.grid.heads):
-            times[self.grid.rows[name], i] = self._streams[name].time - self.grid.time[self.grid.rows[name]]
-        mean = np.sum(times * present, axis=1) / np.maximum(present.sum(axis=1), 1)
-        return np.asarray((times - mean[:, None]) * present, np.float64)
 
     def _find_spikes(self, name: str, residual: Array) -> NDArray[np.bool_]:
         # The median of neighbours follows every effect that is slower than a few samples, however large.

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline, make_smoothing_spline
+from scipy.interpolate import CubicSpline, make_smoothing_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from rotary_error_monitor.arrays import Array
@@ -24,6 +24,7 @@ from rotary_error_monitor.effects.effect import Cause, values_of
 from rotary_error_monitor.effects.rotor import RotorState, StageEffect
 from rotary_error_monitor.metrology.harmonics import angular_sum
 from rotary_error_monitor.sensors.library import sensor_of
+from rotary_error_monitor.twin.commanded import CommandedRotation
 from rotary_error_monitor.twin.finite import check_finite
 from rotary_error_monitor.twin.recording import StageRecording, Stream, measured
 
@@ -70,8 +71,7 @@ def stage_inputs(
     cell shows nothing but its noise: a compliance must not be fitted to that.
     """
     command = recording.streams["command"]
-    angle = CubicHermiteSpline(command.time, command.values[:, 0], command.values[:, 1])
-    speed = angle.derivative()
+    rotation = CommandedRotation(command.time, command.values[:, 0], command.values[:, 1])
     force, temperature = recording.streams.get("force"), recording.streams.get("temperature")
     force_at = None if force is None else CubicSpline(force.time, _above_noise(force.values), axis=0)
 
@@ -92,7 +92,7 @@ def stage_inputs(
         for stream, sensor in (listed or {}).items()
         if sensor.measures not in (PLACE_TEMPERATURE, SHAFT_FORCE) and stream in recording.streams
     }
-    return StageInputs(angle, speed, force_of, own, warmings, others)
+    return StageInputs(rotation.angle, rotation.speed, force_of, own, warmings, others)
 
 
 def _course(stream: Stream) -> Callable[[Array], Array]:

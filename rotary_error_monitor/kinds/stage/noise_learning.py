@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from hashlib import sha256
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,7 +77,7 @@ class NoiseLearning:
         self._problem, self._signatures, self._nuisances = problem, signatures, nuisances
         self._search, self._expected = search, expected
         self._slow: dict[str, Array] = {}
-        self._jitter: tuple[Array, float, tuple[Jitter, Array]] | None = None
+        self._jitter: tuple[bytes, float, tuple[Jitter, Array]] | None = None
 
     def begin(self, raw: Signals) -> None:
         """Jitter as it shows beside no cause, where heads show it."""
@@ -135,11 +136,13 @@ class NoiseLearning:
         grid = self._problem.noise.grid
         mean, enough = self._problem.noise.shared({name: raw[name][:, :, None] for name in grid.heads})
         values, floor = mean[:, 0], self._problem.noise.command_floor
-        # Beside no cause it is asked for twice, and beside the causes of a step again where one is left out.
-        if self._jitter is None or self._jitter[1] != floor or not np.array_equal(self._jitter[0], values):
+        # Beside no cause it is asked for twice, and beside the causes of a step again where one is left out. What it
+        # was found from is known again by its digest: of a long recording the values of all stretches take much room.
+        key = sha256(np.ascontiguousarray(values)).digest()
+        if self._jitter is None or self._jitter[:2] != (key, floor):
             command = np.asarray(self._problem.twin.inputs.command(grid.time), np.float64)
             motion = SharedMotion(grid.time, command, values, enough, self._search.motion_basis(grid.time), floor)
-            self._jitter = values, floor, estimate_jitter(motion)
+            self._jitter = key, floor, estimate_jitter(motion)
         return self._jitter[2]
 
     def learn_slow_noise(self, causes: Sequence[Cause]) -> bool:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
@@ -17,7 +16,7 @@ from rotary_error_monitor.effects.effect import Cause, Role, Searched, among, va
 from rotary_error_monitor.effects.rotor import HEAD, StageEffect, effects_of
 from rotary_error_monitor.gap.departures import SHARE, Departures, amplitude_sizes, modulated, spread_out
 from rotary_error_monitor.gap.problem import Candidate, Columns, Conditions, Finding, Rows, Share, SparseRows
-from rotary_error_monitor.gap.structure import Track, find_shared, find_structure
+from rotary_error_monitor.gap.structure import Track
 from rotary_error_monitor.gap.views import View
 from rotary_error_monitor.kinds.stage.admission import check_extent, check_noise, motion_remarks
 from rotary_error_monitor.kinds.stage.another import check_stage, left_out
@@ -42,7 +41,8 @@ from rotary_error_monitor.kinds.stage.predictions import KEPT, KeptPredictions
 from rotary_error_monitor.kinds.stage.rounding import Rounding, row_weights, steps_of
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.signatures import KeptSignatures
-from rotary_error_monitor.kinds.stage.warming import uncertain_forces, uncertain_warmings
+from rotary_error_monitor.kinds.stage.tracks import Tracks
+from rotary_error_monitor.kinds.stage.warming import OtherTwin, uncertain_forces, uncertain_warmings
 from rotary_error_monitor.kinds.stage.where import stage_where
 from rotary_error_monitor.noise.stage_noise import StageNoise, noise_std
 from rotary_error_monitor.noise.whitening import side_by_side
@@ -50,11 +50,34 @@ from rotary_error_monitor.sensors.library import COMMAND, instrument_of, sensor_
 from rotary_error_monitor.twin.recording import StageRecording, fields_of
 from rotary_error_monitor.twin.stage import Signals, StageInputs, StageTwin, twin_of
 
-FEWEST_ROWS = 100
-"""Rows of a channel below which its structure is not looked at."""
-
 _DERIVATIVE_STEP = 1e-3
 """Step of numerical derivatives in usual sizes: far above rounding, far below curvature."""
+
+
+@dataclass(frozen=True)
+class OfWhole:
+    """What all stretches of a recording have in common: each on its own would make it of the whole again.
+
+    Attributes:
+        inputs: what drove the stage.
+        steps: of the readings of each stream.
+        conditions: of the recording.
+        play: after reversals.
+        others: twins with what is not known of the inputs.
+    """
+
+    inputs: StageInputs
+    steps: Mapping[str, float]
+    conditions: Conditions
+    play: Play
+    others: tuple[OtherTwin, ...]
+
+    @classmethod
+    def of(cls, stage: StageDescription, recording: StageRecording, twin: StageTwin) -> OfWhole:
+        """That of a recording and its twin."""
+        others = (*uncertain_warmings(twin, recording), *uncertain_forces(twin, recording))
+        play = Play(twin.inputs, recording.duration)
+        return cls(twin.inputs, steps_of(stage, recording), stage_conditions(recording), play, others)
 
 
 class StageProblem:
@@ -65,8 +88,7 @@ class StageProblem:
         recording: what was measured.
         effects: the known effects.
         known: effects that the twin has besides its parameters.
-        inputs: what drove the stage, where the recording is a stretch of a longer one.
-        steps: of the readings of each stream, likewise.
+        whole: what is known of the whole, where the recording is a stretch of a longer one.
     """
 
     m_open = False
@@ -80,29 +102,28 @@ class StageProblem:
         recording: StageRecording,
         effects: Sequence[StageEffect],
         known: Sequence[Cause] = (),
-        inputs: StageInputs | None = None,
-        steps: Mapping[str, float] | None = None,
+        whole: OfWhole | None = None,
     ) -> None:
         self.stage = stage
         self.recording = recording
         self.effects = effects_of(stage, effects)
-        self.twin: StageTwin = twin_of(stage, recording, tuple(known), inputs)
+        self.twin: StageTwin = twin_of(stage, recording, tuple(known), whole and whole.inputs)
+        whole = whole or OfWhole.of(stage, recording, self.twin)
         self._predictions = KeptPredictions(self.twin, KEPT if self.keeps_signatures else 1)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
-        inputs_off = (*uncertain_warmings(self.twin, recording), *uncertain_forces(self.twin, recording))
-        steps = steps_of(stage, recording) if steps is None else steps
-        self._nuisances = Nuisances(self.twin, inputs_off, Rounding(stage, steps), self._measured, self._white)
+        others = [other.beside(self.twin) for other in whole.others]
+        self._nuisances = Nuisances(self.twin, others, Rounding(stage, whole.steps), self._measured, self._white)
         raw = self._raw_residual(())
         omega = {name: self.twin.state(name).omega for name in recording.heads}
         check_noise(self.twin.times, noise_std(stage))
-        unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, steps)
+        unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, whole.steps)
         self.noise = StageNoise(stage, recording, unspiked, omega, weights=weights)
-        self._conditions = stage_conditions(recording)
-        self.play = Play(self.twin.inputs, recording.duration)
+        self._conditions = whole.conditions
+        self.play = whole.play
         self._search = StageSearch(self)
         self._expected: dict[str, Array] = {}
         self._starts: dict[tuple[str, str], Array] = {}
-        self._tracks: dict[str, tuple[Array, Track]] = {}
+        self._tracks = Tracks(self)
         self._signatures = KeptSignatures()
         self._learning = NoiseLearning(self, self._signatures, self._nuisances, self._search, self._expected)
         self._learning.begin(raw)
@@ -206,16 +227,21 @@ class StageProblem:
         signatures = self._derivatives(cause, linear, causes)
         sudden = jumps or cause.effect.searched is Searched.MOMENT
         kind, say, real = self._no_jumps(cause, causes, signatures) if sudden else ("", stays, {})
-        stacked: Signals = {}
-        labels = spread_out((), amplitudes, sizes)
-        for name, signature in signatures.items():
-            modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps, slow)
-            modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
-            beside = [SHARE * sizes * rows[name] for rows in around]
-            beside += [real[name]] if name in real else []
-            stacked[name] = modulated(signature, amplitudes, sizes, modulations, beside)
-            labels = spread_out(modulations, amplitudes, sizes)
-        kinds, words, changes = labels
+        white: Rows = {}
+        labels = {"": spread_out((), amplitudes, sizes)}
+        # One instrument after the other: as signals and white they take more room than all else.
+        for names in _by_instrument(signatures):
+            stacked: Signals = {}
+            for name in names:
+                signature = signatures[name]
+                modulations = self._modulations.of_state(self.twin.state(name), not neighbours, jumps, slow)
+                modulations += self._modulations.of_size(cause, signature @ amplitudes, name)
+                beside = [SHARE * sizes * rows[name] for rows in around]
+                beside += [real[name]] if name in real else []
+                stacked[name] = modulated(signature, amplitudes, sizes, modulations, beside)
+                labels[name] = spread_out(modulations, amplitudes, sizes)
+            white |= self._white(stacked)
+        kinds, words, changes = labels[next(reversed(signatures), "")]
         orders = one_by_one(neighbours, SHARE * sizes)
         others = max((rows.shape[2] for rows in real.values()), default=0)
         return Departures(
@@ -223,7 +249,7 @@ class StageProblem:
             (*kinds, *(order.location for order in orders), *[kind] * others),
             (*words, *(partial(next_order, order.location) for order in orders), *[say] * others),
             np.append(changes, np.zeros(len(orders) + others)),
-            self._white(stacked),
+            white,
             (*(None for _ in kinds), *orders, *[None] * others),
         )
 
@@ -270,47 +296,12 @@ class StageProblem:
         return found
 
     def tracks(self, rest: Rows) -> Iterator[Track]:
-        """White rows with what they may depend on, for tests of structure; rows of little weight are left out.
-
-        One channel at a time: of a long recording all together would fill the memory.
-        """
-        for channel, rows in rest.items():
-            expected = self.expected(channel)
-            used = expected > 0.5 * float(expected.max(initial=0.0))
-            if np.count_nonzero(used) < FEWEST_ROWS:
-                continue
-            white = rows[used, 0] / np.sqrt(expected[used])
-            yield replace(self._track(channel, expected, used), rows=white)
-
-    def _track(self, channel: str, expected: Array, used: NDArray[np.bool_]) -> Track:
-        """What the rows of a channel that are used may depend on, without rows; kept until the noise is another."""
-        kept = self._tracks.get(channel) if self.keeps_signatures else None
-        if kept is not None and kept[0] is expected:
-            return kept[1]
-        time = self.times(channel)
-        labels = np.zeros(len(time), np.intp)
-        for stretch in range(self.conditions.stretches):
-            for block, part in self.conditions.pieces(channel, time, stretch):
-                labels[part] = self.conditions.labels[block]
-        angle = np.asarray(self.twin.inputs.command(time[used]), np.float64)
-        names, keeps = self.conditions.names, self.keeps_signatures
-        track = Track(channel, np.zeros(0), time[used], angle, labels[used], names, keeps)
-        if self.keeps_signatures:
-            self._tracks[channel] = expected, track
-        return track
+        """White rows with what they may depend on, for tests of structure, one channel at a time."""
+        return self._tracks.of(rest)
 
     def structure(self, rest: Rows) -> list[Finding]:
         """Tests of each channel against orders, lines, places and times; of those of one instrument together."""
-        findings: list[Finding] = []
-        alike: dict[str, list[Track]] = {}
-        for track in self.tracks(rest):
-            findings += find_structure(track)
-            alike.setdefault(instrument_of(track.channel), []).append(track)
-        for instrument, tracks in alike.items():
-            if len(tracks) > 1:
-                # What each head shows beyond their mean: those of one instant sum to zero.
-                findings += find_shared(tracks, len(tracks) - (instrument == HEAD))
-        return findings
+        return self._tracks.structure(rest)
 
     def learn_noise(self, causes: Sequence[Cause]) -> bool:
         """Estimate level, slow noise and spectrum of the jitter again with the causes taken out.
@@ -398,3 +389,9 @@ class StageProblem:
 
     def _white(self, stacked: Signals) -> Rows:
         return {channel: rows for channel, rows in self.noise.whiten(stacked).items() if np.any(rows)}
+
+
+def _by_instrument(streams: Iterable[str]) -> list[list[str]]:
+    """Streams that are made white together: all heads, which come first, and each of the others on its own."""
+    heads = [name for name in streams if instrument_of(name) == HEAD]
+    return [*([heads] if heads else []), *([name] for name in streams if name not in heads)]

@@ -15,18 +15,19 @@ import numpy as np
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.effect import Cause
-from rotary_error_monitor.effects.rotor import StageEffect, effects_of
+from rotary_error_monitor.effects.rotor import HEAD, StageEffect, effects_of
 from rotary_error_monitor.gap.departures import Departures
 from rotary_error_monitor.gap.problem import Columns, Conditions, LateRows, Rows, SparseRows, StretchedConditions
-from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS, stage_conditions
+from rotary_error_monitor.kinds.stage.conditions import MOST_BLOCKS
 from rotary_error_monitor.kinds.stage.forces import with_shaft_force
-from rotary_error_monitor.kinds.stage.problem import StageProblem
-from rotary_error_monitor.kinds.stage.rounding import steps_of
+from rotary_error_monitor.kinds.stage.problem import OfWhole, StageProblem
 from rotary_error_monitor.kinds.stage.search import StageSearch
 from rotary_error_monitor.kinds.stage.stuck import without_stuck
 from rotary_error_monitor.kinds.stage.thermometers import with_useful_inputs
+from rotary_error_monitor.kinds.stage.tracks import Tracks
+from rotary_error_monitor.sensors.library import COMMAND
 from rotary_error_monitor.twin.recording import FEWEST_SAMPLES, StageRecording, Stream
-from rotary_error_monitor.twin.stage import StageInputs, twin_of
+from rotary_error_monitor.twin.stage import twin_of
 
 STRETCH = 40.0
 """Length of a stretch, s: the spectrum of the jitter is well known from it, and its columns fill half a gigabyte."""
@@ -58,32 +59,26 @@ class LongStageProblem(StageProblem):
         recording: StageRecording,
         effects: Sequence[StageEffect],
         known: Sequence[Cause] = (),
-        inputs: StageInputs | None = None,
     ) -> None:
         self.stage, self.recording, self.effects = stage, recording, effects_of(stage, effects)
-        whole = twin_of(stage, recording, tuple(known), inputs)
-        self.twin = replace(whole, keeps_states=False)
+        self.twin = replace(twin_of(stage, recording, tuple(known)), keeps_states=False)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
-        self._search = StageSearch(self)
+        self._search, self._tracks = StageSearch(self), Tracks(self)
         self._starts: dict[tuple[str, str], Array] = {}
         self._expected: dict[str, Array] = {}
         bounds = np.linspace(0.0, recording.duration, max(2, round(recording.duration / STRETCH)) + 1)
         pieces = [cut_recording(recording, a, b) for a, b in itertools.pairwise(bounds)]
         read = [i for i, piece in enumerate(pieces) if (piece.heads if recording.heads else piece.sensors)]
-        steps = steps_of(stage, recording)
+        whole = OfWhole.of(stage, recording, self.twin)
         self._stretches: list[_Stretch] = []
         for i in read:
-            self._stretches.append(_Stretch(stage, pieces[i], effects, known, whole.inputs, steps))
+            self._stretches.append(_Stretch(stage, pieces[i], effects, known, whole))
             self._stretches[-1].forget()
         self._opened = 0
         self.noise = self._stretches[0].noise
         self._channels = tuple(dict.fromkeys(c for s in self._stretches for c in s.channels))
-        # One for both channels of a stream: each takes as much room as a signal.
-        self._times = {
-            _stream(channel): np.concatenate([s.times(channel) for s in self._stretches if channel in s.channels])
-            for channel in {_stream(c): c for c in self._channels}.values()
-        }
-        self._conditions = self._stretched(stage_conditions(recording), bounds, read)
+        self._times = self._joined_times()
+        self._conditions = self._stretched(whole.conditions, bounds, read)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -97,13 +92,14 @@ class LongStageProblem(StageProblem):
 
     def times(self, channel: str) -> Array:
         """(m,) time of each row, s."""
-        return self._times[_stream(channel)]
+        return self._times[channel]
 
     def expected(self, channel: str) -> Array:
         """(m,) expected square of each row under noise alone."""
         if not self._expected:
             # In single precision: it is kept as long as the problem is, and no more exact than the noise is known.
-            self._expected = self._joined(lambda s: {c: s.expected(c).astype(np.float32) for c in s.channels})
+            found = self._joined(lambda s: {c: s.expected(c).astype(np.float32) for c in s.channels})
+            self._expected = _without_copies(found)
         return self._expected[channel]
 
     def residual(self, causes: Sequence[Cause]) -> Rows:
@@ -172,6 +168,34 @@ class LongStageProblem(StageProblem):
                 parts.setdefault(channel, []).append(rows)
         return {channel: np.concatenate(rows) for channel, rows in parts.items()}
 
+    def _joined_times(self) -> dict[str, Array]:
+        """(m,) time of each row by channel, s: one array for all that have the same, for each takes as much room as a
+        signal.
+        """
+        found: dict[str, Array] = {}
+        joined: dict[tuple[str, ...], Array] = {}
+        for channel in self._channels:
+            with_it = [stretch for stretch in self._stretches if channel in stretch.channels]
+            stream = HEAD if channel in (COMMAND, *self.recording.heads) else channel.partition(".")[0]
+            key = (stream, *(str(id(stretch)) for stretch in with_it))
+            if key not in joined:
+                joined[key] = self._joined_time(channel, with_it)
+            found[channel] = joined[key]
+        return found
+
+    def _joined_time(self, channel: str, with_it: Sequence[_Stretch]) -> Array:
+        parts = [stretch.times(channel) for stretch in with_it]
+        whole = self.recording.streams.get(channel.partition(".")[0])
+        on_grid = channel in (COMMAND, *self.recording.heads)
+        if whole is not None and not on_grid and len(whole.time) == sum(map(len, parts)):
+            return whole.time
+        time = np.concatenate(parts)
+        if on_grid:
+            ends = np.cumsum(list(map(len, parts)))
+            for stretch, part in zip(with_it, np.split(time, ends[:-1]), strict=True):
+                stretch.noise.share_time(part)
+        return time
+
     def _stretched(self, plain: Conditions, bounds: Array, read: Sequence[int]) -> StretchedConditions:
         """Conditions whose spans end where stretches do, several spans of one condition to a block."""
         edges = np.unique(np.concatenate([plain.edges[1:-1], bounds[1:-1]]))
@@ -212,9 +236,12 @@ class _Stretch(StageProblem):
         self._expected.clear()
 
 
-def _stream(channel: str) -> str:
-    """`autocollimator` of `autocollimator.x`."""
-    return channel.partition(".")[0]
+def _without_copies(rows: Rows) -> Rows:
+    """The same with one array for channels whose rows are equal, as those of the heads and of both axes of a sensor."""
+    found: Rows = {}
+    for channel, values in rows.items():
+        found[channel] = next((known for known in found.values() if np.array_equal(known, values)), values)
+    return found
 
 
 def cut_recording(recording: StageRecording, start: float, stop: float) -> StageRecording:

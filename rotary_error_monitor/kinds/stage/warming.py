@@ -35,7 +35,7 @@ NOISY_COURSES = 8
 Course = Callable[[Array], Array]
 
 
-def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[StageTwin, ...]:
+def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[OtherTwin, ...]:
     """Twins that warm by one standard uncertainty of each slow course."""
     if TEMPERATURE not in recording.streams:
         courses = _unknown(recording.duration)
@@ -45,12 +45,12 @@ def uncertain_warmings(twin: StageTwin, recording: StageRecording) -> tuple[Stag
         courses = [*([_always(half)] if half else []), *_noisy(read)]
     else:
         courses = []
-    whole = (_OtherTwin(twin, _Warmed(course)) for course in courses)
-    places = (_OtherTwin(twin, _Warmed(course, place)) for place, course in _of_places(twin, recording))
+    whole = (OtherTwin(twin, _Warmed(course)) for course in courses)
+    places = (OtherTwin(twin, _Warmed(course, place)) for place, course in _of_places(twin, recording))
     return (*whole, *places)
 
 
-def uncertain_forces(twin: StageTwin, recording: StageRecording) -> tuple[StageTwin, ...]:
+def uncertain_forces(twin: StageTwin, recording: StageRecording) -> tuple[OtherTwin, ...]:
     """Twins with one standard uncertainty of the force on the shaft more.
 
     Of each axis of its load cells that is the zero of one that is listed, and half a step of a reading: less, which is
@@ -73,7 +73,7 @@ def uncertain_forces(twin: StageTwin, recording: StageRecording) -> tuple[StageT
         variances = [float(noise**2) + step**2 / 4 for noise, step in zip(seen, steps, strict=True)]
     if FORCE in recording.streams:
         pushed += _diluted(recording.streams[FORCE], max(variances))
-    return tuple(_OtherTwin(twin, push) for push in pushed)
+    return tuple(OtherTwin(twin, push) for push in pushed)
 
 
 def _diluted(read: Stream, variance: float) -> Iterator[_Diluted]:
@@ -236,13 +236,17 @@ class _Diluted:
         return replace(state, force=np.asfortranarray(state.force * (1 + self.part)), _kept={})
 
 
-class _OtherTwin(StageTwin):
+class OtherTwin(StageTwin):
     """A twin with something else acting on it; its states are the first one's but for that."""
 
     def __init__(self, twin: StageTwin, change: _Warmed | _Pushed | _Diluted) -> None:
         inputs = change.inputs(twin.inputs)
         super().__init__(twin.stage, inputs, twin.times, twin.observed, twin.known, twin.keeps_states)
         self._plain, self._change = twin, change
+
+    def beside(self, twin: StageTwin) -> OtherTwin:
+        """The same beside another twin, such as that of a stretch of the recording."""
+        return self if twin is self._plain else OtherTwin(twin, self._change)
 
     def state(self, stream: str, delay: float = 0.0) -> RotorState:
         """The rotor at the sample times of a stream, `delay` seconds earlier."""
