@@ -10,11 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
-from rotary_error_monitor.description.stage import Encoder
 from rotary_error_monitor.twin.recording import StageRecording
-
-STANDSTILL_WEIGHT = 0.2
-"""At rest a head rounds the same way again and again: its samples carry the information of one in 25."""
 
 
 @dataclass(frozen=True)
@@ -107,20 +103,19 @@ def rate_of(mean: Array, known: NDArray[np.bool_], period: float) -> Array:
     return rate
 
 
-def standing_still(grid: HeadGrid, encoder: Encoder | None, omega: Mapping[str, Array]) -> NDArray[np.bool_]:
-    """(m,) rows of the heads at rest, where noise does not break up their steps.
+def weight_of_rows(grid: HeadGrid, weights: Mapping[str, Array]) -> Array:
+    """(m,) weight of each row of the heads: that of the head in it whose rounding errors repeat most.
 
     Args:
         grid: of the heads.
-        encoder: that they are of.
-        omega: commanded speed (n,) at the samples of each head, rad/s.
+        weights: (n, 1) of the samples of each head whose rounding errors repeat.
     """
-    still = np.zeros(len(grid.time), bool)
-    if encoder is not None and encoder.noise < 0.3 * encoder.resolution:
-        for name in grid.heads:
-            resting = np.abs(omega[name]) * grid.period < 0.5 * encoder.resolution
-            still[grid.rows_of(name, resting)] = True
-    return still
+    found = np.ones(len(grid.time))
+    for name in grid.heads:
+        if name in weights:
+            rows = grid.rows[name]
+            found[rows] = np.minimum(found[rows], weights[name][:, 0])
+    return found
 
 
 class HeadRows(NamedTuple):
@@ -128,7 +123,7 @@ class HeadRows(NamedTuple):
 
     Attributes:
         count: (m,) heads that were read.
-        weight: (m,) of the row: less at rest, where noise does not break up the steps of the heads.
+        weight: (m,) of the row: less where noise does not break up the steps of the heads.
         late: (heads, m) how much later than the mean of the heads in its row each of them sampled, s; 0 where absent.
     """
 
@@ -137,15 +132,13 @@ class HeadRows(NamedTuple):
     late: Array
 
     @classmethod
-    def of(
-        cls, grid: HeadGrid, present: NDArray[np.bool_], still: NDArray[np.bool_], times: Mapping[str, Array]
-    ) -> HeadRows:
+    def of(cls, grid: HeadGrid, present: NDArray[np.bool_], weight: Array, times: Mapping[str, Array]) -> HeadRows:
         """From a grid.
 
         Args:
             grid: of the heads.
             present: (m, heads) which were read.
-            still: (m,) rows at rest, as `standing_still`.
+            weight: (m,) as `weight_of_rows`.
             times: (n,) s of the samples of each head.
         """
         count, late = present.sum(axis=1), np.zeros(present.shape)
@@ -153,4 +146,4 @@ class HeadRows(NamedTuple):
             late[grid.rows[name], i] = times[name] - grid.time[grid.rows[name]]
         late -= (np.sum(late * present, axis=1) / np.maximum(count, 1))[:, None]
         late *= present
-        return cls(count, np.where(still, STANDSTILL_WEIGHT, 1.0), np.ascontiguousarray(late.T))
+        return cls(count, weight, np.ascontiguousarray(late.T))

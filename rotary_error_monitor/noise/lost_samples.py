@@ -6,14 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
+from rotary_error_monitor.effects.rotor import AT_REST
 from rotary_error_monitor.twin.recording import StageRecording, Stream
 
 USUAL = 8.0
 """Medians of what scatter alone does beyond which it jumps: more than five standard deviations of it."""
 
+MOST_TURNING = 0.05
+"""Part of a recording that may be left out because the direction of travel is not known there."""
+
 
 def input_gaps(recording: StageRecording) -> Array:
-    """(n, 2) spans of time in which command or force were not recorded, so that nothing can be predicted."""
+    """(n, 2) spans of time in which nothing can be predicted: command or force were not recorded, or how it turned."""
     spans: list[tuple[float, float]] = []
     for name in ("command", "force"):
         stream: Stream | None = recording.streams.get(name)
@@ -22,7 +26,7 @@ def input_gaps(recording: StageRecording) -> Array:
             spans += [(float(stream.time[i]), float(stream.time[i + 1])) for i in wide]
     command = recording.streams["command"]
     spans += [(-np.inf, float(command.time[0])), (float(command.time[-1]), np.inf)]
-    return np.asarray(spans)
+    return np.concatenate([np.asarray(spans), turning_points(command)])
 
 
 def between_samples(command: Stream, time: Array, least: float) -> NDArray[np.bool_]:
@@ -51,12 +55,25 @@ def _around(differences: Array, intervals: int) -> Array:
     return largest
 
 
+def turning_points(command: Stream) -> Array:
+    """(n, 2) spans of time between two samples of a command within which it starts, stops or reverses.
+
+    When it does is not known, and by a sample of another direction of travel what depends on it would be wrong as a
+    whole. Of a command that does so throughout, as one that dithers at rest, nothing is gained by leaving it out.
+    """
+    speed = command.values[:, 1]
+    way = np.where(np.abs(speed) > AT_REST, np.sign(speed), 0.0)
+    last = np.flatnonzero(np.diff(way))
+    spans = np.stack([command.time[last], command.time[last + 1]], axis=1)
+    rare = np.diff(spans, axis=1).sum() < MOST_TURNING * np.ptp(command.time)
+    return spans if rare else np.zeros((0, 2))
+
+
 def inside(time: Array, spans: Array) -> NDArray[np.bool_]:
     """(m,) whether times (m,) lie inside any of the spans (n, 2)."""
-    found = np.zeros(len(time), bool)
-    for start, stop in spans:
-        found |= (time > start) & (time < stop)
-    return found
+    begun = np.searchsorted(np.sort(spans[:, 0]), time, side="left")
+    ended = np.searchsorted(np.sort(spans[:, 1]), time, side="right")
+    return np.asarray(begun > ended, bool)
 
 
 def bridge(rows: Array, missing: NDArray[np.bool_]) -> Array:

@@ -31,7 +31,7 @@ from scipy.ndimage import median_filter
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
 from rotary_error_monitor.effects.rotor import HEAD
-from rotary_error_monitor.noise.head_grid import HeadRows, align_heads, rate_of, standing_still
+from rotary_error_monitor.noise.head_grid import HeadRows, align_heads, rate_of, weight_of_rows
 from rotary_error_monitor.noise.jitter import Jitter
 from rotary_error_monitor.noise.lost_samples import between_samples, bridge, input_gaps, inside
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise, cells_of
@@ -71,9 +71,8 @@ class StageNoise:
         stage: states the noise of each sensor.
         recording: its sample times, gaps and spikes.
         residual: measured minus predicted (n, k) of each stream, from which spikes are told.
-        omega: commanded speed (n,) at the samples of each head, rad/s.
         jitter: spectrum of the rotor's jitter.
-        weights: (n, fields) of the rows of sensors that are no heads and whose rounding errors repeat.
+        weights: (n, fields) of the samples of sensors whose rounding errors repeat.
 
     Attributes:
         std: standard deviation of one sample of each instrument, rounding included: see `noise_std`.
@@ -86,7 +85,6 @@ class StageNoise:
         stage: StageDescription,
         recording: StageRecording,
         residual: Mapping[str, Array],
-        omega: Mapping[str, Array],
         jitter: Jitter | None = None,
         weights: Mapping[str, Array] | None = None,
     ) -> None:
@@ -104,7 +102,7 @@ class StageNoise:
         least = self.std[HEAD] / np.sqrt(max(len(self.grid.heads), 1))
         self.uncommanded = between_samples(recording.streams[COMMAND], self.grid.time, least)
         self.spikes = {name: self._find_spikes(name, residual[name]) for name in self._sensors}
-        self._still = standing_still(self.grid, stage.encoder, omega)
+        self._row_weight = weight_of_rows(self.grid, self._weights)
         self._turbulence = {name: sensor_of(name).turbulence(stage) for name in self._sensors}
         self._kept_heads: HeadRows | None = None
         self._kept_line_basis: Array | None = None
@@ -295,6 +293,21 @@ class StageNoise:
             mean[columns] = self._mean(table)
         return mean.T, self._enough & ~self.uncommanded
 
+    def jitter_of(self, residual: Mapping[str, Array]) -> Array:
+        """(m,) rotation about the command at the heads' instants: the least-squares estimate for the jitter's spectrum.
+
+        Wiener, Extrapolation, Interpolation, and Smoothing of Stationary Time Series, 1949.
+
+        Args:
+            residual: measured minus predicted (n, 1) of each head.
+        """
+        mean, seen = self.shared({name: residual[name][:, :, None] for name in self.grid.heads})
+        course = bridge(mean, ~seen)[:, 0]
+        both = np.concatenate([course, course[::-1]])  # ends as it begins
+        density = self.jitter.density(np.fft.rfftfreq(len(both), self.grid.period))
+        spectrum = np.fft.rfft(both) * (density / (density + self.command_floor))
+        return np.asarray(np.fft.irfft(spectrum, len(both))[: len(course)], np.float64)
+
     def _heads_present(self) -> NDArray[np.bool_]:
         """(m, heads) which heads were read at each instant."""
         present = self.grid.present.copy()
@@ -306,7 +319,7 @@ class StageNoise:
     def _heads(self) -> HeadRows:
         if self._kept_heads is None:
             times = {name: self._streams[name].time for name in self.grid.heads}
-            self._kept_heads = HeadRows.of(self.grid, self._present, self._still, times)
+            self._kept_heads = HeadRows.of(self.grid, self._present, self._row_weight, times)
         return self._kept_heads
 
     @property

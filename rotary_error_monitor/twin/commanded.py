@@ -56,7 +56,11 @@ class CommandedRotation:
         cubic, square = bend / length, (slope - speed) / length - bend
         since = time - begin
         if derivative:
-            return np.asarray(speed + 2 * square * since + 3 * cubic * (since * since), np.float64)
+            found = speed + 2 * square * since + 3 * cubic * (since * since)
+            straight = speed + (self.speeds[before + 1] - speed) * (since / length)
+            # a cubic that turns back between two samples of one direction of travel is no motion of a stage
+            turns_back = (speed * self.speeds[before + 1] > 0) & (found * speed <= 0)
+            return np.asarray(np.where(turns_back, straight, found), np.float64)
         return np.asarray(
             angle + speed * since + square * (since * since) + cubic * (since * since * since), np.float64
         )

@@ -54,8 +54,7 @@ def test_rows_of_two_probes_of_one_kind_are_white_with_their_own_noise(seed):
     residual |= {name: std[name] * values for name, values in drawn.items()}
     residual[HIGH][500] = 4 * 3e-8  # no spike of this one, but it would be one of the other
     residual[LOW][700] = 4 * 3e-8
-    omega = {name: np.ones(len(recording.streams[name].time)) for name in recording.heads}
-    noise = StageNoise(STAGE, recording, residual, omega)
+    noise = StageNoise(STAGE, recording, residual)
     rows = noise.whiten({name: values[:, :, None] for name, values in residual.items()})
     assert {name for name in rows if is_listed(name)} == {TOP, LOW, HIGH} <= set(noise.channels)
     for name in (TOP, LOW, HIGH):

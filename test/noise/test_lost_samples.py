@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from rotary_error_monitor.noise.lost_samples import between_samples
+from rotary_error_monitor.effects.rotor import AT_REST
+from rotary_error_monitor.noise.lost_samples import between_samples, inside, turning_points
 from rotary_error_monitor.plant.motion import Motion, Segment
+from rotary_error_monitor.twin.commanded import CommandedRotation
 from rotary_error_monitor.twin.recording import Stream
 
 PERIOD, LEAST = 0.004, 3e-7
@@ -69,3 +71,36 @@ def test_a_jump_costs_the_intervals_around_it_alone():
     command = sampled(kinked(3.0017, 0.1, 0.0))
     lost = np.flatnonzero(between_samples(command, command.time + PERIOD / 2, LEAST))
     assert 750 in lost and np.ptp(lost) <= 7
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_where_the_direction_of_travel_is_not_known_is_left_out_and_nothing_else(seed):
+    """Between the samples around a start, a stop or a reversal; elsewhere the cubic has the direction of the truth."""
+    draw = np.random.default_rng(seed)
+    speeds = draw.choice([-1.0, 1.0], 10) * draw.uniform(0.2, 2.0, 10)
+    speeds[draw.integers(0, 10, 3)] = 0.0
+    course = Motion(tuple(Segment(draw.uniform(0.5, 0.8), float(speed)) for speed in speeds), 20.0)
+    command, time = sampled(course.at), np.sort(draw.uniform(0.0, 7.9, 100_000))
+    spans = turning_points(command)
+    assert 0 < np.ptp(spans, axis=1).sum() < 0.02 * 7.9
+    true = np.sign(np.where(np.abs(course.at(time)[1]) > AT_REST, course.at(time)[1], 0.0))
+    rotation = CommandedRotation(command.time, command.values[:, 0], command.values[:, 1])
+    found = np.sign(np.where(np.abs(rotation.speed(time)) > AT_REST, rotation.speed(time), 0.0))
+    wrong = (true != found) & ~inside(time, spans)
+    assert not wrong.any(), time[wrong]
+
+
+def test_a_command_that_dithers_at_rest_is_not_left_out():
+    draw = np.random.default_rng(3)
+    command = sampled(Motion((Segment(1.0, 0.0), Segment(1.0, 1.0)), 20.0).at)
+    command.values[:, 1] += 1e-6 * draw.normal(size=len(command.time))
+    assert len(turning_points(command)) == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_spans_are_open_and_may_overlap(seed):
+    draw = np.random.default_rng(seed)
+    starts, time = draw.integers(0, 50, 12), np.arange(60.0)
+    spans = np.stack([starts, starts + draw.integers(1, 9, 12)], axis=1).astype(float)
+    expected = [any(a < at < b for a, b in spans) for at in time]
+    np.testing.assert_array_equal(inside(time, spans), expected)

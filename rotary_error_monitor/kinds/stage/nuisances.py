@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.effects.effect import Cause, values_of
-from rotary_error_monitor.effects.rotor import StageEffect
+from rotary_error_monitor.effects.rotor import HEAD, StageEffect
 from rotary_error_monitor.gap.normal import solve_scaled
 from rotary_error_monitor.gap.problem import Rows, SparseRows
 from rotary_error_monitor.kinds.stage.distortion import changes, thin_twin
@@ -35,6 +35,7 @@ class Nuisances:
         rounding: what is not known of how the instruments round.
         measured: (n, k) what each stream showed.
         whiten: white rows of signals.
+        jitter: rotation about the command (n,) at the samples of each head, from their residuals.
     """
 
     def __init__(
@@ -44,9 +45,10 @@ class Nuisances:
         rounding: Rounding,
         measured: Signals,
         whiten: Callable[[Signals], Rows],
+        jitter: Callable[[Signals], Mapping[str, Array]],
     ) -> None:
         self._twin, self._parameters, self._warmings = twin, uncertain_parameters(twin.stage), warmings
-        self._rounding, self._measured, self._whiten = rounding, measured, whiten
+        self._rounding, self._measured, self._whiten, self._jitter = rounding, measured, whiten, jitter
         self._kept: dict[str, tuple[tuple[Cause, ...], NDArray[np.intp], Rows]] = {}
         self._last: SparseRows | None = None
         self._looks: dict[str, StageTwin] = {}
@@ -118,7 +120,11 @@ class Nuisances:
         base = self._twin.predict(causes, streams)
         parts = {name: [signals[name] - base[name] for signals in moved] for name in streams if moved}
         stacked = {name: side_by_side(columns) for name, columns in parts.items()}
-        for name, errors in self._rounding.errors(self._nearer(base, stacked, len(shifted))).items():
+        read = self._nearer(base, stacked, len(shifted))
+        if instrument == HEAD and self._rounding.has_sawteeth(HEAD):
+            turned = self._jitter({name: self._measured[name] - read[name] for name in streams})
+            read = {name: read[name] + turned[name][:, None] for name in streams}
+        for name, errors in self._rounding.errors(read).items():
             stacked[name] = np.concatenate([stacked[name], errors], axis=2) if moved else errors
         return np.append(np.asarray(acting, np.intp), before + rounded), self._whiten(stacked)
 

@@ -112,12 +112,13 @@ class StageProblem:
         self._predictions = KeptPredictions(self.twin, KEPT if self.keeps_signatures else 1)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
         others = [other.beside(self.twin) for other in whole.others]
-        self._nuisances = Nuisances(self.twin, others, Rounding(stage, whole.steps), self._measured, self._white)
+        self._nuisances = Nuisances(
+            self.twin, others, Rounding(stage, whole.steps), self._measured, self._white, self._jitter
+        )
         raw = self._raw_residual(())
-        omega = {name: self.twin.state(name).omega for name in recording.heads}
         check_noise(self.twin.times, noise_std(stage))
         unspiked, weights = self._nuisances.taken_from(raw), row_weights(self.twin, whole.steps)
-        self.noise = StageNoise(stage, recording, unspiked, omega, weights=weights)
+        self.noise = StageNoise(stage, recording, unspiked, weights=weights)
         self._conditions = whole.conditions
         self.play = whole.play
         self._search = StageSearch(self)
@@ -386,6 +387,10 @@ class StageProblem:
     def _raw_residual(self, causes: Sequence[Cause]) -> Signals:
         predicted = self._predictions.beside(causes) if self.keeps_signatures else self.twin.predict(causes)
         return {name: self._measured[name] - values for name, values in predicted.items()}
+
+    def _jitter(self, residual: Signals) -> Signals:
+        time, jitter = self.noise.grid.time, self.noise.jitter_of(residual)
+        return {name: np.interp(self.twin.times[name], time, jitter) for name in residual}
 
     def _white(self, stacked: Signals) -> Rows:
         return {channel: rows for channel, rows in self.noise.whiten(stacked).items() if np.any(rows)}

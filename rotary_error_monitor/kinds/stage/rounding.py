@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.description.stage import StageDescription
-from rotary_error_monitor.effects.rotor import HEAD
 from rotary_error_monitor.metrology.reading_steps import repeated_errors, rounding_errors, sawtooth, step_of
 from rotary_error_monitor.sensors.library import instrument_of, sensor_of
 from rotary_error_monitor.twin.recording import StageRecording
@@ -54,13 +53,12 @@ def noise_before_steps(stage: StageDescription, stream: str) -> float:
 def row_weights(twin: StageTwin, steps: Mapping[str, float]) -> dict[str, Array]:
     """(n, fields) weight of the rows of streams that are louder than stated: one over by how much.
 
-    They are where their rounding errors repeat, and where the readings show steps that are not stated. Heads weigh
-    their rows themselves.
+    They are where their rounding errors repeat, and where the readings show steps that are not stated.
     """
     found = {}
     for name in twin.times:  # of a stretch of a recording, which may lack a sensor
         stage, step, response = twin.stage, steps.get(name, 0.0), twin.stage.response(name)
-        if step == 0.0 or instrument_of(name) == HEAD:
+        if step == 0.0:
             continue
         before, stated = noise_before_steps(stage, name), sensor_of(name).noise(stage, name) * abs(response.gain)
         paths = response.readings(twin.predict((), [name])[name])
@@ -90,6 +88,10 @@ class Rounding:
         for name, step in steps.items():
             if step > 0.0:
                 self._columns[instrument_of(name)] = len(sensor_of(name).fields) * self._ways(name)
+
+    def has_sawteeth(self, instrument: str) -> bool:
+        """Whether the steps of an instrument are coarser than its noise."""
+        return instrument in self._sawteeth
 
     @property
     def count(self) -> int:
