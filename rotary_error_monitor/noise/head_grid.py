@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +65,7 @@ class HeadGrid:
         rows = self.rows[head]
         if isinstance(rows, slice):
             return np.flatnonzero(samples) + rows.start
-        return rows[samples].astype(np.intp)
+        return np.asarray(rows[samples], np.intp)
 
 
 def _piece(rows: NDArray[np.int32]) -> slice | None:
@@ -123,7 +122,8 @@ def standing_still(grid: HeadGrid, encoder: Encoder | None, omega: Mapping[str, 
     return still
 
 
-class HeadRows(NamedTuple):
+@dataclass(frozen=True)
+class HeadRows:
     """What is asked for again and again of the heads in m rows.
 
     Attributes:
