@@ -64,7 +64,7 @@ class HeadGrid:
         """Rows (k,) of some samples (n,) of a head."""
         rows = self.rows[head]
         if isinstance(rows, slice):
-            return np.flatnonzero(samples) + rows.start
+            return np.flatnonzero(samples) + int(rows.start)
         return np.asarray(rows[samples], np.intp)
 
 
