@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +60,8 @@ class HeadGrid:
         """Rows (k,) of some samples (n,) of a head."""
         rows = self.rows[head]
         if isinstance(rows, slice):
-            return np.flatnonzero(samples) + rows.start
-        return rows[samples].astype(np.intp)
+            return np.flatnonzero(samples) + int(rows.start)
+        return np.asarray(rows[samples], np.intp)
 
 
 def _piece(rows: NDArray[np.int32]) -> slice | None:
@@ -118,7 +117,8 @@ def weight_of_rows(grid: HeadGrid, weights: Mapping[str, Array]) -> Array:
     return found
 
 
-class HeadRows(NamedTuple):
+@dataclass(frozen=True)
+class HeadRows:
     """What is asked for again and again of the heads in m rows.
 
     Attributes:

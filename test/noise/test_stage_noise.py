@@ -7,8 +7,9 @@ import pytest
 
 from rotary_error_monitor.cases.making import make_stage_case
 from rotary_error_monitor.description.topics import samples_topic
+from rotary_error_monitor.noise.head_grid import align_heads
 from rotary_error_monitor.noise.stage_noise import StageNoise
-from rotary_error_monitor.twin.recording import record_stage
+from rotary_error_monitor.twin.recording import StageRecording, Stream, record_stage
 from rotary_error_monitor.twin.stage import twin_of
 
 
@@ -69,3 +70,25 @@ def test_the_rotors_jitter_is_told_from_the_noise_of_four_heads(recorded, seed):
     left = np.sqrt(np.sum(0.05 * density * noise.command_floor / (density + noise.command_floor)))
     assert np.sqrt(np.mean(off**2)) < 1.3 * left + 1e-9
     assert left < 0.5 * noise.std["head"] / np.sqrt(len(grid.heads)), "readings alone tell it less well"
+
+
+@pytest.mark.parametrize("lost", [(), (5,), (0, 1, 40, 41, 90), (99,)])
+def test_samples_of_a_head_stand_in_the_rows_of_their_times(lost):
+    rng = np.random.default_rng(len(lost))
+    time = np.arange(100) * 0.002
+    kept = np.setdiff1d(np.arange(100), lost)
+    streams = {"head_a": Stream(time, np.zeros((100, 1))), "head_b": Stream(time[kept], np.zeros((len(kept), 1)))}
+    grid = align_heads(StageRecording(0, streams))
+    assert isinstance(grid.rows["head_b"], slice) == (not lost or lost == (99,))
+    np.testing.assert_array_equal(grid.present, np.stack([np.ones(100, bool), np.isin(np.arange(100), kept)], axis=1))
+    left_out = rng.random(len(kept)) < 0.1
+    np.testing.assert_array_equal(grid.rows_of("head_b", left_out), kept[left_out])
+    values = rng.normal(size=(len(kept), 1, 3))
+    table = np.full((2, 2, 100), np.nan)
+    taking_part = {"head_a": np.ones(100, bool), "head_b": ~left_out}
+    grid.lay_out(table, {"head_b": values}, taking_part, slice(1, 3))
+    expected = np.zeros((2, 2, 100))
+    for sample, row in enumerate(kept):
+        if not left_out[sample]:
+            expected[1, :, row] = values[sample, 0, 1:3]
+    np.testing.assert_array_equal(table, expected)

@@ -103,3 +103,30 @@ def test_a_sensor_that_falls_silent_is_missing_from_later_stretches_only(both):
 def test_short_recordings_are_one_stretch(both):
     whole, _, _ = both(6, "null")
     assert type(stage_problem(whole.stage, whole.recording, whole.effects)) is not LongStageProblem
+
+
+def test_channels_of_the_same_instants_share_their_times(both):
+    _, long, _ = both(6, "null")
+    heads = [f"head_{letter}" for letter in "abcd"]
+    assert all(long.times(head) is long.times("command") for head in heads)
+    assert long.times("lvdt.x") is long.times("lvdt.y") is long.recording.streams["lvdt"].time
+    assert all(np.shares_memory(stretch.noise.grid.time, long.times("command")) for stretch in long._stretches)
+
+
+def test_a_head_that_begins_late_has_times_of_its_own_and_is_tested_with_the_others(both):
+    whole, _, _ = both(6, "null")
+    recording = whole.recording
+    head = recording.streams["head_b"]
+    late = head.time > 11.0
+    streams = {**recording.streams, "head_b": type(head)(head.time[late], head.values[late])}
+    long = LongStageProblem(whole.stage, type(recording)(recording.start_ns, streams), whole.effects)
+    assert long.times("head_a") is long.times("command") is not long.times("head_b")
+    rest = long.residual(())
+    assert list(rest)[-1] == "head_b"
+    for channel, rows in rest.items():
+        assert len(long.times(channel)) == len(rows) and np.all(np.diff(long.times(channel)) > 0)
+    findings = long.structure(rest)
+    own = [finding.channel for finding in findings if not finding.kind.startswith("shared")]
+    assert list(dict.fromkeys(own)) == list(rest)
+    of_heads = [finding for finding in findings if "4 channels" in finding.pattern]
+    assert [finding.kind for finding in of_heads] == ["shared line", "shared orders"]
