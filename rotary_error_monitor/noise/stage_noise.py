@@ -304,7 +304,7 @@ class StageNoise:
         mean, seen = self.shared({name: residual[name][:, :, None] for name in self.grid.heads})
         course = bridge(mean, ~seen)[:, 0]
         both = np.concatenate([course, course[::-1]])  # ends as it begins
-        density = self.jitter.density(np.fft.rfftfreq(len(both), self.grid.period))
+        density = self.jitter.density(np.asarray(np.fft.rfftfreq(len(both), self.grid.period), np.float64))
         spectrum = np.fft.rfft(both) * (density / (density + self.command_floor))
         return np.asarray(np.fft.irfft(spectrum, len(both))[: len(course)], np.float64)
 

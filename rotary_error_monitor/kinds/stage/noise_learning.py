@@ -138,7 +138,7 @@ class NoiseLearning:
         values, floor = mean[:, 0], self._problem.noise.command_floor
         # Beside no cause it is asked for twice, and beside the causes of a step again where one is left out. What it
         # was found from is known again by its digest: of a long recording the values of all stretches take much room.
-        key = sha256(np.ascontiguousarray(values)).digest()
+        key = sha256(values.tobytes()).digest()
         if self._jitter is None or self._jitter[:2] != (key, floor):
             command = np.asarray(self._problem.twin.inputs.command(grid.time), np.float64)
             motion = SharedMotion(grid.time, command, values, enough, self._search.motion_basis(grid.time), floor)

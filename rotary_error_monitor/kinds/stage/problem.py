@@ -107,7 +107,7 @@ class StageProblem:
         self.stage = stage
         self.recording = recording
         self.effects = effects_of(stage, effects)
-        self.twin: StageTwin = twin_of(stage, recording, tuple(known), whole and whole.inputs)
+        self.twin: StageTwin = twin_of(stage, recording, tuple(known), None if whole is None else whole.inputs)
         whole = whole or OfWhole.of(stage, recording, self.twin)
         self._predictions = KeptPredictions(self.twin, KEPT if self.keeps_signatures else 1)
         self._measured = {name: recording.streams[name].values for name in self.twin.times}
