@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtri
 
 from rotary_error_monitor.arrays import Array
 from rotary_error_monitor.gap.known_effects import KnownEffect
 from rotary_error_monitor.gap.normal import solve_scaled
+from rotary_error_monitor.gap.options import FALSE_ALARMS
 from rotary_error_monitor.gap.posterior import NO_DEPARTURE, PRIOR_OF_UNKNOWN, likeliest_kinds
 from rotary_error_monitor.noise.slow_noise import Cells, SlowNoise
 from rotary_error_monitor.noise.whitening import few_at_once
@@ -31,6 +32,9 @@ noise as long as it is of the size of that: it has a half-normal prior of the st
 _PRIOR = SIZES * np.exp(-0.5 * np.square(SIZES))
 _LOG_PRIOR = np.log(_PRIOR / np.sum(_PRIOR) / len(FALLS))
 """Of each size, by the logarithm of which they are spaced, and of either law."""
+
+LARGEST = float(ndtri(1 - FALSE_ALARMS / 2))
+"""Size beyond which it is no noise of an instrument: that prior holds it for less likely than a false alarm may be."""
 
 UNDESCRIBED = 2.0
 """Times the squares of white noise: where more is left, something else than slow noise is there, as large as noise."""
@@ -88,7 +92,7 @@ def learn_slow_noise(
         known: effects, and causes that were found, that may depart; likewise.
 
     Returns:
-        (q,) standard deviation of each of the `cosines`; None where no slow noise shows.
+        (q,) standard deviation of each of the `cosines`; None where none shows, or more than an instrument has.
     """
     waves = cosines(passed)
     count = int(np.count_nonzero(weight.any(axis=0)))
@@ -112,6 +116,8 @@ def learn_slow_noise(
             best = explanation
     assert best.beside is not None
     law, size = np.unravel_index(int(np.argmax(best.beside)), best.beside.shape)
+    if SIZES[size] > LARGEST:
+        return None
     taken = 2 * float(best.beside[law, size] - found[law].log_evidence[size]) + found[law].squares(SIZES[size])
     if float(data.rows @ data.rows) - taken > UNDESCRIBED * np.count_nonzero(weight):
         return None

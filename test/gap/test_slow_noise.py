@@ -46,6 +46,13 @@ def test_a_random_walk_is_learnt_with_its_size():
     assert 0.5 < np.median(sizes) / (3.0 / np.sqrt(2)) < 2.0
 
 
+@pytest.mark.parametrize(("times", "least", "most"), [(0.5, 0.75, 1.0), (3.0, 0.0, 0.1)])
+def test_what_is_far_louder_than_the_noise_is_none(times, least, most):
+    """A course of six times the stated noise is something the twin does not know; some walks happen to be small."""
+    found = np.array([learnt(seed, lambda draw: times * walk(draw)) for seed in range(40)])
+    assert least <= np.mean(found > 0) <= most, found
+
+
 def test_a_step_is_a_fault_and_no_noise():
     assert sum(learnt(seed, step) > 0 for seed in range(40)) <= 2
 
