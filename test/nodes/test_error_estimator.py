@@ -66,11 +66,18 @@ def newest_mask(received):
     return int(messages.block_from_message(received[-1]).column("streams")[-1])
 
 
+def mask_at(received, time_ns):
+    """Streams that were used for the latest estimate up to a time (ns)."""
+    blocks = [messages.block_from_message(each) for each in received]
+    rows = {int(t): int(m) for each in blocks for t, m in zip(each.times_ns, each.column("streams"), strict=True)}
+    return rows[max(stamp for stamp in rows if stamp <= time_ns)]
+
+
 def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sensors, plant):
     poses = cell.collect(cell.wire.topic("error_motion_pose"))
     figures = cell.collect(cell.wire.topic("error_motion_figures"))
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > 10 and len(poses) > 2 and len(figures) > 4, "estimates", 30)
+    cell.wait_until(lambda: len(estimates) > 10 and len(poses) > 2 and len(figures) > 4, "estimates")
     assert check_against_truth(estimates[2:], plant) == {"exc", "eyc", "eac", "ebc", "ecc"}
     covariance = np.reshape(poses[-1].pose.covariance, (6, 6))
     assert covariance[2, 2] == -1.0
@@ -87,7 +94,7 @@ def test_radial_error_motion_goes_out_at_the_heights_that_are_named(cell, sensor
     received = cell.collect(cell.wire.topic("error_motion_heights_samples"))
     figures = cell.collect(cell.wire.topic("error_motion_heights_figures"))
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0, heights=heights)
-    cell.wait_until(lambda: len(received) > 10 and len(figures) > 4, "radial error motion at heights", 30)
+    cell.wait_until(lambda: len(received) > 10 and len(figures) > 4, "radial error motion at heights")
     for message in received[2:]:
         block = messages.block_from_message(message)
         height, seen = block.column("height"), block.column("observable") == 1.0
@@ -138,7 +145,7 @@ def test_heads_that_are_slower_than_max_gap_are_named(cell, estimates, rate):
 
 def test_heads_die_one_after_another(cell, estimates, sensors, plant):
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > 5, "estimates", 30)
+    cell.wait_until(lambda: len(estimates) > 5, "estimates")
 
     cell.remove(sensors["head_a"])
     cell.wait_for_status("error_estimator: estimate", "without head_a")
@@ -153,10 +160,8 @@ def test_heads_die_one_after_another(cell, estimates, sensors, plant):
 
     cell.remove(sensors["head_c"])
     cell.wait_for_status("error_estimator: estimate", "too few heads")
-    cell.spin_for(0.3)  # what was on its way by then
+    cell.wait_for_silence(estimates)
     before = len(estimates)
-    cell.spin_for(0.5)
-    assert len(estimates) == before
     cell.run(EncoderHead, "encoder_head_c", source="mock")
     cell.wait_until(lambda: len(estimates) > before + 5, "estimates with the head that came back")
     check_against_truth(estimates[2:], plant)
@@ -172,7 +177,7 @@ def test_two_neighbouring_heads_are_not_called_too_few(cell):
 
 def test_autocollimator_and_command_go_stale(cell, estimates, sensors, plant):
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_for_status("error_estimator: estimate", "complete", 30)
+    cell.wait_for_status("error_estimator: estimate", "complete")
     sensors["autocollimator"].trigger_deactivate()
     name = "error_estimator: estimate"
     cell.wait_until(
@@ -189,13 +194,13 @@ def test_autocollimator_and_command_go_stale(cell, estimates, sensors, plant):
 
 def test_the_estimator_is_killed_and_comes_back(cell, estimates, sensors, plant):
     process = cell.start("error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > 5, "estimates", 60)
+    cell.wait_until(lambda: len(estimates) > 5, "estimates")
     process.send(signal.SIGKILL)
     cell.wait_until(lambda: process.exit_code is not None, "end of the process")
-    cell.spin_for(0.3)
+    cell.wait_for_silence(estimates)  # what was on its way by then
     before = len(estimates)
     cell.start("error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > before + 5, "estimates of its successor", 60)
+    cell.wait_until(lambda: len(estimates) > before + 5, "estimates of its successor")
     stamps = [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for message in estimates]
     assert stamps == sorted(stamps)
     check_against_truth(estimates[2:before] + estimates[before + 2 :], plant)
@@ -286,7 +291,8 @@ def test_heads_that_contradict_one_another_from_the_start_publish_nothing(cell, 
 )
 @pytest.mark.parametrize("ahead_ns", [10_000_000_000, 3_600_000_000_000, 365 * 86_400_000_000_000])
 def test_stamps_from_the_future_silence_nothing(cell, estimates, plant, ahead_ns):
-    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
+    # patience: on a loaded computer a block may come late
+    cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0, patience=2.0)
     wrong = []
 
     def change(stream, block):
@@ -297,11 +303,10 @@ def test_stamps_from_the_future_silence_nothing(cell, estimates, plant, ahead_ns
 
     began_ns = send_blocks(cell, plant, 1_000_000_000, change)
     cell.wait_for_status(f"error_estimator: refused {cell.wire.topic('head_samples', 'b').name}", "in the future")
-    # a computer that was busy may publish all of the end in one block
-    cell.wait_until(
-        lambda: messages.block_from_message(estimates[-1]).times_ns[-1] > began_ns + 800_000_000, "estimates to the end"
-    )
-    assert newest_mask(estimates) == 0b111111
+    # a computer that was busy may publish all of the end in one block, and of the end some streams alone
+    until_ns = began_ns + 800_000_000
+    cell.wait_until(lambda: messages.block_from_message(estimates[-1]).times_ns[-1] > until_ns, "estimates to the end")
+    assert mask_at(estimates, until_ns) == 0b111111
     check_against_truth(estimates, plant)
 
 
@@ -318,7 +323,7 @@ def test_two_publishers_of_a_head_are_told_and_the_head_is_left_out(cell, estima
     send_blocks(cell, plant, 2_000_000_000, change)
     status = cell.wait_for_status(f"error_estimator: publishers of {topic.name}", "several publishers share")
     assert "test_harness" in status.message
-    assert newest_mask(estimates) & 0b1111 == 0b1011
+    cell.wait_until(lambda: newest_mask(estimates) & 0b1111 == 0b1011, "estimates without that head")
 
 
 def test_an_eccentricity_that_nobody_calibrated_is_said(cell, sensors, tmp_path):
