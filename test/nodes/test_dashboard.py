@@ -125,7 +125,7 @@ def test_figures_and_pictures_move_as_the_stage_does(place):
     assert "µm" in place.text("figures") and "µrad" in place.text("figures")
     assert re.search(r"× [\d,]+, ring of radius 100 mm; one division [\d.]+ µm", place.text("polar"))
     place.cell.wait_for_status("compensation: correction", "latched")  # until then it says itself what remains
-    send = place.cell.publish_on(place.cell.wire.topic("corrected_offset_pose"))  # of whoever corrects
+    send = place.cell.publish_on(place.cell.wire.topic("corrected_offset_pose"), "dashboard")
     offset = np.array([3e-7, 0.0, -4e-7, 0.0, 2e-6, 0.0])
 
     def is_shown():  # said again and again, as it is while a machine works: an onlooker may miss one
