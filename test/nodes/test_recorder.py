@@ -213,7 +213,8 @@ def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tm
     cell.spin_for(2.0)
     ended_ns = time.time_ns()
     cell.spin_for(REPEATED)
-    assert cell.figures("recorder: recording")["lost_messages"] == "0"
+    figures = cell.figures("recorder: recording")
+    assert figures["lost_messages"] == "0", f"lost: {figures['lost_of']}"
     assert recorder.stop() == 0
     for name, received in heard.items():
         wanted = {messages.measured_ns(each.header) for each in received}

@@ -26,7 +26,7 @@ def test_waiting_for_a_core_is_seen(count):
             found, passed = lost(), time.monotonic() - begin
         for process in spinning:
             process.kill()
-    assert found.ran > 0.2
+    assert found.ran > 0.02, "however many others want that core"
     assert count == 1 or found.waited > 0.5
     # A process that spins does nothing else.
     assert found.ran + found.waited == pytest.approx(passed, abs=0.5)
