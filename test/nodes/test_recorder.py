@@ -206,6 +206,7 @@ def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tm
     cell.start("encoder_head", "encoder_head_a", block_period=0.005, source="mock")
     cell.wait_until(lambda: all(len(each) > 5 for each in heard.values()), "messages of all")
     cell.wait_until(lambda: cell.recorder_hears(heard.keys()), "the recorder to hear them too")
+    before = cell.figures("recorder: recording")["lost_of"]
     began_ns = time.time_ns()
     recorder.pause()
     cell.spin_for(2.0)
@@ -214,7 +215,7 @@ def test_a_recorder_that_was_stopped_loses_nothing_that_publishers_keep(cell, tm
     ended_ns = time.time_ns()
     cell.spin_for(REPEATED)
     figures = cell.figures("recorder: recording")
-    assert figures["lost_messages"] == "0", f"lost: {figures['lost_of']}"
+    assert figures["lost_messages"] == "0", f"lost: {figures['lost_of']}; before the stop: {before}"
     assert recorder.stop() == 0
     for name, received in heard.items():
         wanted = {messages.measured_ns(each.header) for each in received}
