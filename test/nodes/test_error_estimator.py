@@ -82,7 +82,9 @@ def test_all_streams_give_all_components_but_the_axial_one(cell, estimates, sens
     poses = cell.collect(cell.wire.topic("error_motion_pose"))
     figures = cell.collect(cell.wire.topic("error_motion_figures"))
     cell.run(ErrorEstimator, "error_estimator", period=PERIOD, check_turns=0.0)
-    cell.wait_until(lambda: len(estimates) > 10 and len(poses) > 2 and len(figures) > 4, "estimates")
+    cell.wait_for_status("error_estimator: estimate", "complete")
+    count = len(figures)
+    cell.wait_until(lambda: len(estimates) > 10 and len(poses) > 2 and len(figures) > count + 4, "estimates")
     assert check_against_truth(estimates[2:], plant) == {"exc", "eyc", "eac", "ebc", "ecc"}
     covariance = np.reshape(poses[-1].pose.covariance, (6, 6))
     assert covariance[2, 2] == -1.0
